@@ -1,0 +1,29 @@
+"""Choice of the torch device and the stateless random streams that make a run reproducible."""
+
+import hashlib
+
+import torch
+
+from lightprobe.core.errors import ConfigError
+
+
+def resolve_device(name: str) -> torch.device:
+    """Return the torch device for `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there is one."""
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError as error:
+        raise ConfigError(f"Unknown device '{name}': use auto, cpu or cuda.") from error
+    if device.type == "cuda" and not torch.cuda.is_available():
+        raise ConfigError(f"Device '{name}' was asked for, but PyTorch sees no CUDA device: use --device cpu or auto.")
+    return device
+
+
+def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
+    """Return a CPU generator that depends only on (seed, stream, step).
+
+    Stateless streams need no place in a checkpoint: a resumed run draws the numbers an uninterrupted one would.
+    """
+    digest = hashlib.blake2b(f"{seed}/{stream}/{step}".encode(), digest_size=8).digest()
+    return torch.Generator().manual_seed(int.from_bytes(digest, "little") >> 1)

@@ -1,0 +1,1 @@
+"""Phase II: a `Decomposition` and its photos in, a `ProbeModel` out that predicts light from pixels."""

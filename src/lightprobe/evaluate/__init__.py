@@ -1,0 +1,1 @@
+"""Predictions and photos in, metrics, tables and the report out."""

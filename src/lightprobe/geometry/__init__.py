@@ -1,0 +1,1 @@
+"""Signed distances on a tetrahedral lattice in, triangle meshes with texture coordinates out."""

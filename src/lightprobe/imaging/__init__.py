@@ -1,0 +1,1 @@
+"""Image files in, linear float pixels out, and back; sizes are checked before anything is decoded."""

@@ -1,0 +1,1 @@
+"""Environment radiance in, prefiltered radiance levels out: cubemaps, equirectangular maps and the prefilter operator."""

@@ -1,0 +1,1 @@
+"""A folder of photos in, a `Scene` out: cameras, masks, splits and the similarity to the normalised frame."""

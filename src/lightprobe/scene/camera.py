@@ -1,0 +1,118 @@
+"""Pinhole cameras and the similarity between the user's frame and the normalised frame.
+
+Notation: camera axes are OpenGL's (x right, y up, looking along -z); `camera_to_world` maps camera points to world
+points; pixel (column j, row i) has its centre at (j + 0.5, i + 0.5) with row 0 at the top.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """Maps the input frame to the normalised frame: x_normalised = (x_input - center) / scale.
+
+    It has no rotation, so directions, and with them environment maps, are the same in both frames.
+    """
+
+    center: np.ndarray  # (3,) float64, input units
+    scale: float  # input units per normalised unit
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Map points (..., 3) from the input frame to the normalised frame."""
+        return (np.asarray(points, np.float64) - self.center) / self.scale
+
+    def invert(self, points: np.ndarray) -> np.ndarray:
+        """Map points (..., 3) from the normalised frame back to the input frame."""
+        return np.asarray(points, np.float64) * self.scale + self.center
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON value; `from_json` is its inverse."""
+        return {"center": [float(c) for c in self.center], "scale": float(self.scale)}
+
+    @staticmethod
+    def from_json(value: dict[str, Any]) -> "Similarity":
+        """Return the similarity written by `to_json`."""
+        return Similarity(np.asarray(value["center"], np.float64), float(value["scale"]))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One pinhole camera; intrinsics in pixels of an image of `width` x `height`."""
+
+    camera_to_world: np.ndarray  # (4, 4) float64
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    @property
+    def position(self) -> np.ndarray:
+        """Centre of projection, (3,) float64."""
+        return self.camera_to_world[:3, 3]
+
+    def resized(self, width: int, height: int) -> "Camera":
+        """Return the camera of the same view in an image of another size."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height
+        )
+
+    def normalised(self, similarity: Similarity) -> "Camera":
+        """Return this input-frame camera in the normalised frame."""
+        moved = self.camera_to_world.copy()
+        moved[:3, 3] = similarity.apply(self.position)
+        return replace(self, camera_to_world=moved)
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Project world points (N, 3) to (N, 3) float64: pixel x, pixel y, depth along the view axis (> 0 in front)."""
+        local = (np.asarray(points, np.float64) - self.position) @ self.camera_to_world[:3, :3]
+        depth = -local[:, 2]
+        safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
+        return np.stack(
+            [self.cx + self.fx * local[:, 0] / safe, self.cy - self.fy * local[:, 1] / safe, depth], axis=-1
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the camera as the JSON that `--camera` reads."""
+        return {
+            "camera_to_world": [[float(v) for v in row] for row in self.camera_to_world],
+            "fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy,
+            "width": self.width, "height": self.height,
+        }  # fmt: skip
+
+    @staticmethod
+    def from_json(value: Any, *, source: str) -> "Camera":
+        """Return the camera of `to_json`'s form; `source` names the file in errors."""
+        if not isinstance(value, dict):
+            raise InputError(f"{source} must hold a JSON object with camera_to_world, fx, fy, cx, cy, width, height.")
+        try:
+            pose = np.asarray(value["camera_to_world"], np.float64)
+            camera = Camera(
+                pose, *(float(value[key]) for key in ("fx", "fy", "cx", "cy")), int(value["width"]), int(value["height"])
+            )
+        except KeyError as error:
+            raise InputError(f"{source} has no key {error}; a camera needs camera_to_world, fx, fy, cx, cy, width, height.") from error
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{source} holds a camera with a value that is not a number: {error}.") from error
+        camera.check(source)
+        return camera
+
+    def check(self, source: str) -> None:
+        """Raise `InputError` naming `source` unless the pose is a finite rigid motion and the intrinsics are positive."""
+        pose = self.camera_to_world
+        if pose.shape != (4, 4):
+            raise InputError(f"{source}: camera_to_world must be a 4x4 matrix, not {'x'.join(map(str, pose.shape))}.")
+        if not np.isfinite(pose).all() or not np.isfinite([self.fx, self.fy, self.cx, self.cy]).all():
+            raise InputError(f"{source}: the camera contains NaN or infinity; estimate this pose again or remove the photo.")
+        rotation = pose[:3, :3]
+        if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+            raise InputError(f"{source}: camera_to_world is not a rotation (scaled, sheared or mirrored axes).")
+        if min(self.fx, self.fy) <= 0 or min(self.width, self.height) <= 0:
+            raise InputError(f"{source}: focal lengths and image size must be positive.")
