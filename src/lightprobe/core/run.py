@@ -1,0 +1,255 @@
+"""The run folder: the one place that knows the name of every file a run leaves behind.
+
+RUN/config.json  scene.json  metrics.jsonl  log.txt
+RUN/checkpoints/step-000001500/
+RUN/mesh/object.glb  base_color.png  orm.png  normal.png  asset.safetensors
+RUN/env/<photo>.exr
+RUN/model/                       Phase II weights, config and checkpoints
+RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
+RUN/metrics.json
+RUN/report/index.html
+"""
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.errors import ConfigError, InputError, ResourceError
+from lightprobe.core.files import disk_errors, read_json, write_bytes, write_json
+
+
+class RunFolder:
+    """Paths, records and logs of one run. Making the object touches no file; `create` and `open` check the folder."""
+
+    def __init__(self, path: Path):
+        self.path = Path(path)
+
+    @staticmethod
+    def create(path: Path) -> "RunFolder":
+        """Return the run at `path`, making the folder when there is none.
+
+        Raises `ConfigError` for a folder that holds something else than a run.
+        """
+        run = RunFolder(path)
+        if run.path.exists() and not run.path.is_dir():
+            raise ConfigError(f"{path} is a file; choose another run folder with -o.")
+        if run.path.is_dir() and not run.config_file.exists() and any(not n.startswith(".") for n in os.listdir(path)):
+            raise ConfigError(f"{path} is not empty and not a run folder; choose another one with -o.")
+        with disk_errors(run.path):
+            run.path.mkdir(parents=True, exist_ok=True)
+        if not run.config_file.exists():
+            write_json(run.config_file, {})
+        return run
+
+    @staticmethod
+    def open(path: Path) -> "RunFolder":
+        """Return the existing run at `path`; raise `InputError` when there is none."""
+        run = RunFolder(path)
+        if not run.config_file.is_file():
+            raise InputError(
+                f"{path} is not a run folder (no config.json); make one with: lightprobe train SCENE -o {path}"
+            )
+        return run
+
+    # ---- paths
+
+    @property
+    def config_file(self) -> Path:
+        """The configuration of every phase that ran."""
+        return self.path / "config.json"
+
+    @property
+    def scene_file(self) -> Path:
+        """Cameras, similarity and input checksums."""
+        return self.path / "scene.json"
+
+    @property
+    def metrics_log(self) -> Path:
+        """One JSON object per line, written while training."""
+        return self.path / "metrics.jsonl"
+
+    @property
+    def log_file(self) -> Path:
+        """What happened, with the time of day; the traceback of an unexpected error."""
+        return self.path / "log.txt"
+
+    @property
+    def checkpoints(self) -> Checkpoints:
+        """Checkpoints of Phase I."""
+        return Checkpoints(self.path / "checkpoints")
+
+    @property
+    def model_folder(self) -> Path:
+        """Weights and configuration of Phase II."""
+        return self.path / "model"
+
+    @property
+    def model_checkpoints(self) -> Checkpoints:
+        """Checkpoints of Phase II."""
+        return Checkpoints(self.model_folder / "checkpoints")
+
+    @property
+    def mesh_folder(self) -> Path:
+        """The mesh and its textures in other programs' formats, and `asset_file`."""
+        return self.path / "mesh"
+
+    @property
+    def asset_file(self) -> Path:
+        """The textured mesh in the normalised frame, at full precision."""
+        return self.mesh_folder / "asset.safetensors"
+
+    @property
+    def environment_folder(self) -> Path:
+        """Phase I environments, one EXR per training photo."""
+        return self.path / "env"
+
+    @property
+    def metrics_file(self) -> Path:
+        """The numbers of the evaluation."""
+        return self.path / "metrics.json"
+
+    @property
+    def report_file(self) -> Path:
+        """The evaluation as one self-contained web page."""
+        return self.path / "report" / "index.html"
+
+    def environment_file(self, photo: str) -> Path:
+        """Phase I environment of a training photo, in the user's frame."""
+        return self.environment_folder / f"{photo}.exr"
+
+    def prediction_file(self, photo: str, suffix: str, method: str | None = None) -> Path:
+        """A prediction's file; `suffix` is `.exr`, `.png` or `.confidence.exr`; no method means the default one."""
+        folder = self.path / "predictions"
+        return (folder / method if method else folder) / f"{photo}{suffix}"
+
+    # ---- what the run was started with
+
+    def record_scene(self, scene: dict[str, Any]) -> None:
+        """Write scene.json, or check that the run was started with this very scene; raise `ConfigError` if not."""
+        self._record(self.scene_file, scene, "scene", "the photos, masks or cameras have changed")
+
+    def record_config(self, phase: str, config: dict[str, Any]) -> None:
+        """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError` if not."""
+        stored = read_json(self.config_file)
+        if phase in stored:
+            self._check_same(stored[phase], _plain(config), phase, "use the same options to go on")
+        else:
+            write_json(self.config_file, {**stored, phase: _plain(config)})
+
+    def config(self, phase: str) -> dict[str, Any]:
+        """Return the stored configuration of a phase; raise `InputError` when the phase was never started."""
+        stored = read_json(self.config_file)
+        if phase not in stored:
+            raise InputError(f"{self.config_file} holds no '{phase}' section: this phase has not been run.")
+        return stored[phase]
+
+    def scene(self) -> dict[str, Any]:
+        """Return the content of scene.json."""
+        return read_json(self.scene_file)
+
+    def restart(self, phase: str, *, outputs: tuple[Path, ...]) -> None:
+        """Forget a phase: its configuration, the given outputs (files or folders) and its lines in metrics.jsonl."""
+        for path in outputs:
+            with disk_errors(path):
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+        write_json(self.config_file, {k: v for k, v in read_json(self.config_file).items() if k != phase})
+        self.rewind_metrics(phase, -1)
+
+    def _record(self, path: Path, value: dict[str, Any], what: str, hint: str) -> None:
+        if path.exists():
+            self._check_same(read_json(path), _plain(value), what, hint)
+        else:
+            write_json(path, _plain(value))
+
+    def _check_same(self, stored: Any, given: Any, what: str, hint: str) -> None:
+        difference = _first_difference(stored, given, what)
+        if difference:
+            key, old, new = difference
+            raise ConfigError(
+                f"{self.path} was started with {key} = {old}, not {new}: {hint}, "
+                "choose another run folder with -o, or start over with --restart."
+            )
+
+    # ---- metrics and log
+
+    def append_metrics(self, phase: str, step: int, values: dict[str, float]) -> None:
+        """Append one line to metrics.jsonl. Times do not belong here: two equal runs leave equal files."""
+        line = json.dumps({"phase": phase, "step": step, **values}, allow_nan=False)
+        with disk_errors(self.metrics_log), open(self.metrics_log, "a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+    def rewind_metrics(self, phase: str, step: int) -> None:
+        """Drop the lines of `phase` beyond `step` and all that follows them, as well as a half-written last line."""
+        if not self.metrics_log.exists():
+            return
+        kept = []
+        for line in self.metrics_log.read_bytes().splitlines(keepends=True):
+            try:
+                record = json.loads(line)
+            except ValueError:
+                break
+            if not line.endswith(b"\n") or (record["phase"] == phase and record["step"] > step):
+                break
+            kept.append(line)
+        write_bytes(self.metrics_log, b"".join(kept))
+
+    def log(self, message: str) -> None:
+        """Append a message with the time of day to log.txt."""
+        with disk_errors(self.log_file), open(self.log_file, "a", encoding="utf-8") as file:
+            file.write(f"{datetime.now().isoformat(sep=' ', timespec='seconds')}  {message}\n")
+
+    # ---- one writer at a time
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Hold the run for writing, after clearing away what a killed writer left half done.
+
+        Raises `ResourceError` when another process holds it. The lock dies with its process.
+        """
+        with contextlib.ExitStack() as held:
+            with disk_errors(self.path):
+                file = held.enter_context(open(self.path / ".lock", "a"))
+            if not _lock(file.fileno()):
+                raise ResourceError(f"{self.path} is being written by another lightprobe process; wait for it to end.")
+            for leftover in list(self.path.rglob(".partial-*")):
+                shutil.rmtree(leftover) if leftover.is_dir() else leftover.unlink(missing_ok=True)
+            yield
+
+
+def _lock(handle: int) -> bool:
+    try:
+        import fcntl
+    except ImportError:  # Windows: no advisory locks; two writers at once are then the user's care
+        return True
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _plain(value: Any) -> Any:
+    """What `value` becomes on its way through a JSON file (tuples turn to lists, for example)."""
+    return json.loads(json.dumps(value, allow_nan=False))
+
+
+def _first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] | None:
+    """Return (key path, stored value, given value) where two JSON values first differ, or None."""
+    if isinstance(stored, dict) and isinstance(given, dict):
+        for name in [*given, *(k for k in stored if k not in given)]:
+            found = _first_difference(stored.get(name), given.get(name), f"{key}.{name}")
+            if found:
+                return found
+        return None
+    return None if stored == given else (key, _brief(stored), _brief(given))
+
+
+def _brief(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
