@@ -1,0 +1,76 @@
+"""Row gathers with a fast and repeatable gradient: texture look-ups, vertex attributes, environment taps.
+
+PyTorch's own backward of `values[index]` is slow on the CPU and its sum order is not promised. Here every destination
+row receives its contributions in the order of the index, whatever the number of threads.
+
+    values (M, C)   rows to look up          index (N, K)   K rows for each of N queries
+    weight (N, K)   factor of each row       result (N, C)  sum over k of weight[n, k] * values[index[n, k]]
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lightprobe.kernels import dispatch
+from lightprobe.kernels.numba import gather as numba_body
+from lightprobe.kernels.reference import gather as reference_body
+
+
+def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
+    """Return (N, C): sum over k of `weight[n, k] * values[index[n, k]]`; differentiable in `values` and `weight`.
+
+    values (M, C) and weight (N, K): float32 (float64 goes to the reference); index (N, K): int32 or int64 in [0, M).
+    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Differentiable once.
+    """
+    dispatch.require_shape("values", values, None, None)
+    dispatch.require_shape("index", index, None, None)
+    dispatch.require_shape("weight", weight, *index.shape)
+    dispatch.require_index("index", index, values.shape[0])
+    return _WeightedGather.apply(values, index, weight)
+
+
+def gather_rows(values: Tensor, index: Tensor) -> Tensor:
+    """Return `values[index]`, shape (*index.shape, C); differentiable in `values` with a repeatable gradient.
+
+    values (M, C): float32 (float64 goes to the reference); index: int32 or int64 of any shape, in [0, M).
+    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Differentiable once.
+    """
+    dispatch.require_shape("values", values, None, None)
+    dispatch.require_index("index", index, values.shape[0])
+    return _GatherRows.apply(values, index.reshape(-1)).reshape(*index.shape, values.shape[1])
+
+
+class _WeightedGather(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
+        ctx.save_for_backward(values, index, weight)
+        body = dispatch.choose(numba_body, reference_body, values, index, weight)
+        return body.weighted_gather(values, index, weight)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, None, Tensor | None]:
+        values, index, weight = ctx.saved_tensors
+        body = dispatch.choose(numba_body, reference_body, values, index, weight)
+        wants_values, _, wants_weight = ctx.needs_input_grad
+        return (
+            body.scatter_weighted(grad, index, weight, values.shape[0]) if wants_values else None,
+            None,
+            body.row_products(grad, index, values) if wants_weight else None,
+        )
+
+
+class _GatherRows(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, index: Tensor) -> Tensor:
+        ctx.save_for_backward(index)
+        ctx.rows = values.shape[0]
+        return values.index_select(0, index)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None]:
+        (index,) = ctx.saved_tensors
+        body = dispatch.choose(numba_body, reference_body, grad, index)
+        return body.scatter_rows(grad, index, ctx.rows), None

@@ -1,0 +1,42 @@
+"""One way to compile a loop: cached on disk, parallel, on as many threads as PyTorch uses."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+from torch import Tensor
+
+
+def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return `numba.njit` with a disk cache, or without one where no folder can be written.
+
+    `error_model="numpy"`: a division by zero gives infinity as in the reference, and does not stop vectorisation.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        try:
+            return numba.njit(cache=True, error_model="numpy", **options)(function)
+        except RuntimeError:  # neither the package's folder nor the user's cache folder is writable
+            return numba.njit(error_model="numpy", **options)(function)
+
+    return decorate
+
+
+def threads() -> int:
+    """Set Numba's thread count to PyTorch's and return it, so that `torch.set_num_threads` governs both pools.
+
+    Loops that need the count take it as an argument: one that asks Numba for it cannot be cached on disk.
+    """
+    count = max(1, min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS))
+    numba.set_num_threads(count)
+    return count
+
+
+def arrays(*tensors: Tensor) -> list[np.ndarray]:
+    """Return contiguous float32 or int32 views, copies where needed: one type and layout mean one compilation."""
+    return [
+        (tensor.detach() if tensor.is_floating_point() else tensor.to(torch.int32)).contiguous().numpy()
+        for tensor in tensors
+    ]
