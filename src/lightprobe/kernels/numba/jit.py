@@ -29,7 +29,7 @@ def threads() -> int:
 
     Loops that need the count take it as an argument: one that asks Numba for it cannot be cached on disk.
     """
-    count = max(1, min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS))
+    count = max(1, min(torch.get_num_threads(), int(numba.config.NUMBA_NUM_THREADS)))  # type: ignore[attr-defined]
     numba.set_num_threads(count)
     return count
 
