@@ -53,6 +53,16 @@ def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
     return _ScatterRows.apply(values, index, rows)
 
 
+def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
+    """Return (rows, C): `values` (N, C) summed into the rows named by `index` (N,); the transpose of `gather_rows`.
+
+    Differentiable in `values`. Same dtypes and errors as `gather_rows`; the sum of a row runs in index order.
+    """
+    dispatch.require_shape("values", values, index.shape[0], None)
+    dispatch.require_index("index", index, rows)
+    return _ScatterRows.apply(values, index, rows)
+
+
 class _WeightedGather(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
@@ -93,6 +103,20 @@ class _ScatterRows(torch.autograd.Function):
     def forward(ctx: Any, values: Tensor, index: Tensor, rows: int) -> Tensor:
         ctx.save_for_backward(index)
         return dispatch.choose(numba_body, reference_body, values, index).scatter_rows(values, index, rows)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
+        (index,) = ctx.saved_tensors
+        return grad.index_select(0, index), None, None
+
+
+class _ScatterRows(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, index: Tensor, rows: int) -> Tensor:
+        ctx.save_for_backward(index)
+        body = dispatch.choose(numba_body, reference_body, values, index)
+        return body.scatter_rows(values, index, rows)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
