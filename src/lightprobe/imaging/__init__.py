@@ -1,1 +1,25 @@
 """Image files in, linear float pixels out, and back; sizes are checked before anything is decoded."""
+
+from lightprobe.imaging.color import srgb_decode, srgb_encode
+from lightprobe.imaging.exif import read_exif_ev100
+from lightprobe.imaging.hdr import read_hdr, write_exr
+from lightprobe.imaging.ldr import image_size, read_alpha, read_ldr, read_mask, write_png
+from lightprobe.imaging.limits import MAX_PIXELS
+from lightprobe.imaging.radiance import write_radiance
+from lightprobe.imaging.resize import resize_area
+
+__all__ = [
+    "MAX_PIXELS",
+    "image_size",
+    "read_alpha",
+    "read_exif_ev100",
+    "read_hdr",
+    "read_ldr",
+    "read_mask",
+    "resize_area",
+    "srgb_decode",
+    "srgb_encode",
+    "write_exr",
+    "write_png",
+    "write_radiance",
+]

@@ -1,0 +1,34 @@
+"""The sRGB transfer curve (IEC 61966-2-1), for NumPy arrays and torch tensors alike.
+
+Values below zero follow the curve's straight part and values above one its power part, so both functions are inverse
+to each other everywhere and have a finite derivative.
+"""
+
+from typing import TypeVar
+
+import numpy as np
+import torch
+
+Array = TypeVar("Array", np.ndarray, torch.Tensor)
+
+_LINEAR_KNEE = 0.0031308
+_ENCODED_KNEE = 0.04045
+
+
+def srgb_encode(linear: Array) -> Array:
+    """Return sRGB-encoded values of `linear` (any shape, floating dtype kept)."""
+    if isinstance(linear, torch.Tensor):
+        # The clamp keeps the unused branch of `where` from sending NaN gradients.
+        power = 1.055 * linear.clamp(min=_LINEAR_KNEE) ** (1 / 2.4) - 0.055
+        return torch.where(linear <= _LINEAR_KNEE, 12.92 * linear, power)
+    power = 1.055 * np.maximum(linear, _LINEAR_KNEE) ** (1 / 2.4) - 0.055
+    return np.where(linear <= _LINEAR_KNEE, 12.92 * linear, power)
+
+
+def srgb_decode(encoded: Array) -> Array:
+    """Return linear values of sRGB-`encoded` ones (any shape, floating dtype kept)."""
+    if isinstance(encoded, torch.Tensor):
+        power = ((encoded.clamp(min=_ENCODED_KNEE) + 0.055) / 1.055) ** 2.4
+        return torch.where(encoded <= _ENCODED_KNEE, encoded / 12.92, power)
+    power = ((np.maximum(encoded, _ENCODED_KNEE) + 0.055) / 1.055) ** 2.4
+    return np.where(encoded <= _ENCODED_KNEE, encoded / 12.92, power)

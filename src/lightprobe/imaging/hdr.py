@@ -1,0 +1,81 @@
+"""OpenEXR files, and reading of any HDR file by its content; linear float32 in memory."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import write_bytes
+from lightprobe.imaging.limits import check_pixels
+from lightprobe.imaging.opening import signature
+from lightprobe.imaging.radiance import read_radiance
+
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+_CHANNEL_SETS = ("RGBA", "RGB", "XYZ", "Y")  # the first one the file holds is read
+_LARGEST_HALF = 65504.0
+
+
+def read_hdr(path: Path) -> np.ndarray:
+    """Read an OpenEXR or Radiance file, told apart by content.
+
+    Returns (H, W, C) float32, linear: C = 3 for channels R, G, B or X, Y, Z (in that order), 4 with A (values as
+    stored, by convention premultiplied), 1 for a single Y. Raises `InputError` naming the file when it is missing, too
+    large, damaged, or holds other channels.
+    """
+    path = Path(path)
+    start = signature(path)
+    if start.startswith(_EXR_MAGIC):
+        return _read_exr(path)
+    if start.startswith(b"#?"):
+        return read_radiance(path)
+    raise InputError(f"{path} is neither an OpenEXR nor a Radiance HDR image.")
+
+
+def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
+    """Write `array` (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) as ZIP-compressed EXR (Y, RGB or RGBA), atomically.
+
+    `half` stores 16-bit floats, with values clipped to their range instead of becoming infinite.
+    """
+    planes = np.asarray(array, np.float32)
+    planes = planes[..., None] if planes.ndim == 2 else planes
+    names = {1: "Y", 3: "RGB", 4: "RGBA"}[planes.shape[2]]
+    if half:
+        planes = np.clip(planes, -_LARGEST_HALF, _LARGEST_HALF).astype(np.float16)
+    channels = {name: np.ascontiguousarray(planes[..., k]) for k, name in enumerate(names)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    # Encoding to memory leaves the writing, and its errors, to the one place that handles them.
+    buffer = io.BytesIO()
+    OpenEXR.File(header, channels).write(buffer)
+    write_bytes(Path(path), buffer.getvalue())
+
+
+def _read_exr(path: Path) -> np.ndarray:
+    """Read the first part of an OpenEXR file; its header is checked first, because decoding trusts any size."""
+    try:
+        header = OpenEXR.File(str(path), header_only=True).header()
+        names = _check_header(path, header)
+        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+        planes = [np.asarray(channels[name].pixels, np.float32) for name in names]
+        return np.stack(planes, axis=-1)
+    except (RuntimeError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
+
+
+def _check_header(path: Path, header: dict) -> str:
+    """Return the names of the channels to read; raise `InputError` on a size, crop or channels we do not read."""
+    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
+    check_pixels(path, *(int(extent) for extent in high - low + 1))
+    if any((np.asarray(a) != np.asarray(b)).any() for a, b in zip((low, high), header["displayWindow"], strict=True)):
+        raise InputError(f"{path} is a cropped EXR (data window and display window differ); save the whole image.")
+    if header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage):
+        raise InputError(f"{path} is a deep EXR; save a flat image.")
+    full = {channel.name for channel in header["channels"] if channel.xSampling == channel.ySampling == 1}
+    found = sorted(channel.name for channel in header["channels"])
+    for names in _CHANNEL_SETS:
+        if full.issuperset(names) and (names != "Y" or len(found) == 1):
+            return names
+    raise InputError(
+        f"{path} has the channels {', '.join(found)[:200]}; save one layer with R, G, B (and A) or X, Y, Z."
+    )

@@ -1,0 +1,174 @@
+"""Radiance HDR (.hdr): shared-exponent pixels in run-length coded rows.
+
+A pixel is four bytes (r, g, b, e) meaning (r, g, b) * 2^(e - 136), and 0 when e = 0. Rows of 8..32767 pixels are stored
+as four planes of runs; narrower and wider ones, and old files, pixel by pixel (Ward, "Real Pixels", Graphics Gems II).
+"""
+
+import re
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import write_bytes
+from lightprobe.imaging.limits import check_pixels
+
+_BIAS = 136  # 128 of the exponent, 8 of the mantissa's bits
+_LARGEST = 255 * 2.0 ** (255 - _BIAS)
+_HEADER_LIMIT = 1 << 16
+
+
+def read_radiance(path: Path) -> np.ndarray:
+    """Read a Radiance file: (H, W, 3) float32 linear RGB, divided by the file's EXPOSURE. `InputError` when damaged."""
+    try:
+        data = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
+    width, height, exposure, start = _parse_header(path, data[:_HEADER_LIMIT].tobytes())
+    check_pixels(path, width, height)
+    pixels = np.zeros((height, width, 4), np.uint8)
+    if not _decode(data, start, pixels):
+        raise InputError(f"{path} cannot be decoded as Radiance HDR; the file is damaged or cut short.")
+    exponent = pixels[..., 3].astype(np.int32)
+    scale = np.where(exponent > 0, np.ldexp(1.0, exponent - _BIAS), 0.0) / exposure
+    return (pixels[..., :3] * scale[..., None]).astype(np.float32)
+
+
+def write_radiance(path: Path, array: np.ndarray) -> None:
+    """Write linear RGB `array` (H, W, 3) as run-length coded Radiance HDR, atomically.
+
+    Relative error up to 0.4 % of each pixel's largest channel; negative values and NaN become 0.
+    """
+    color = np.clip(np.nan_to_num(np.asarray(array, np.float64)), 0, _LARGEST)
+    height, width = color.shape[:2]
+    exponent = np.frexp(color.max(axis=2))[1]
+    # A largest channel that rounds up to 256 needs the next exponent.
+    exponent += np.rint(np.ldexp(color.max(axis=2), 8 - exponent)) > 255
+    mantissa = np.rint(np.ldexp(color, (8 - exponent)[..., None]))
+    stored = np.where(color.max(axis=2) > 0, exponent + _BIAS - 8, 0)
+    pixels = np.concatenate([mantissa, stored[..., None]], axis=2)
+    pixels[(stored < 1) | (stored > 255)] = 0
+    header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode()
+    write_bytes(Path(path), header + _encode(pixels.astype(np.uint8)).tobytes())
+
+
+def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
+    """Return (width, height, exposure, offset of the pixels)."""
+    found = re.search(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n", text)
+    if found is None:
+        raise InputError(f"{path} is not a Radiance HDR stored from top left, row by row (-Y height +X width).")
+    lines = text[: found.start()].split(b"\n")
+    if b"FORMAT=32-bit_rle_xyze" in lines:
+        raise InputError(f"{path} is a Radiance HDR in XYZ colour; convert it to RGB.")
+    exposure = 1.0
+    try:
+        for line in lines:
+            if line.startswith(b"EXPOSURE="):
+                exposure *= float(line[9:])
+    except ValueError:
+        exposure = 0.0
+    if not 0 < exposure < np.inf:
+        raise InputError(f"{path} has an EXPOSURE that is not a positive number.")
+    return int(found[2]), int(found[1]), exposure, found.end()
+
+
+@numba.njit(cache=True)
+def _decode(data: np.ndarray, position: int, pixels: np.ndarray) -> bool:
+    """Decode `data` from `position` into `pixels` (H, W, 4); return False when the data are damaged or too short."""
+    height, width = pixels.shape[:2]
+    for y in range(height):
+        planes = 8 <= width < 32768 and position + 4 <= data.size and data[position] == 2 and data[position + 1] == 2
+        if planes and (data[position + 2] << 8) + data[position + 3] == width:
+            position = _decode_planes(data, position + 4, pixels[y])
+        else:
+            position = _decode_pixels(data, position, pixels[y])
+        if position < 0:
+            return False
+    return True
+
+
+@numba.njit(cache=True)
+def _decode_planes(data: np.ndarray, position: int, row: np.ndarray) -> int:
+    """Decode one row stored as four run-length coded planes; return the next position or -1."""
+    width = row.shape[0]
+    for channel in range(4):
+        x = 0
+        while x < width:
+            if position + 1 >= data.size:
+                return -1
+            count = int(data[position])
+            run = count > 128
+            count = count - 128 if run else count
+            if count == 0 or x + count > width or (not run and position + count >= data.size):
+                return -1
+            for k in range(count):
+                row[x + k, channel] = data[position + 1] if run else data[position + 1 + k]
+            x += count
+            position += 2 if run else 1 + count
+    return position
+
+
+@numba.njit(cache=True)
+def _decode_pixels(data: np.ndarray, position: int, row: np.ndarray) -> int:
+    """Decode one row stored pixel by pixel, (1, 1, 1, n) repeating the last one; return the next position or -1."""
+    x, shift = 0, 0
+    while x < row.shape[0]:
+        if position + 4 > data.size:
+            return -1
+        if data[position] == 1 and data[position + 1] == 1 and data[position + 2] == 1:
+            count = int(data[position + 3]) << shift
+            if x == 0 or x + count > row.shape[0]:
+                return -1
+            for k in range(count):
+                row[x + k] = row[x - 1]
+            x += count
+            shift = min(shift + 8, 24)
+        else:
+            row[x] = data[position : position + 4]
+            x += 1
+            shift = 0
+        position += 4
+    return position
+
+
+@numba.njit(cache=True)
+def _encode(pixels: np.ndarray) -> np.ndarray:
+    """Return the bytes of `pixels` (H, W, 4) uint8 as run-length coded rows, or plain where the format has no runs."""
+    height, width = pixels.shape[:2]
+    if width < 8 or width > 32767:
+        return pixels.copy().reshape(-1)
+    out = np.empty(height * (4 + 4 * (width + width // 128 + 2)), np.uint8)
+    size = 0
+    for y in range(height):
+        out[size], out[size + 1], out[size + 2], out[size + 3] = 2, 2, width >> 8, width & 255
+        size += 4
+        for channel in range(4):
+            size = _encode_plane(pixels[y, :, channel], out, size)
+    return out[:size]
+
+
+@numba.njit(cache=True)
+def _encode_plane(plane: np.ndarray, out: np.ndarray, size: int) -> int:
+    """Append one plane (W,) to `out` at `size`, runs of four and more as runs; return the new size."""
+    start, width = 0, plane.size
+    while start < width:
+        first, length = start, 0  # the next run: where it begins, how long it is
+        while first < width and first - start < 128:
+            length = 1
+            while length < 127 and first + length < width and plane[first + length] == plane[first]:
+                length += 1
+            if length >= 4:
+                break
+            first, length = first + length, 0
+        first = min(first, start + 128)
+        if first > start:
+            out[size] = first - start
+            out[size + 1 : size + 1 + first - start] = plane[start:first]
+            size += 1 + first - start
+        if length:
+            out[size], out[size + 1] = 128 + length, plane[first]
+            size += 2
+            first += length
+        start = first
+    return size
