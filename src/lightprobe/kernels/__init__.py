@@ -1,6 +1,7 @@
 """The few hot loops. Tensors in, tensors out; each op has a plain reference and a fast body under one signature."""
 
 from lightprobe.kernels.gather import gather_rows, scatter_rows, weighted_gather
+from lightprobe.kernels.hash_grid import hash_encode
 from lightprobe.kernels.rasterize import Visibility, rasterize
 
-__all__ = ["Visibility", "gather_rows", "rasterize", "scatter_rows", "weighted_gather"]
+__all__ = ["Visibility", "gather_rows", "hash_encode", "rasterize", "scatter_rows", "weighted_gather"]

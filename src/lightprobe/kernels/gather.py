@@ -1,4 +1,4 @@
-"""Row gathers, and the scatter that is their adjoint, with a fast and repeatable gradient: texture look-ups, vertex attributes, environment taps.
+"""Row gathers, and their transpose, with fast and repeatable gradients: texture look-ups, vertex attributes, light taps.
 
 PyTorch's own backward of `values[index]` is slow on the CPU and its sum order is not promised. Here every destination
 row receives its contributions in the order of the index, whatever the number of threads.
@@ -42,23 +42,13 @@ def gather_rows(values: Tensor, index: Tensor) -> Tensor:
 
 
 def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
-    """Return (rows, C): `values` (N, C) summed into the rows that `index` (N,) names, in index order.
+    """Return (rows, C): `values` (N, C) summed into the rows named by `index` (N,); the transpose of `gather_rows`.
 
-    values: float32 (float64 goes to the reference), differentiable; index: int32 or int64 in [0, rows).
-    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Differentiable once.
+    Each row sums in index order. values: float32 (float64 goes to the reference), differentiable; index: int32 or
+    int64 in [0, rows). Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
     """
     dispatch.require_shape("values", values, None, None)
     dispatch.require_shape("index", index, values.shape[0])
-    dispatch.require_index("index", index, rows)
-    return _ScatterRows.apply(values, index, rows)
-
-
-def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
-    """Return (rows, C): `values` (N, C) summed into the rows named by `index` (N,); the transpose of `gather_rows`.
-
-    Differentiable in `values`. Same dtypes and errors as `gather_rows`; the sum of a row runs in index order.
-    """
-    dispatch.require_shape("values", values, index.shape[0], None)
     dispatch.require_index("index", index, rows)
     return _ScatterRows.apply(values, index, rows)
 
@@ -96,19 +86,6 @@ class _GatherRows(torch.autograd.Function):
         (index,) = ctx.saved_tensors
         body = dispatch.choose(numba_body, reference_body, grad, index)
         return body.scatter_rows(grad, index, ctx.rows), None
-
-
-class _ScatterRows(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, values: Tensor, index: Tensor, rows: int) -> Tensor:
-        ctx.save_for_backward(index)
-        return dispatch.choose(numba_body, reference_body, values, index).scatter_rows(values, index, rows)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
-        (index,) = ctx.saved_tensors
-        return grad.index_select(0, index), None, None
 
 
 class _ScatterRows(torch.autograd.Function):

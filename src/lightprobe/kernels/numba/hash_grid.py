@@ -1,0 +1,88 @@
+"""Numba body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
+
+Forward goes level by level, so that one level's table stays in the cache, with the points shared among threads.
+Backward shares out the levels: no two threads add to one table, and each sum runs in the order of the points.
+"""
+
+import numpy as np
+import torch
+from numba import prange
+from torch import Tensor
+
+from lightprobe.kernels.numba.jit import arrays, compiled, threads
+
+PRIME_Y = np.uint32(2654435761)
+PRIME_Z = np.uint32(805459861)
+
+
+def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
+    """Return the features (N, L*F)."""
+    out = table.new_empty(points.shape[0], table.shape[0] * table.shape[2])
+    threads()
+    _encode(*arrays(points, table), np.array(cells, np.int32), out.numpy())
+    return out
+
+
+def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape: torch.Size) -> Tensor:
+    """Return the gradient (L, T, F) to the table."""
+    out = grad.new_zeros(table_shape)
+    _encode_backward(*arrays(grad, points), np.array(cells, np.int32), threads(), out.numpy())
+    return out
+
+
+@compiled()
+def _cell(points, n, resolution):
+    """Return the cell of a point and its position in the cell, per axis."""
+    scale = np.float32(resolution)
+    x = min(max(points[n, 0], np.float32(0)), np.float32(1)) * scale
+    y = min(max(points[n, 1], np.float32(0)), np.float32(1)) * scale
+    z = min(max(points[n, 2], np.float32(0)), np.float32(1)) * scale
+    i, j, k = min(int(x), resolution - 1), min(int(y), resolution - 1), min(int(z), resolution - 1)
+    return i, j, k, x - np.float32(i), y - np.float32(j), z - np.float32(k)
+
+
+@compiled()
+def _row(i, j, k, side, mask, dense):
+    """Return the table row of a lattice corner."""
+    if dense:
+        return i + side * (j + side * k)
+    return np.int64((np.uint32(i) ^ (np.uint32(j) * PRIME_Y) ^ (np.uint32(k) * PRIME_Z)) & mask)
+
+
+@compiled(parallel=True)
+def _encode(points, table, cells, out):
+    features = table.shape[2]
+    mask = np.uint32(table.shape[1] - 1)
+    for level in range(table.shape[0]):
+        resolution = np.int64(cells[level])
+        side = resolution + 1
+        dense = side * side * side <= table.shape[1]
+        for n in prange(points.shape[0]):
+            i, j, k, x, y, z = _cell(points, n, resolution)
+            for f in range(features):
+                out[n, level * features + f] = 0.0
+            for corner in range(8):
+                a, b, c = corner & 1, (corner >> 1) & 1, corner >> 2
+                row = _row(i + a, j + b, k + c, side, mask, dense)
+                weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
+                for f in range(features):
+                    out[n, level * features + f] += weight * table[level, row, f]
+
+
+@compiled(parallel=True)
+def _encode_backward(grad, points, cells, workers, out):
+    features = out.shape[2]
+    mask = np.uint32(out.shape[1] - 1)
+    for worker in prange(workers):
+        for level in range(worker, out.shape[0], workers):
+            resolution = np.int64(cells[level])
+            side = resolution + 1
+            dense = side * side * side <= out.shape[1]
+            for n in range(points.shape[0]):
+                i, j, k, x, y, z = _cell(points, n, resolution)
+                for corner in range(8):
+                    a, b, c = corner & 1, (corner >> 1) & 1, corner >> 2
+                    row = _row(i + a, j + b, k + c, side, mask, dense)
+                    weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
+                    for f in range(features):
+                        out[level, row, f] += weight * grad[n, level * features + f]
