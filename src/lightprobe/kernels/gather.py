@@ -1,4 +1,4 @@
-"""Row gathers, and their transpose, with fast and repeatable gradients: texture look-ups, vertex attributes, light taps.
+"""Row gathers, and their transpose, with fast, repeatable gradients: texture look-ups, vertex attributes, light taps.
 
 PyTorch's own backward of `values[index]` is slow on the CPU and its sum order is not promised. Here every destination
 row receives its contributions in the order of the index, whatever the number of threads.
