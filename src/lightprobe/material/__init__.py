@@ -1,1 +1,1 @@
-"""Surface points in, glTF metallic-roughness material out: as a hash-grid field while training, as textures afterwards."""
+"""Surface points in, glTF metallic-roughness material out: a hash-grid field while training, textures afterwards."""

@@ -1,0 +1,154 @@
+"""Phase I configuration and its presets; Phase II's stands in `config_distill`.
+
+Every field can be set on the command line; the configuration used is written to the run folder as JSON.
+"""
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.errors import ConfigError
+
+__all__ = ["DecomposeConfig", "DistillConfig", "LightUpdate", "Preset", "SdfMode"]
+
+
+class Preset(StrEnum):
+    """Size of a run: `quick` for two CPU cores, `standard` for a GPU, `paper` for the paper's settings."""
+
+    QUICK = "quick"
+    STANDARD = "standard"
+    PAPER = "paper"
+
+
+class SdfMode(StrEnum):
+    """How the signed distance is held: one free value per lattice vertex, or an MLP of position (the paper)."""
+
+    DIRECT = "direct"
+    MLP = "mlp"
+
+
+class LightUpdate(StrEnum):
+    """How a photo's light follows the asset: closed-form least squares at each visit, or gradient steps (the paper)."""
+
+    SOLVE = "solve"
+    GRADIENT = "gradient"
+
+
+@dataclass(frozen=True)
+class DecomposeConfig:
+    """Phase I: reconstruct mesh, materials and one environment per training photo."""
+
+    pass1_iterations: int = 1500
+    """Optimisation steps on the lattice and the material field."""
+    pass2_iterations: int = 800
+    """Optimisation steps on vertices and textures; 0 keeps the result of the first pass."""
+    pass1_side: int = 200
+    """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""
+    pass2_side: int = 400
+    """The same for the second pass."""
+    lattice_cells: int = 64
+    """Cells along each edge of the tetrahedral lattice."""
+    hull_voxels: int = 128
+    """Voxels along each edge of the visual hull the surface starts from."""
+    sdf: SdfMode = SdfMode.DIRECT
+    """Representation of the signed distance."""
+    hash_levels: int = 8
+    """Levels of the material's hash grid."""
+    hash_features: int = 2
+    """Features per level and entry."""
+    hash_log2_size: int = 15
+    """Entries per level, as a power of two."""
+    hash_finest: int = 256
+    """Cells of the finest level along each edge."""
+    light_resolution: int = 16
+    """Texels along each cubemap edge of the per-photo environments while fitting."""
+    teacher_resolution: int = 32
+    """The same for the environments that are kept at the end."""
+    light_update: LightUpdate = LightUpdate.SOLVE
+    """How lights are fitted."""
+    light_solve_pixels: int = 3072
+    """Pixels a light solve looks at."""
+    light_solve_iterations: int = 8
+    """Iterations of a light solve, warm-started from the previous visit."""
+    light_regularisation: float = 0.02
+    """Pull of a light towards its own mean in places the photo does not pin down."""
+    learning_rate_geometry: float = 0.015
+    """Adam step of lattice distances, offsets and vertices, in units of the object's radius per unit gradient sign."""
+    learning_rate_material: float = 0.005
+    """Adam step of the material."""
+    learning_rate_light: float = 0.005
+    """Adam step of the lights (gradient update only)."""
+    sdf_regularisation: float = 0.2
+    """Sign-change cross-entropy weight at the start; it falls to a twentieth over the first quarter."""
+    smoothness: float = 0.03
+    """Weight of the material's change under a small displacement."""
+    smoothness_texture: float = 0.1
+    """Weight of the texture's difference between neighbouring texels in the second pass."""
+    metallic_prior: float = 0.01
+    """Pull of metallic towards plain dielectric or plain metal."""
+    light_grey: float = 0.005
+    """Weight of the deviation of a light from grey (gradient update only)."""
+    laplacian: float = 0.5
+    """Weight of the change of the Laplacian against the start mesh in the second pass."""
+    coverage_weight: float = 4.0
+    """Weight of the squared coverage error beside the colour loss."""
+    max_faces: int = 24000
+    """The mesh is decimated to at most this many triangles before unwrapping."""
+    texture_size: int = 512
+    """Edge of the square textures in texels."""
+    unwrap_seconds: float = 60.0
+    """Time limit of the UV unwrapper, after which a simple atlas is used."""
+    validation_photos: int = 5
+    """Training photos held out to decide whether the second pass is kept."""
+    checkpoint_every: int = 250
+    """Steps between checkpoints."""
+
+    def __post_init__(self) -> None:
+        """Refuse values no run could use."""
+        positive = ("pass1_iterations", "pass1_side", "pass2_side", "texture_size", "max_faces", "checkpoint_every")
+        for name in positive:
+            if getattr(self, name) < 1:
+                raise ConfigError(f"decompose.{name} must be at least 1, not {getattr(self, name)}.")
+        if self.lattice_cells < 8:
+            raise ConfigError(f"decompose.lattice_cells must be at least 8, not {self.lattice_cells}.")
+        for name in ("light_resolution", "teacher_resolution"):
+            if getattr(self, name) not in (8, 16, 32, 64, 128, 256):
+                raise ConfigError(f"decompose.{name} must be a power of two from 8 to 256, not {getattr(self, name)}.")
+
+    @staticmethod
+    def preset(preset: Preset) -> "DecomposeConfig":
+        """Return the configuration of a preset."""
+        return {Preset.QUICK: quick, Preset.STANDARD: standard, Preset.PAPER: paper}[preset]()
+
+    @staticmethod
+    def from_json(value: dict[str, Any]) -> "DecomposeConfig":
+        """Return the configuration written as JSON."""
+        enums = {"sdf": SdfMode, "light_update": LightUpdate}
+        try:
+            return DecomposeConfig(**{k: enums[k](v) if k in enums else v for k, v in value.items()})
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"The stored Phase I configuration cannot be used: {error}.") from error
+
+
+def quick() -> DecomposeConfig:
+    """Minutes on two CPU cores."""
+    return DecomposeConfig()
+
+
+def standard() -> DecomposeConfig:
+    """One GPU, about the quality of `paper` in a fraction of its steps."""
+    return replace(
+        quick(), pass1_iterations=5000, pass2_iterations=5000, pass1_side=512, pass2_side=800, lattice_cells=96,
+        hull_voxels=192, hash_levels=12, hash_log2_size=18, hash_finest=1024, light_resolution=32,
+        teacher_resolution=128, light_solve_pixels=16384, max_faces=100_000, texture_size=1024, unwrap_seconds=300.0,
+    )  # fmt: skip
+
+
+def paper() -> DecomposeConfig:
+    """The paper's settings (section 4.2): MLP distances, gradient lights of 6x128x128, 40 k steps at 512 pixels."""
+    return replace(
+        standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass1_side=512, pass2_side=512,
+        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, metallic_prior=0.0,
+        checkpoint_every=1000,
+    )  # fmt: skip

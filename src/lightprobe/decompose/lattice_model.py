@@ -1,0 +1,148 @@
+"""The first pass's unknowns: signed distances and offsets on a lattice, and the material field."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from lightprobe.core.config import DecomposeConfig, SdfMode
+from lightprobe.core.device import generator
+from lightprobe.core.errors import ConvergenceError
+from lightprobe.decompose.start import Start
+from lightprobe.geometry.marching_tetrahedra import marching_tetrahedra, sign_change_loss
+from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
+from lightprobe.material.field import MaterialField
+from lightprobe.render.asset import gbuffer_of
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.surface import View, face_camera, visible_surface
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a model shows to one camera, before shading."""
+
+    gbuffer: GBuffer
+    screen: Tensor  # (V, 3) projected vertices
+    faces: Tensor  # (F, 3)
+    edges: EdgeFaces
+    regularisation: Tensor  # scalar
+
+
+class DistanceMlp(nn.Module):
+    """Signed distance as an MLP of encoded position: three hidden layers of 64."""
+
+    def __init__(self, random: torch.Generator):
+        super().__init__()
+        self.register_buffer("scales", 2.0 ** torch.arange(6) * torch.pi)
+        widths = (3 + 36, 64, 64, 64, 1)
+        self.weights = nn.ParameterList(
+            torch.randn(a, b, generator=random) * (2 / a) ** 0.5 for a, b in itertools.pairwise(widths)
+        )
+        self.biases = nn.ParameterList(torch.zeros(b) for b in widths[1:])
+
+    def forward(self, points: Tensor) -> Tensor:
+        """Return distances (V,) at points (V, 3)."""
+        angles = (points[:, :, None] * self.scales).flatten(1)
+        x = torch.cat([points, torch.sin(angles), torch.cos(angles)], 1)
+        for weight, bias in zip(list(self.weights)[:-1], list(self.biases)[:-1], strict=True):
+            x = torch.nn.functional.softplus(torch.addmm(bias, x, weight), beta=100)
+        return torch.addmm(self.biases[-1], x, self.weights[-1])[:, 0]
+
+    def fit(self, points: Tensor, distance: Tensor, steps: int) -> None:
+        """Fit the network to given distances, so that training starts from the visual hull."""
+        optimiser = torch.optim.Adam(self.parameters(), lr=1e-3)
+        for _ in range(steps):
+            optimiser.zero_grad()
+            loss = (self(points) - distance).abs().mean()
+            loss.backward()
+            optimiser.step()
+
+
+class LatticeModel(nn.Module):
+    """Distances (direct or MLP), bounded offsets, and the material field."""
+
+    def __init__(self, start: Start, config: DecomposeConfig, device: torch.device, seed: int):
+        super().__init__()
+        self.lattice = start.lattice.to(device)
+        self.config = config
+        self.seed = seed
+        initial = start.distance.to(device)
+        if config.sdf is SdfMode.MLP:
+            self.mlp = DistanceMlp(generator(seed, "sdf")).to(device)
+            self.mlp.fit(self.lattice.vertices, initial, steps=400)
+        else:
+            self.distance = nn.Parameter(initial)
+        self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
+        self.field = MaterialField(
+            levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
+            finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
+        ).to(device)  # fmt: skip
+
+    def groups(self) -> list[dict]:
+        """Return the optimiser's parameter groups."""
+        shape = list(self.mlp.parameters()) if self.config.sdf is SdfMode.MLP else [self.distance]
+        rate, material = self.config.learning_rate_geometry, self.config.learning_rate_material
+        # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths of a cell.
+        scale = self.lattice.cell if self.config.sdf is SdfMode.DIRECT else 0.1
+        return [
+            {"params": shape, "lr": rate * scale},
+            {"params": [self.offset], "lr": rate},
+            {"params": list(self.field.parameters()), "lr": material},
+        ]
+
+    def distances(self) -> Tensor:
+        """Return the signed distances (V,), forced positive on the lattice's border so that the surface is closed."""
+        free = self.mlp(self.lattice.vertices) if self.config.sdf is SdfMode.MLP else self.distance
+        return torch.where(self.lattice.boundary, free.detach().clamp(min=0.5 * self.lattice.cell), free)
+
+    def surface(self, distance: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the triangles of the zero set; raise `ConvergenceError` when there is none."""
+        positions = self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
+        vertices, faces = marching_tetrahedra(self.lattice, positions, distance)
+        if len(faces) == 0:
+            raise ConvergenceError("The surface vanished while fitting; check the masks and cameras with `inspect`.")
+        return vertices, faces
+
+    def see(self, view: View, step: int, progress: float) -> Seen:
+        """Return what the camera sees; `progress` in [0, 1] drives the regularisers' schedule."""
+        distance = self.distances()
+        vertices, faces = self.surface(distance)
+        screen = view.project(vertices)
+        surface = visible_surface(vertices, faces, view, screen)
+        material = self.field(surface.position)
+        normal = surface.interpolate(vertex_normals(vertices, faces), faces)
+        # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
+        normal = face_camera(
+            torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * min(1.0, 2 * progress),
+            surface.view,
+        )
+        gbuffer = gbuffer_of(surface, view, normal, material)
+        weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
+        loss = weight * sign_change_loss(self.lattice, distance) + self._material_loss(surface.position, material, step)
+        return Seen(gbuffer, screen, faces, edge_faces(faces), loss)
+
+    def _material_loss(self, position: Tensor, material: Tensor, step: int) -> Tensor:
+        """Smoothness under a small random displacement, a pull of metallic to 0 or 1, and small normal offsets."""
+        count = min(4096, len(position))
+        random = generator(self.seed, "jitter", step)
+        rows = torch.randint(0, max(len(position), 1), (count,), generator=random).to(position.device)
+        jitter = 0.01 * torch.randn(count, 3, generator=random).to(position.device)
+        here = material.index_select(0, rows)
+        there = self.field(position.detach()[rows] + jitter)
+        m = material[:, 4]
+        return (
+            self.config.smoothness * (here - there).abs().mean()
+            + self.config.metallic_prior * (m * (1 - m)).mean()
+            + 0.01 * material[:, 5:].square().mean()
+        )
+
+    def project(self) -> None:
+        """Do nothing: every quantity is valid by construction."""
+
+    @torch.no_grad()
+    def extract(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the present surface as arrays, vertices (V, 3) float32 and faces (F, 3) int32."""
+        vertices, faces = self.surface(self.distances())
+        return vertices.cpu().numpy(), faces.cpu().numpy()

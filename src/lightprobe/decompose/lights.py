@@ -1,0 +1,83 @@
+"""The environments of the training photos while the asset is still changing.
+
+With geometry and material held, a photo is linear in its light. So each visit can solve for the light in closed form
+(`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
+"""
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.core.device import generator
+from lightprobe.decompose.losses import tone_weight
+from lightprobe.decompose.photos import CLIPPED, Target
+from lightprobe.light import prefilter as prefilters
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.transport import Transport, solve_light
+
+
+def solve_target_light(
+    target: Target, gbuffer: GBuffer, start: Tensor, rows: Tensor, *, regularisation: float, iterations: int
+) -> Tensor:
+    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer best, from `start`.
+
+    Places the photo does not pin are pulled towards the mean colour of `start`.
+    """
+    operator = prefilters.cached(start.shape[1], start.device)
+    observed = target.color[gbuffer.pixel[rows]]
+    prior = start.mean((0, 1, 2)).expand_as(start)
+    weight = tone_weight(observed.mean(1))
+    transport = Transport(gbuffer, operator, rows)
+    return solve_light(
+        transport, observed, weight, observed >= CLIPPED, prior,
+        regularisation=regularisation, iterations=iterations, start=start,
+    )  # fmt: skip
+
+
+class Lights:
+    """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights alone."""
+
+    def __init__(self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int):
+        self.index = {name: i for i, name in enumerate(names)}
+        self.config = config
+        self.seed = seed
+        resolution = config.light_resolution
+        self.gradient = config.light_update is LightUpdate.GRADIENT
+        shape = (6, resolution, resolution, 3)
+        self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
+        self.prefilter = prefilters.cached(resolution, device)
+
+    def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
+        """Return up to `count` rows of the G-buffer that lie inside the mask, drawn without replacement."""
+        inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+        draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
+        return inside[draw[:count].to(inside.device)]
+
+    def levels(self, target: Target, gbuffer: GBuffer, step: int) -> tuple[Tensor, Tensor]:
+        """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss."""
+        row = self.index[target.name]
+        if self.gradient:
+            light = self.maps[row]
+            grey = light.mean(-1, keepdim=True)
+            return self.prefilter.apply(light), self.config.light_grey * (light - grey).abs().mean()
+        rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
+        if len(rows) > 0:
+            self.maps[row] = solve_target_light(
+                target, gbuffer, self.maps[row], rows,
+                regularisation=self.config.light_regularisation, iterations=self.config.light_solve_iterations,
+            )  # fmt: skip
+        levels = self.prefilter.apply(self.maps[row])
+        return levels, levels.new_zeros(())
+
+    def clamp(self) -> None:
+        """Keep gradient-fitted lights non-negative."""
+        if self.gradient:
+            with torch.no_grad():
+                for light in self.maps:
+                    light.clamp_(min=0)
+
+    @torch.no_grad()
+    def load(self, stacked: Tensor) -> None:
+        """Take over lights (N, 6, R, R, 3)."""
+        for light, stored in zip(self.maps, stacked, strict=True):
+            light.copy_(stored)

@@ -1,0 +1,46 @@
+"""Image losses of Phase I. Colours are linear and premultiplied; comparison happens after tone mapping.
+
+Tone mapping T(x) = sRGB(log(1 + x)) keeps highlights from owning the sum (Munkberg et al. 2022, section 3.4).
+"""
+
+import torch
+from torch import Tensor
+
+from lightprobe.decompose.photos import CLIPPED
+from lightprobe.imaging import srgb_encode
+
+
+def tone_map(linear: Tensor) -> Tensor:
+    """Return sRGB(log(1 + x)) of non-negative linear values, any shape."""
+    return srgb_encode(torch.log1p(linear.clamp(min=0)))
+
+
+def tone_weight(linear: Tensor) -> Tensor:
+    """Return the squared slope of `tone_map` at linear values, up to a factor: the weight of a linear residual."""
+    return (linear.clamp(min=0) + 0.02) ** -1.1
+
+
+def one_sided(render: Tensor, photo: Tensor, alpha: Tensor) -> Tensor:
+    """Replace `render` by `photo` (both (N, 3) premultiplied) where the photo clips and the render is brighter.
+
+    A saturated pixel only says that the light was at least this strong.
+    """
+    clipped = photo >= CLIPPED * alpha.clamp(min=0.5)[:, None]
+    return torch.where(clipped & (render > photo), photo, render)
+
+
+def image_loss(
+    render: Tensor, cover: Tensor, photo: Tensor, alpha: Tensor, background: Tensor, weight: float
+) -> Tensor:
+    """Return L1 of tone-mapped colour over `background` (3,) plus `weight` times the squared coverage error.
+
+    All pixels where photo or render show the object count; the sum is divided by the photo's object area, so that
+    the loss does not depend on how much of the frame is empty.
+    """
+    seen = ((alpha > 0) | (cover.detach() > 0)).nonzero()[:, 0]
+    photo, alpha = photo[seen], alpha[seen]
+    render, cover = render.index_select(0, seen), cover.index_select(0, seen)
+    ours = tone_map(one_sided(render, photo, alpha) + (1 - cover)[:, None] * background)
+    theirs = tone_map(photo + (1 - alpha)[:, None] * background)
+    area = alpha.sum().clamp(min=1)
+    return (ours - theirs).abs().sum() / (3 * area) + weight * (cover - alpha).square().sum() / area

@@ -1,0 +1,35 @@
+"""Training photos as tensors, at the size a pass works at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.render.surface import View
+from lightprobe.scene import load_pixels
+from lightprobe.scene.photo import Photo, Scene
+
+CLIPPED = 0.98  # linear value from which an 8-bit photo is taken as saturated
+
+
+@dataclass(frozen=True)
+class Target:
+    """One photo in the normalised frame; N = height * width pixels, row-major."""
+
+    name: str
+    view: View
+    color: Tensor  # (N, 3) linear, premultiplied
+    alpha: Tensor  # (N,)
+
+
+def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch.device) -> list[Target]:
+    """Return the photos reduced to at most `side` pixels along the longer edge."""
+    targets = []
+    for photo in photos:
+        pixels, camera = load_pixels(photo, side)
+        alpha = torch.from_numpy(pixels.alpha).reshape(-1)
+        color = torch.from_numpy(pixels.color).reshape(-1, 3) * alpha[:, None]
+        view = View.of(camera.normalised(scene.similarity), device)
+        targets.append(Target(photo.name, view, color.to(device), alpha.to(device)))
+    return targets

@@ -1,0 +1,52 @@
+"""The start of Phase I: a lattice around the visual hull of the masks, with the hull's signed distance on it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy import ndimage
+
+from lightprobe.core.errors import ConvergenceError
+from lightprobe.geometry.tet_lattice import TetLattice, build_lattice
+from lightprobe.scene import Hull
+
+OUTER_BAND = 3.0  # lattice cells kept outside the hull: the surface may grow this far
+
+
+@dataclass(frozen=True)
+class Start:
+    """The lattice and the distances to start from."""
+
+    lattice: TetLattice
+    distance: torch.Tensor  # (V,) float32, inside < 0
+
+
+def hull_distance(hull: Hull) -> np.ndarray:
+    """Return the signed distance (N, N, N) float32 of a hull's voxels in normalised units, inside < 0, smoothed."""
+    voxel = (hull.hi[0] - hull.lo[0]) / hull.occupancy.shape[0]
+    outside = ndimage.distance_transform_edt(~hull.occupancy)
+    inside = ndimage.distance_transform_edt(hull.occupancy)
+    # Voxel distances are half a voxel off on either side and stepped: a light blur removes the steps.
+    return ndimage.gaussian_filter((outside - inside).astype(np.float32), 0.7) * np.float32(voxel)
+
+
+def start_from_hull(hull: Hull, cells: int) -> Start:
+    """Return lattice and distances of `cells` cells per edge around a hull; raise `ConvergenceError` if it is empty."""
+    if not hull.occupancy.any():
+        raise ConvergenceError(
+            "The masks have no common visual hull: cameras or masks are wrong; look at them with `lightprobe inspect`."
+        )
+    field = hull_distance(hull)
+    lower, extent = np.asarray(hull.lo, np.float64), float(hull.hi[0] - hull.lo[0])
+    cell = extent / cells
+
+    def at(points: np.ndarray) -> np.ndarray:
+        voxels = (points - lower) / extent * field.shape[0] - 0.5
+        return ndimage.map_coordinates(field, voxels.reshape(-1, 3).T, order=1, mode="nearest").reshape(
+            points.shape[:-1]
+        )
+
+    centers = (np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), -1) + 0.5) * cell + lower
+    lattice = build_lattice(at(centers) < OUTER_BAND * cell, lower, cell)
+    distance = at(lattice.vertices.double().numpy()).astype(np.float32)
+    return Start(lattice, torch.from_numpy(distance))

@@ -1,0 +1,87 @@
+"""The second pass's unknowns: vertex positions of a fixed mesh, and its textures."""
+
+import torch
+from torch import Tensor, nn
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.decompose.lattice_model import Seen
+from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
+from lightprobe.kernels import gather_rows, scatter_rows
+from lightprobe.material.field import MIN_ROUGHNESS
+from lightprobe.material.textures import Textures
+from lightprobe.render.asset import Asset, textured_gbuffer
+from lightprobe.render.surface import View, visible_surface
+
+
+class SurfaceModel(nn.Module):
+    """A textured mesh whose vertices and texels move; the connectivity and texture coordinates stay."""
+
+    def __init__(self, asset: Asset, config: DecomposeConfig):
+        super().__init__()
+        self.config = config
+        self.start = asset.mesh
+        self.edges = edge_faces(asset.mesh.faces)
+        # Displacements are in units of the mean edge, so that one step means the same on a fine and a coarse mesh.
+        ends = asset.mesh.vertices[self.edges.vertices]
+        self.unit = float((ends[:, 0] - ends[:, 1]).norm(dim=1).mean())
+        self.displacement = nn.Parameter(torch.zeros_like(asset.mesh.vertices))
+        self.texels = nn.Parameter(asset.textures.flat().clone())
+        self.tangents = uv_tangents(asset.mesh)
+        count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
+        self.degree = count.index_add(
+            0, self.edges.vertices.reshape(-1), torch.ones_like(count[:1]).expand(2 * len(ends), 1)
+        )
+
+    def groups(self) -> list[dict]:
+        """Return the optimiser's parameter groups."""
+        return [
+            {"params": [self.displacement], "lr": self.config.learning_rate_geometry},
+            {"params": [self.texels], "lr": self.config.learning_rate_material},
+        ]
+
+    def mesh(self) -> Mesh:
+        """Return the present mesh."""
+        vertices = self.start.vertices + self.unit * self.displacement
+        return Mesh(vertices, self.start.faces, self.start.uvs, self.start.uv_faces)
+
+    def see(self, view: View, step: int, progress: float) -> Seen:
+        """Return what the camera sees."""
+        mesh = self.mesh()
+        screen = view.project(mesh.vertices)
+        surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
+        gbuffer = textured_gbuffer(surface, view, mesh, self.texels, self.tangents)
+        loss = self.config.laplacian * self._laplacian_change() + self._texture_loss()
+        return Seen(gbuffer, screen, mesh.faces, self.edges, loss)
+
+    def _laplacian_change(self) -> Tensor:
+        """Return the mean squared uniform Laplacian of the displacement, in mean edges."""
+        a, b = gather_rows(self.displacement, self.edges.vertices).unbind(1)
+        pull = torch.cat([b - a, a - b])
+        ends = torch.cat([self.edges.vertices[:, 0], self.edges.vertices[:, 1]])
+        laplacian = scatter_rows(pull, ends, len(self.displacement)) / self.degree.clamp(min=1)
+        return laplacian.square().sum(1).mean()
+
+    def _texture_loss(self) -> Tensor:
+        """Return the weighted mean absolute difference of neighbouring texels plus the pull of metallic to 0 or 1."""
+        size = round(self.texels.shape[0] ** 0.5)
+        maps = self.texels.view(size, size, -1)
+        across = (maps[:, 1:, :5] - maps[:, :-1, :5]).abs().mean()
+        down = (maps[1:, :, :5] - maps[:-1, :, :5]).abs().mean()
+        m = self.texels[:, 4]
+        return self.config.smoothness_texture * (across + down) + self.config.metallic_prior * (m * (1 - m)).mean()
+
+    @torch.no_grad()
+    def project(self) -> None:
+        """Bring texels back into their valid ranges after a step."""
+        self.texels[:, :3].clamp_(0, 1)
+        self.texels[:, 3].clamp_(MIN_ROUGHNESS, 1)
+        self.texels[:, 4].clamp_(0, 1)
+        self.texels[:, 5:7].clamp_(-0.7, 0.7)
+        self.texels[:, 7].clamp_(0.3, 1)
+
+    @torch.no_grad()
+    def asset(self) -> Asset:
+        """Return the present state as an asset, normals of unit length."""
+        flat = self.texels.clone()
+        flat[:, 5:] = torch.nn.functional.normalize(flat[:, 5:], dim=1)
+        return Asset(self.mesh(), Textures.from_flat(flat))

@@ -1,0 +1,155 @@
+"""One optimisation loop for both passes: a photo per step, resumable at any checkpoint with the same bits."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import generator
+from lightprobe.core.errors import ConvergenceError
+from lightprobe.decompose.lattice_model import Seen
+from lightprobe.decompose.lights import Lights
+from lightprobe.decompose.losses import image_loss
+from lightprobe.decompose.photos import Target
+from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import View
+
+OnStep = Callable[[str, int, int, float], None]  # stage, step, steps, loss
+
+
+class Model(Protocol):
+    """What the loop needs of a pass's unknowns."""
+
+    def groups(self) -> list[dict]:
+        """Return the optimiser's parameter groups."""
+
+    def see(self, view: View, step: int, progress: float) -> Seen:
+        """Return what a camera sees, and the regularisation loss."""
+
+    def parameters(self):
+        """Return the trainable tensors, as `torch.nn.Module` does."""
+
+    def project(self) -> None:
+        """Bring parameters back into their valid ranges after a step."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Name and length of a pass, and where it lies in the run's step count."""
+
+    name: str
+    first_step: int
+    iterations: int
+
+
+@dataclass
+class Progress:
+    """Where checkpoints go and who is told what happens. Extra tensors travel in every checkpoint."""
+
+    checkpoints: Checkpoints | None = None
+    on_step: OnStep | None = None
+    on_message: Callable[[str], None] | None = None
+    extra: dict[str, Tensor] = field(default_factory=dict)
+
+    def step(self, stage: str, step: int, steps: int, loss: float) -> None:
+        """Report a finished step."""
+        if self.on_step:
+            self.on_step(stage, step, steps, loss)
+
+    def tell(self, message: str) -> None:
+        """Report something worth a line in the log."""
+        if self.on_message:
+            self.on_message(message)
+
+
+def photo_order(seed: int, stage: str, count: int, step: int) -> int:
+    """Return the photo visited at `step`: every epoch is a fresh permutation that depends only on (seed, epoch)."""
+    epoch, place = divmod(step, count)
+    return int(torch.randperm(count, generator=generator(seed, f"order/{stage}", epoch))[place])
+
+
+def step_loss(model: Model, target: Target, lights: Lights, step: int, progress: float, config: DecomposeConfig,
+              seed: int) -> Tensor:  # fmt: skip
+    """Return the loss of one photo: image, coverage, light and model regularisation."""
+    seen = model.see(target.view, step, progress)
+    levels, light_loss = lights.levels(target, seen.gbuffer, step)
+    radiance = shade(seen.gbuffer, lights.prefilter, levels)
+    count = target.view.height * target.view.width
+    covered = torch.zeros(count, dtype=torch.bool, device=radiance.device)
+    covered[seen.gbuffer.pixel] = True
+    shape = (target.view.height, target.view.width)
+    crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, covered.reshape(shape), target.view)
+    cover = coverage(seen.gbuffer.pixel, crossings, count)
+    image = spread_color(radiance, seen.gbuffer.pixel, crossings, cover)
+    background = torch.rand(3, generator=generator(seed, "background", step)).to(radiance.device)
+    loss = image_loss(image, cover, target.color, target.alpha, background, config.coverage_weight)
+    return loss + light_loss + seen.regularisation
+
+
+def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, config: DecomposeConfig, seed: int,
+             progress: Progress, done: int = 0, restored: dict[str, Tensor] | None = None) -> None:  # fmt: skip
+    """Run `stage` from iteration `done`; `restored` holds the tensors of the checkpoint taken there.
+
+    All learning rates fall exponentially to a tenth over the stage (paper, section 4.2).
+    """
+    groups = model.groups()
+    if lights.gradient:
+        groups.append({"params": lights.maps, "lr": config.learning_rate_light})
+    rates = [group["lr"] for group in groups]
+    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
+    names = [f"p{i}" for i in range(sum(len(list(g["params"])) for g in optimiser.param_groups))]
+    if restored is not None:
+        _restore(optimiser, names, lights, restored)
+    for iteration in range(done, stage.iterations):
+        fraction = iteration / max(stage.iterations, 1)
+        for group, rate in zip(optimiser.param_groups, rates, strict=True):
+            group["lr"] = rate * 10**-fraction
+        target = targets[photo_order(seed, stage.name, len(targets), iteration)]
+        optimiser.zero_grad(set_to_none=True)
+        loss = step_loss(model, target, lights, stage.first_step + iteration, fraction, config, seed)
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            raise ConvergenceError(
+                f"The loss became {value} in {stage.name} at step {iteration} on photo '{target.name}'; "
+                "lower the learning rates or inspect this photo."
+            )
+        loss.backward()
+        optimiser.step()
+        model.project()
+        lights.clamp()
+        progress.step(stage.name, iteration + 1, stage.iterations, value)
+        at_end = iteration + 1 == stage.iterations
+        if progress.checkpoints and ((iteration + 1) % config.checkpoint_every == 0 or at_end):
+            tensors = {**_tensors(optimiser, names, lights), **progress.extra}
+            state = {"stage": stage.name, "iteration": iteration + 1}
+            progress.checkpoints.save(stage.first_step + iteration + 1, tensors, state)
+
+
+def _parameters(optimiser: torch.optim.Optimizer) -> list[Tensor]:
+    return [p for group in optimiser.param_groups for p in group["params"]]
+
+
+def _tensors(optimiser: torch.optim.Optimizer, names: list[str], lights: Lights) -> dict[str, Tensor]:
+    """Return parameters, Adam state and lights by name."""
+    tensors = {"lights": torch.stack([light.detach() for light in lights.maps])}
+    for name, parameter in zip(names, _parameters(optimiser), strict=True):
+        tensors[name] = parameter.detach()
+        for key, value in optimiser.state.get(parameter, {}).items():
+            tensors[f"{name}.{key}"] = value
+    return tensors
+
+
+@torch.no_grad()
+def _restore(optimiser: torch.optim.Optimizer, names: list[str], lights: Lights, tensors: dict[str, Tensor]) -> None:
+    lights.load(tensors["lights"])
+    for name, parameter in zip(names, _parameters(optimiser), strict=True):
+        parameter.copy_(tensors[name])
+        if f"{name}.exp_avg" in tensors:
+            moments = {k: tensors[f"{name}.{k}"].to(parameter.device) for k in ("exp_avg", "exp_avg_sq")}
+            optimiser.state[parameter] = {"step": tensors[f"{name}.step"], **moments}

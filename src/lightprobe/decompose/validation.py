@@ -1,0 +1,54 @@
+"""How well an asset explains photos it was not fitted to: the guard of the second pass, and the final lights."""
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import generator
+from lightprobe.decompose.lights import solve_target_light
+from lightprobe.decompose.losses import one_sided
+from lightprobe.decompose.photos import Target
+from lightprobe.geometry.mesh import uv_tangents
+from lightprobe.imaging import srgb_encode
+from lightprobe.light import prefilter as prefilters
+from lightprobe.render.asset import Asset, textured_gbuffer
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import visible_surface
+
+
+@torch.no_grad()
+def explain(
+    asset: Asset, target: Target, resolution: int, config: DecomposeConfig, seed: int
+) -> tuple[GBuffer, Tensor]:
+    """Return the G-buffer of the asset in a photo and the light (6, R, R, 3) solved for it from scratch."""
+    mesh = asset.mesh
+    surface = visible_surface(mesh.vertices, mesh.faces, target.view)
+    gbuffer = textured_gbuffer(surface, target.view, mesh, asset.textures.flat(), uv_tangents(mesh))
+    inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+    draw = torch.randperm(len(inside), generator=generator(seed, f"explain/{target.name}"))
+    rows = inside[draw[: 2 * config.light_solve_pixels].to(inside.device)]
+    start = torch.full((6, resolution, resolution, 3), 0.5, device=gbuffer.normal.device)
+    if len(rows) == 0:
+        return gbuffer, start
+    light = solve_target_light(
+        target, gbuffer, start, rows, regularisation=config.light_regularisation,
+        iterations=3 * config.light_solve_iterations,
+    )  # fmt: skip
+    return gbuffer, light
+
+
+@torch.no_grad()
+def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> float:
+    """Return the mean masked sRGB PSNR in dB of photos re-rendered under lights solved for them."""
+    operator = prefilters.cached(config.light_resolution, asset.mesh.vertices.device)
+    scores = []
+    for target in targets:
+        gbuffer, light = explain(asset, target, config.light_resolution, config, seed)
+        image = torch.zeros_like(target.color)
+        image[gbuffer.pixel] = shade(gbuffer, operator, operator.apply(light))
+        inside = target.alpha > 0.5
+        ours = one_sided(image[inside], target.color[inside], target.alpha[inside]).clamp(0, 1)
+        error = (srgb_encode(ours) - srgb_encode(target.color[inside].clamp(0, 1))).square().mean()
+        scores.append(float(-10 * torch.log10(error.clamp(min=1e-10))))
+    return sum(scores) / len(scores)

@@ -1,0 +1,79 @@
+"""Differentiable marching tetrahedra: signed distances on a lattice to triangles.
+
+The surface crosses an edge whose ends have different signs at the zero of the linear interpolation, so vertex positions
+are differentiable in the distances and in the lattice positions; the connectivity is not, and changes only when a sign
+does. Inside is negative. Triangles are counter-clockwise seen from outside.
+"""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.geometry.tet_lattice import TET_EDGES, TetLattice
+from lightprobe.kernels import gather_rows
+
+
+def _case_table() -> Tensor:
+    """Return (16, 2, 3) int64: up to two triangles of edge numbers for each sign pattern, -1 for none.
+
+    Bit i of the pattern is set when corner i is inside. Orientation is settled on a reference tetrahedron.
+    """
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
+    middles = np.array([(corners[a] + corners[b]) / 2 for a, b in TET_EDGES])
+    table = np.full((16, 2, 3), -1, np.int64)
+    for code in range(1, 15):
+        inside = [i for i in range(4) if code >> i & 1]
+        outside = [i for i in range(4) if not code >> i & 1]
+        edge = {frozenset(pair): number for number, pair in enumerate(TET_EDGES)}
+        if len(inside) == 2:
+            (a, b), (c, d) = inside, outside
+            loop = [edge[frozenset(p)] for p in ((a, c), (a, d), (b, d), (b, c))]
+        else:
+            alone, others = (inside[0], outside) if len(inside) == 1 else (outside[0], inside)
+            loop = [edge[frozenset((alone, other))] for other in others]
+        outward = corners[outside].mean(0) - corners[inside].mean(0)
+        p = middles[loop]
+        if np.cross(p[1] - p[0], p[2] - p[0]) @ outward < 0:
+            loop.reverse()
+        for k in range(len(loop) - 2):
+            table[code, k] = loop[0], loop[k + 1], loop[k + 2]
+    return torch.from_numpy(table)
+
+
+CASES = _case_table()
+
+
+def marching_tetrahedra(lattice: TetLattice, positions: Tensor, distance: Tensor) -> tuple[Tensor, Tensor]:
+    """Return surface vertices (N, 3) float32 and faces (F, 3) int32.
+
+    `positions` (V, 3) are the displaced lattice vertices, `distance` (V,) the signed distances (inside < 0).
+    Gradients flow to both. N = 0 when the distances have one sign only.
+    """
+    inside = distance.detach() < 0
+    crossed = inside[lattice.edges[:, 0]] != inside[lattice.edges[:, 1]]
+    number = torch.cumsum(crossed, 0) - 1
+    ends = lattice.edges[crossed]
+    p = gather_rows(positions, ends)  # (N, 2, 3)
+    s = gather_rows(distance[:, None], ends)  # (N, 2, 1)
+    vertices = (p[:, 0] * s[:, 1] - p[:, 1] * s[:, 0]) / (s[:, 1] - s[:, 0])
+
+    bits = torch.tensor([1, 2, 4, 8], device=distance.device)
+    code = (inside[lattice.tets] * bits).sum(1)
+    active = (code > 0) & (code < 15)
+    triangles = CASES.to(distance.device)[code[active]]  # (A, 2, 3) edge numbers within the tetrahedron
+    edges = lattice.tet_edges[active][:, None, :].expand(-1, 2, -1)
+    faces = number[torch.gather(edges, 2, triangles.clamp(min=0))]
+    return vertices, faces[triangles[..., 0] >= 0].to(torch.int32)
+
+
+def sign_change_loss(lattice: TetLattice, distance: Tensor) -> Tensor:
+    """Return the mean cross-entropy between the two ends of every crossed edge, a scalar.
+
+    It pulls the distances of a crossed edge towards one common sign and so removes floaters and inner shells
+    (Munkberg et al. 2022, section 3.1). Distances enter in units of a lattice cell.
+    """
+    inside = distance.detach() < 0
+    crossed = inside[lattice.edges[:, 0]] != inside[lattice.edges[:, 1]]
+    ends = gather_rows(distance[:, None], lattice.edges[crossed])[..., 0] / lattice.cell  # (N, 2)
+    target = (ends.detach() > 0).to(ends.dtype).flip(1)
+    return torch.nn.functional.binary_cross_entropy_with_logits(ends, target)

@@ -1,0 +1,111 @@
+"""Triangle meshes with texture coordinates, and the derived quantities shading needs.
+
+Notation: V positions, F faces, U texture vertices. Positions and texture coordinates have their own face arrays, so a
+vertex on a UV seam keeps one position and one smooth normal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.kernels import gather_rows, scatter_rows
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh in the normalised frame, counter-clockwise seen from outside."""
+
+    vertices: Tensor  # (V, 3) float32
+    faces: Tensor  # (F, 3) int32
+    uvs: Tensor  # (U, 2) float32 in [0, 1], v downwards in the image (row = v * height)
+    uv_faces: Tensor  # (F, 3) int32 into uvs
+
+    def to(self, device: torch.device) -> "Mesh":
+        """Return the mesh on another device."""
+        return Mesh(*(t.to(device) for t in (self.vertices, self.faces, self.uvs, self.uv_faces)))
+
+
+def face_normals(vertices: Tensor, faces: Tensor) -> Tensor:
+    """Return the outward normals (F, 3), their length twice the face area."""
+    a, b, c = gather_rows(vertices, faces).unbind(1)
+    return torch.linalg.cross(b - a, c - a)
+
+
+def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
+    """Return area-weighted unit vertex normals (V, 3), differentiable in the positions."""
+    normals = face_normals(vertices, faces)
+    summed = scatter_rows(normals.repeat_interleave(3, 0), faces.reshape(-1), vertices.shape[0])
+    return torch.nn.functional.normalize(summed, dim=1, eps=1e-20)
+
+
+def uv_tangents(mesh: Mesh) -> Tensor:
+    """Return the unit tangents (U, 3) along +u of the texture vertices, area-weighted, not yet orthogonal to normals.
+
+    A texture vertex whose faces have no UV area gets the x axis.
+    """
+    p = mesh.vertices.detach()[mesh.faces.long()]
+    t = mesh.uvs[mesh.uv_faces.long()]
+    e1, e2 = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    (u1, v1), (u2, v2) = (t[:, 1] - t[:, 0]).unbind(1), (t[:, 2] - t[:, 0]).unbind(1)
+    sign = torch.sign(u1 * v2 - u2 * v1)[:, None]
+    tangent = sign * (e1 * v2[:, None] - e2 * v1[:, None])
+    summed = scatter_rows(tangent.repeat_interleave(3, 0), mesh.uv_faces.reshape(-1), mesh.uvs.shape[0])
+    length = summed.norm(dim=1, keepdim=True)
+    axis = torch.tensor([1.0, 0.0, 0.0], device=summed.device)
+    return torch.where(length > 1e-12, summed / length.clamp(min=1e-12), axis)
+
+
+@dataclass(frozen=True)
+class EdgeFaces:
+    """The unique edges of a mesh with the (up to) two faces beside each."""
+
+    vertices: Tensor  # (E, 2) int64
+    faces: Tensor  # (E, 2) int64; a border edge names its only face twice
+
+
+def edge_faces(faces: Tensor) -> EdgeFaces:
+    """Return the edges of `faces` (F, 3); an edge with more than two faces keeps the first and the last."""
+    f = faces.long()
+    ends = torch.cat([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]).sort(dim=1).values
+    size = int(f.max()) + 1 if len(f) else 1
+    key, order = torch.sort(ends[:, 0] * size + ends[:, 1], stable=True)
+    face = order % max(len(f), 1)
+    starts = torch.ones_like(key, dtype=torch.bool)
+    starts[1:] = key[1:] != key[:-1]
+    first = starts.nonzero()[:, 0]
+    last = torch.cat([first[1:], first.new_tensor([len(key)])]) - 1
+    return EdgeFaces(torch.stack([key[first] // size, key[first] % size], 1), torch.stack([face[first], face[last]], 1))
+
+
+def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
+    """Drop degenerate faces, unused vertices and connected parts with less than `smallest_share` of the area."""
+    import scipy.sparse as sp
+
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])]
+    if len(faces) == 0:
+        return vertices[:0], faces
+    links = sp.coo_matrix(
+        (np.ones(2 * len(faces), np.int8), (faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel())),
+        shape=(len(vertices), len(vertices)),
+    )
+    part = sp.csgraph.connected_components(links, directed=False)[1][faces[:, 0]]
+    p = vertices[faces].astype(np.float64)
+    area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    share = np.bincount(part, area) / max(area.sum(), 1e-30)
+    faces = faces[share[part] >= smallest_share]
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
+
+
+def decimate(vertices: np.ndarray, faces: np.ndarray, max_faces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mesh reduced to about `max_faces` triangles by quadric edge collapse; a smaller mesh is unchanged."""
+    if len(faces) <= max_faces:
+        return vertices, faces
+    import fast_simplification
+
+    v, f = fast_simplification.simplify(
+        np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32), target_count=max_faces
+    )
+    return np.asarray(v, np.float32), np.asarray(f, np.int32)

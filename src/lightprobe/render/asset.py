@@ -1,0 +1,122 @@
+"""The fixed textured object: what Phase I leaves behind, and its G-buffer and image for any camera and light."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.checkpoint import load_tensors, save_tensors
+from lightprobe.core.errors import InputError
+from lightprobe.geometry.mesh import EdgeFaces, Mesh, edge_faces, uv_tangents, vertex_normals
+from lightprobe.light.prefilter import Prefilter
+from lightprobe.material.textures import Textures, sample
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import Surface, View, face_camera, visible_surface
+from lightprobe.scene.camera import Camera
+
+_FIELDS = ("vertices", "faces", "uvs", "uv_faces", "base_color", "roughness", "metallic", "normal")
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A mesh with its textures, in the normalised frame."""
+
+    mesh: Mesh
+    textures: Textures
+
+    def to(self, device: torch.device) -> "Asset":
+        """Return the asset on another device."""
+        return Asset(self.mesh.to(device), self.textures.to(device))
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return all tensors by name."""
+        return {**vars(self.mesh), **vars(self.textures)}
+
+    @staticmethod
+    def from_tensors(tensors: dict[str, Tensor]) -> "Asset":
+        """Return the asset of `tensors`."""
+        v = [tensors[name] for name in _FIELDS]
+        return Asset(Mesh(*v[:4]), Textures(*v[4:]))
+
+    def save(self, path: Path) -> None:
+        """Write the asset as one safetensors file."""
+        save_tensors(path, self.tensors())
+
+    @staticmethod
+    def load(path: Path) -> "Asset":
+        """Read the file written by `save`."""
+        tensors = load_tensors(path)
+        missing = [name for name in _FIELDS if name not in tensors]
+        if missing:
+            raise InputError(f"{path} is not an asset file: it has no '{missing[0]}'; run `lightprobe fit` again.")
+        return Asset.from_tensors(tensors)
+
+
+def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor) -> Tensor:
+    """Return unit shading normals (P, 3): tangent-space `mapped` (P, 3) in the frame of `normals` and `tangents`.
+
+    `normals` (V, 3) per position, `tangents` (U, 3) per texture vertex. The bitangent is n x t times the sign of the
+    UV orientation, with v pointing down as in glTF.
+    """
+    n = torch.nn.functional.normalize(surface.interpolate(normals, mesh.faces), dim=1, eps=1e-12)
+    t = surface.interpolate(tangents, mesh.uv_faces)
+    t = torch.nn.functional.normalize(t - (t * n).sum(1, keepdim=True) * n, dim=1, eps=1e-12)
+    b = torch.linalg.cross(n, t) * uv_handedness(mesh)[surface.face][:, None]
+    bent = mapped[:, :1] * t + mapped[:, 1:2] * b + mapped[:, 2:] * n
+    return face_camera(torch.nn.functional.normalize(bent, dim=1, eps=1e-12), surface.view)
+
+
+def uv_handedness(mesh: Mesh) -> Tensor:
+    """Return +1 or -1 per face (F,): the w of glTF's tangents, whose bitangent points along increasing -v."""
+    t = mesh.uvs[mesh.uv_faces.long()]
+    (u1, v1), (u2, v2) = (t[:, 1] - t[:, 0]).unbind(1), (t[:, 2] - t[:, 0]).unbind(1)
+    return torch.where(u1 * v2 - u2 * v1 > 0, -1.0, 1.0)
+
+
+def gbuffer_of(surface: Surface, view: View, normal: Tensor, material: Tensor) -> GBuffer:
+    """Return the G-buffer of a visible surface with `normal` (P, 3) and `material` (P, >=5)."""
+    return GBuffer(
+        height=view.height, width=view.width, pixel=surface.pixel, face=surface.face, position=surface.position,
+        normal=normal, view=surface.view, base_color=material[:, :3], roughness=material[:, 3],
+        metallic=material[:, 4],
+    )  # fmt: skip
+
+
+def textured_gbuffer(surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor) -> GBuffer:
+    """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both."""
+    material = sample(flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
+    normals = vertex_normals(mesh.vertices, mesh.faces)
+    return gbuffer_of(surface, view, shading_normals(surface, mesh, normals, tangents, material[:, 5:]), material)
+
+
+def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuffer:
+    """Return the G-buffer of the asset seen by a normalised-frame camera."""
+    view = View.of(camera, device)
+    surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, view)
+    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh))
+
+
+def composite(gbuffer: GBuffer, radiance: Tensor, vertices: Tensor, faces: Tensor, edges: EdgeFaces, view: View
+              ) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Return the anti-aliased premultiplied image (H, W, C) and coverage (H, W) of shaded pixels."""
+    covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=radiance.device)
+    covered[gbuffer.pixel] = True
+    shape = (view.height, view.width)
+    crossings = silhouette_crossings(view.project(vertices), faces, edges, covered.reshape(shape), view)
+    cover = coverage(gbuffer.pixel, crossings, covered.numel())
+    image = spread_color(radiance, gbuffer.pixel, crossings, cover)
+    return image.reshape(*shape, -1), cover.reshape(shape)
+
+
+def render_asset(asset: Asset, camera: Camera, env: Tensor, prefilter: Prefilter, gbuffer: GBuffer | None = None
+                 ) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """Return the linear premultiplied image (H, W, 3) and coverage (H, W) of the asset under `env` (6, R, R, 3)."""
+    view = View.of(camera, env.device)
+    if gbuffer is None:
+        gbuffer = rasterize_asset(asset, camera, env.device)
+    radiance = shade(gbuffer, prefilter, prefilter.apply(env))
+    mesh = asset.mesh
+    return composite(gbuffer, radiance, mesh.vertices, mesh.faces, edge_faces(mesh.faces), view)

@@ -1,0 +1,99 @@
+"""From triangles and a camera to the visible surface points, differentiable in the vertex positions.
+
+Visibility itself (which face a pixel sees) is not differentiable; the silhouette's motion enters through
+`silhouette.coverage`, and the motion of points on the surface through the barycentric coordinates here.
+
+Notation: P covered pixels in row-major order; everything in the normalised frame.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.kernels import Visibility, gather_rows, rasterize, weighted_gather
+from lightprobe.scene.camera import Camera
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera as tensors on a device."""
+
+    rotation: Tensor  # (3, 3) camera to world
+    position: Tensor  # (3,)
+    focal: Tensor  # (2,) pixels
+    center: Tensor  # (2,) pixels
+    width: int
+    height: int
+
+    @staticmethod
+    def of(camera: Camera, device: torch.device) -> "View":
+        """Return the view of a normalised-frame camera."""
+        pose = torch.as_tensor(camera.camera_to_world, dtype=torch.float32, device=device)
+        focal = torch.tensor([camera.fx, camera.fy], dtype=torch.float32, device=device)
+        center = torch.tensor([camera.cx, camera.cy], dtype=torch.float32, device=device)
+        return View(pose[:3, :3], pose[:3, 3], focal, center, camera.width, camera.height)
+
+    def project(self, points: Tensor) -> Tensor:
+        """Project points (V, 3) to (V, 3): pixel x, pixel y, depth (> 0 in front). Differentiable."""
+        x, y, z = ((points - self.position) @ self.rotation).unbind(1)
+        depth = -z
+        inverse = 1 / torch.where(depth.abs() < 1e-6, torch.full_like(depth, 1e-6), depth)
+        return torch.stack(
+            [self.center[0] + self.focal[0] * x * inverse, self.center[1] - self.focal[1] * y * inverse, depth], 1
+        )
+
+    def rays(self, pixel: Tensor) -> Tensor:
+        """Return ray directions (P, 3) in world axes through pixel centres, not normalised; `pixel` is row-major."""
+        x = (pixel % self.width + 0.5 - self.center[0]) / self.focal[0]
+        y = -(torch.div(pixel, self.width, rounding_mode="floor") + 0.5 - self.center[1]) / self.focal[1]
+        return torch.stack([x, y, -torch.ones_like(x)], 1) @ self.rotation.T
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The visible points of a mesh."""
+
+    visibility: Visibility
+    pixel: Tensor  # (P,) int64
+    face: Tensor  # (P,) int64
+    barycentric: Tensor  # (P, 3)
+    position: Tensor  # (P, 3)
+    view: Tensor  # (P, 3) unit, from the surface to the camera
+
+    def interpolate(self, values: Tensor, faces: Tensor) -> Tensor:
+        """Interpolate per-vertex `values` (V, C) over `faces` (F, 3) at the visible points, (P, C)."""
+        return weighted_gather(values, faces[self.face], self.barycentric)
+
+
+def visible_surface(vertices: Tensor, faces: Tensor, view: View, screen: Tensor | None = None) -> Surface:
+    """Return the surface seen by `view`; `screen` reuses `view.project(vertices)` when the caller has it."""
+    if screen is None:
+        screen = view.project(vertices)
+    visibility = rasterize(screen.detach(), faces, view.height, view.width)
+    flat = visibility.face.reshape(-1)
+    pixel = (flat >= 0).nonzero()[:, 0]
+    face = flat[pixel].long()
+    a, b, c = gather_rows(vertices, faces[face]).unbind(1)
+    ray = view.rays(pixel)
+    e1, e2, s = b - a, c - a, view.position - a
+    p, q = torch.linalg.cross(ray, e2), torch.linalg.cross(s, e1)
+    det = (p * e1).sum(1)
+    inverse = 1 / torch.where(det.abs() < 1e-12, torch.full_like(det, 1e-12), det)
+    # A pixel centre can miss its triangle by rounding; clamping keeps interpolation within the face.
+    u = ((p * s).sum(1) * inverse).clamp(0, 1)
+    v = torch.minimum(((q * ray).sum(1) * inverse).clamp(min=0), 1 - u)
+    barycentric = torch.stack([1 - u - v, u, v], 1)
+    position = barycentric[:, :1] * a + barycentric[:, 1:2] * b + barycentric[:, 2:] * c
+    to_camera = torch.nn.functional.normalize(view.position - position, dim=1)
+    return Surface(visibility, pixel, face, barycentric, position, to_camera)
+
+
+def face_camera(normal: Tensor, to_camera: Tensor) -> Tensor:
+    """Bend normals (P, 3) that look away from the camera just enough to be seen, and return unit vectors.
+
+    Interpolated and mapped normals can point backwards at the rim, where shading would otherwise turn black.
+    """
+    facing = (normal * to_camera).sum(1, keepdim=True)
+    bent = normal + (0.02 - facing).clamp(min=0) * to_camera
+    return torch.nn.functional.normalize(bent, dim=1, eps=1e-12)

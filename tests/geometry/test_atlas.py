@@ -1,0 +1,74 @@
+import numpy as np
+import torch
+
+from lightprobe.geometry import atlas
+from lightprobe.geometry.mesh import clean, decimate, edge_faces, uv_tangents, vertex_normals
+from tests.shapes import sphere
+
+
+def uv_overlap(uvs, uv_faces, size=256):
+    from lightprobe.kernels.reference.rasterize import rasterize as _  # the reference exists for this device
+
+    counts = np.zeros((size, size), int)
+    y, x = np.mgrid[:size, :size] + 0.5
+    for tri in uvs[uv_faces] * size:
+        (ax, ay), (bx, by), (cx, cy) = tri
+        w0 = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+        w1 = (cx - bx) * (y - by) - (cy - by) * (x - bx)
+        w2 = (ax - cx) * (y - cy) - (ay - cy) * (x - cx)
+        counts += ((w0 > 0) & (w1 > 0) & (w2 > 0)) | ((w0 < 0) & (w1 < 0) & (w2 < 0))
+    return counts.max()
+
+
+def test_triangle_atlas_stays_in_the_unit_square_without_overlap():
+    uvs, faces = atlas.triangle_atlas(33, 256)
+    assert uvs.min() >= 0
+    assert uvs.max() <= 1
+    assert uv_overlap(uvs, faces) == 1
+
+
+def test_unwrap_keeps_the_mesh_and_charts_do_not_overlap():
+    vertices, faces = sphere(2)
+    mesh = atlas.unwrap(vertices, faces, 256, time_limit=60)
+    assert np.array_equal(mesh.vertices.numpy(), vertices)
+    assert np.array_equal(mesh.faces.numpy(), faces)
+    assert mesh.uv_faces.max() < len(mesh.uvs)
+    assert uv_overlap(mesh.uvs.numpy(), mesh.uv_faces.numpy()) == 1
+
+
+def test_unwrap_falls_back_when_time_is_up():
+    vertices, faces = sphere(1)
+    mesh = atlas.unwrap(vertices, faces, 128, time_limit=0.0)
+    assert len(mesh.uvs) == 3 * len(faces)
+
+
+def test_tangents_are_unit_and_point_along_u():
+    vertices, faces = sphere(2)
+    mesh = atlas.unwrap(vertices, faces, 256, time_limit=60)
+    t = uv_tangents(mesh)
+    assert torch.allclose(t.norm(dim=1), torch.ones(len(t)), atol=1e-5)
+    # Moving along the tangent must raise u: check it edge by edge on faces far from chart borders.
+    p, uv = mesh.vertices[mesh.faces.long()], mesh.uvs[mesh.uv_faces.long()]
+    along = ((p[:, 1] - p[:, 0]) * t[mesh.uv_faces[:, 0].long()]).sum(1)
+    du = (uv[:, 1] - uv[:, 0])[:, 0]
+    clear = du.abs() > 0.3 * (uv[:, 1] - uv[:, 0]).norm(dim=1)
+    assert (torch.sign(along[clear]) == torch.sign(du[clear])).float().mean() > 0.98
+
+
+def test_clean_drops_crumbs_and_decimate_keeps_the_shape():
+    vertices, faces = sphere(4)
+    crumb_v, crumb_f = sphere(0)
+    both_v = np.concatenate([vertices, crumb_v * 0.02 + 2]).astype(np.float32)
+    both_f = np.concatenate([faces, crumb_f + len(vertices)]).astype(np.int32)
+    v, f = clean(both_v, both_f)
+    assert len(v) == len(vertices)
+    v, f = decimate(v, f, 1000)
+    assert len(f) <= 1000
+    assert abs(np.linalg.norm(v, axis=1) - 1).max() < 0.02
+    edges = edge_faces(torch.from_numpy(f))
+    assert (edges.faces[:, 0] != edges.faces[:, 1]).all()
+
+
+def test_vertex_normals_of_a_sphere_point_outwards():
+    vertices, faces = (torch.from_numpy(a) for a in sphere(3))
+    assert (vertex_normals(vertices, faces) * vertices).sum(1).min() > 0.999
