@@ -3,5 +3,15 @@
 from lightprobe.kernels.gather import gather_rows, scatter_rows, weighted_gather
 from lightprobe.kernels.hash_grid import hash_encode
 from lightprobe.kernels.rasterize import Visibility, rasterize
+from lightprobe.kernels.stacking import probe_weight, stack_probes
 
-__all__ = ["Visibility", "gather_rows", "hash_encode", "rasterize", "scatter_rows", "weighted_gather"]
+__all__ = [
+    "Visibility",
+    "gather_rows",
+    "hash_encode",
+    "probe_weight",
+    "rasterize",
+    "scatter_rows",
+    "stack_probes",
+    "weighted_gather",
+]
