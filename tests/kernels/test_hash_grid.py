@@ -1,0 +1,111 @@
+"""Hash grid: against the plain reference, by gradcheck, bit by bit, and what interpolation must do."""
+
+import pytest
+import torch
+from torch.autograd import gradcheck
+
+from lightprobe.kernels import hash_encode
+from lightprobe.kernels.reference import hash_grid as reference
+
+CELLS = [3, 8, 21, 64]  # with 1024 rows: dense, dense, hashed, hashed
+
+
+def problem(n=700, size=1024, features=2, *, seed=0):
+    random = torch.Generator().manual_seed(seed)
+    points = torch.rand(n, 3, generator=random)
+    table = torch.randn(len(CELLS), size, features, generator=random)
+    return points, table, torch.tensor(CELLS, dtype=torch.int32)
+
+
+def value_and_gradient(points, table, resolutions, grad):
+    table = table.clone().requires_grad_()
+    out = hash_encode(points, table, resolutions)
+    return out.detach(), *torch.autograd.grad(out, table, grad)
+
+
+@pytest.mark.parametrize("features", [1, 2, 4])
+def test_matches_the_reference(features):
+    points, table, resolutions = problem(features=features)
+    grad = torch.randn(len(points), len(CELLS) * features)
+    out, grad_table = value_and_gradient(points, table, resolutions, grad)
+    torch.testing.assert_close(out, reference.encode(points, table, CELLS), rtol=1e-5, atol=1e-5)
+    expected = reference.encode_backward(grad, points, CELLS, table.shape)
+    torch.testing.assert_close(grad_table, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_gradient_in_float64():
+    points, table, resolutions = problem(n=5, size=16)
+    assert gradcheck(lambda t: hash_encode(points.double(), t, resolutions), (table.double().requires_grad_(),))
+
+
+def test_dense_level_reproduces_a_linear_function():
+    side = 9
+    z, y, x = torch.meshgrid(*[torch.arange(side) / (side - 1)] * 3, indexing="ij")
+    corners = torch.stack([2 * x - y + 3 * z + 1, y], dim=-1).reshape(-1, 2)
+    table = torch.zeros(1, 1024, 2)
+    table[0, : len(corners)] = corners
+    points = torch.cat([torch.rand(200, 3), torch.tensor([[0.0, 0, 0], [1, 1, 1], [0.5, 1, 0]])])
+    out = hash_encode(points, table, torch.tensor([side - 1]))
+    expected = torch.stack([2 * points[:, 0] - points[:, 1] + 3 * points[:, 2] + 1, points[:, 1]], dim=1)
+    torch.testing.assert_close(out, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_corner_rows_follow_the_paper():
+    points = torch.tensor([[5.0, 9.0, 14.0]]) / 32  # a lattice corner, so one row holds all the weight
+    grad_out = torch.ones(1, 1)
+    _, grad = value_and_gradient(points, torch.zeros(1, 256, 1), torch.tensor([32]), grad_out)
+    row = (5 ^ (9 * 2654435761 % 2**32) ^ (14 * 805459861 % 2**32)) % 256
+    assert grad[0, :, 0].nonzero().flatten().tolist() == [row]
+    _, grad = value_and_gradient(points, torch.zeros(1, 65536, 1), torch.tensor([32]), grad_out)
+    assert grad[0, :, 0].nonzero().flatten().tolist() == [5 + 33 * (9 + 33 * 14)]
+
+
+@pytest.mark.parametrize("body_dtype", [torch.float32, torch.float64])
+def test_points_outside_are_clamped(body_dtype):
+    _, table, resolutions = problem()
+    outside = torch.tensor([[-0.5, 0.3, 1.5], [2.0, -1.0, 0.5]], dtype=body_dtype)
+    table = table.to(body_dtype)
+    assert torch.equal(hash_encode(outside, table, resolutions), hash_encode(outside.clamp(0, 1), table, resolutions))
+
+
+def test_continuous_across_cells():
+    _, table, resolutions = problem()
+    boundary = torch.rand(200, 3, dtype=torch.float64)
+    boundary[:, 0] = torch.randint(1, 64, (200,)) / 64
+    step = torch.tensor([1e-9, 0, 0], dtype=torch.float64)
+    low, high = (hash_encode(boundary + side * step, table.double(), resolutions) for side in (-1, 1))
+    torch.testing.assert_close(low, high, rtol=0, atol=1e-5)
+
+
+def test_same_bits_again_and_on_one_thread():
+    points, table, resolutions = problem(n=3000)
+    case = (points, table, resolutions, torch.randn(3000, len(CELLS) * 2))
+    first, again = value_and_gradient(*case), value_and_gradient(*case)
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        alone = value_and_gradient(*case)
+    finally:
+        torch.set_num_threads(threads)
+    for a, b, c in zip(first, again, alone, strict=True):
+        assert torch.equal(a, b)
+        assert torch.equal(a, c)
+
+
+def test_no_points_give_no_features_and_no_gradient():
+    _, table, resolutions = problem()
+    out, grad = value_and_gradient(torch.zeros(0, 3), table, resolutions, torch.zeros(0, 8))
+    assert out.shape == (0, 8)
+    assert not grad.any()
+
+
+def test_wrong_input_is_refused():
+    points, table, resolutions = problem()
+    with pytest.raises(ValueError, match="power of two"):
+        hash_encode(points, table[:, :1000], resolutions)
+    with pytest.raises(ValueError, match="Resolutions must lie"):
+        hash_encode(points, table, resolutions * 0)
+    with pytest.raises(ValueError, match="points must have shape"):
+        hash_encode(points[:, :2], table, resolutions)
+    with pytest.raises(ValueError, match="resolutions must have shape"):
+        hash_encode(points, table, resolutions[:2])

@@ -1,0 +1,42 @@
+"""Compilation of the loops: a machine without a writable cache folder still works, and thread counts follow PyTorch."""
+
+import numba
+import numpy as np
+import torch
+
+from lightprobe.kernels.numba import jit
+
+
+def test_without_a_cache_folder_the_loop_still_compiles(monkeypatch):
+    real = numba.njit
+
+    def njit(**options):
+        if options.get("cache"):
+            raise RuntimeError("cannot cache function: no locator available")
+        return real(**options)
+
+    monkeypatch.setattr(numba, "njit", njit)
+
+    @jit.compiled()
+    def inverse(x):
+        return 1 / x
+
+    assert inverse(4.0) == 0.25
+    assert inverse(0.0) == np.inf
+
+
+def test_threads_follow_pytorch():
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        assert jit.threads() == numba.get_num_threads() == 1
+    finally:
+        torch.set_num_threads(before)
+    assert jit.threads() == numba.get_num_threads() == min(before, numba.config.NUMBA_NUM_THREADS)
+
+
+def test_arrays_are_contiguous_and_of_one_integer_type():
+    values, index = jit.arrays(torch.zeros(4, 3, requires_grad=True).T, torch.arange(5))
+    assert values.flags.c_contiguous
+    assert values.shape == (3, 4)
+    assert index.dtype == np.int32
