@@ -1,4 +1,4 @@
-"""Speed of the kernels at the sizes the design names; `pytest --benchmark-enable tests/kernels/test_speed.py` times them.
+"""Speed of the kernels at the sizes the design names; time them with `pytest --benchmark-enable` on this file.
 
 Without that option each body runs once, so that the suite cannot rot. `extra_info` names the work in one call.
 """

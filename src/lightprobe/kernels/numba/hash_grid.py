@@ -18,8 +18,7 @@ PRIME_Z = np.uint32(805459861)
 def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
     """Return the features (N, L*F)."""
     out = table.new_empty(points.shape[0], table.shape[0] * table.shape[2])
-    threads()
-    _encode(*arrays(points, table), np.array(cells, np.int32), out.numpy())
+    _encode(*arrays(points, table), np.array(cells, np.int32), threads(), out.numpy())
     return out
 
 
@@ -50,39 +49,49 @@ def _row(i, j, k, side, mask, dense):
 
 
 @compiled(parallel=True)
-def _encode(points, table, cells, out):
+def _encode(points, table, cells, workers, out):
+    share = (points.shape[0] + workers - 1) // workers
+    for worker in prange(workers):
+        for level in range(table.shape[0]):
+            _encode_level(points, table, cells, level, worker * share, min(points.shape[0], (worker + 1) * share), out)
+
+
+@compiled()
+def _encode_level(points, table, cells, level, begin, end, out):
     features = table.shape[2]
-    mask = np.uint32(table.shape[1] - 1)
-    for level in range(table.shape[0]):
-        resolution = np.int64(cells[level])
-        side = resolution + 1
-        dense = side * side * side <= table.shape[1]
-        for n in prange(points.shape[0]):
-            i, j, k, x, y, z = _cell(points, n, resolution)
+    resolution = np.int64(cells[level])
+    side, mask = resolution + 1, np.uint32(table.shape[1] - 1)
+    dense = side * side * side <= table.shape[1]
+    for n in range(begin, end):
+        i, j, k, x, y, z = _cell(points, n, resolution)
+        for f in range(features):
+            out[n, level * features + f] = 0.0
+        for corner in range(8):
+            a, b, c = corner & 1, (corner >> 1) & 1, corner >> 2
+            row = _row(i + a, j + b, k + c, side, mask, dense)
+            weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
             for f in range(features):
-                out[n, level * features + f] = 0.0
-            for corner in range(8):
-                a, b, c = corner & 1, (corner >> 1) & 1, corner >> 2
-                row = _row(i + a, j + b, k + c, side, mask, dense)
-                weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
-                for f in range(features):
-                    out[n, level * features + f] += weight * table[level, row, f]
+                out[n, level * features + f] += weight * table[level, row, f]
 
 
 @compiled(parallel=True)
 def _encode_backward(grad, points, cells, workers, out):
-    features = out.shape[2]
-    mask = np.uint32(out.shape[1] - 1)
     for worker in prange(workers):
         for level in range(worker, out.shape[0], workers):
-            resolution = np.int64(cells[level])
-            side = resolution + 1
-            dense = side * side * side <= out.shape[1]
-            for n in range(points.shape[0]):
-                i, j, k, x, y, z = _cell(points, n, resolution)
-                for corner in range(8):
-                    a, b, c = corner & 1, (corner >> 1) & 1, corner >> 2
-                    row = _row(i + a, j + b, k + c, side, mask, dense)
-                    weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
-                    for f in range(features):
-                        out[level, row, f] += weight * grad[n, level * features + f]
+            _encode_level_backward(grad, points, cells, level, out)
+
+
+@compiled()
+def _encode_level_backward(grad, points, cells, level, out):
+    features = out.shape[2]
+    resolution = np.int64(cells[level])
+    side, mask = resolution + 1, np.uint32(out.shape[1] - 1)
+    dense = side * side * side <= out.shape[1]
+    for n in range(points.shape[0]):
+        i, j, k, x, y, z = _cell(points, n, resolution)
+        for corner in range(8):
+            a, b, c = corner & 1, (corner >> 1) & 1, corner >> 2
+            row = _row(i + a, j + b, k + c, side, mask, dense)
+            weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
+            for f in range(features):
+                out[level, row, f] += weight * grad[n, level * features + f]
