@@ -1,1 +1,21 @@
 """A folder of photos in, a `Scene` out: cameras, masks, splits and the similarity to the normalised frame."""
+
+from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.hull import Hull, visual_hull
+from lightprobe.scene.loading import load_scene
+from lightprobe.scene.photo import Photo, Pixels, Scene, Truth
+from lightprobe.scene.pixels import load_alpha, load_pixels
+
+__all__ = [
+    "Camera",
+    "Hull",
+    "Photo",
+    "Pixels",
+    "Scene",
+    "Similarity",
+    "Truth",
+    "load_alpha",
+    "load_pixels",
+    "load_scene",
+    "visual_hull",
+]

@@ -94,23 +94,26 @@ class Camera:
             raise InputError(f"{source} must hold a JSON object with camera_to_world, fx, fy, cx, cy, width, height.")
         try:
             pose = np.asarray(value["camera_to_world"], np.float64)
-            camera = Camera(
-                pose, *(float(value[key]) for key in ("fx", "fy", "cx", "cy")), int(value["width"]), int(value["height"])
-            )
+            fx, fy, cx, cy = (float(value[key]) for key in ("fx", "fy", "cx", "cy"))
+            camera = Camera(pose, fx, fy, cx, cy, int(value["width"]), int(value["height"]))
         except KeyError as error:
-            raise InputError(f"{source} has no key {error}; a camera needs camera_to_world, fx, fy, cx, cy, width, height.") from error
-        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{source} has no key {error}; a camera needs camera_to_world, fx, fy, cx, cy, width, height."
+            ) from error
+        except (TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{source} holds a camera with a value that is not a number: {error}.") from error
         camera.check(source)
         return camera
 
     def check(self, source: str) -> None:
-        """Raise `InputError` naming `source` unless the pose is a finite rigid motion and the intrinsics are positive."""
+        """Raise `InputError` naming `source` unless the pose is finite and rigid and the intrinsics are positive."""
         pose = self.camera_to_world
         if pose.shape != (4, 4):
             raise InputError(f"{source}: camera_to_world must be a 4x4 matrix, not {'x'.join(map(str, pose.shape))}.")
         if not np.isfinite(pose).all() or not np.isfinite([self.fx, self.fy, self.cx, self.cy]).all():
-            raise InputError(f"{source}: the camera contains NaN or infinity; estimate this pose again or remove the photo.")
+            raise InputError(
+                f"{source}: the camera contains NaN or infinity; estimate this pose again or remove the photo."
+            )
         rotation = pose[:3, :3]
         if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
             raise InputError(f"{source}: camera_to_world is not a rotation (scaled, sheared or mirrored axes).")

@@ -1,0 +1,217 @@
+"""COLMAP models, text and binary: `cameras`, `images` (`points3D` is not needed).
+
+A pose is world-to-camera with OpenCV axes (x right, y down, looking along +z): quaternion (w, x, y, z), translation.
+"""
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import inside
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.distortion import ADVICE, refuse_distortion
+from lightprobe.scene.frame import Frame, Problems
+
+_MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
+# COLMAP's model numbers: name, number of parameters
+_MODELS = {
+    0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4), 2: ("SIMPLE_RADIAL", 4), 3: ("RADIAL", 5), 4: ("OPENCV", 8),
+    5: ("OPENCV_FISHEYE", 8), 6: ("FULL_OPENCV", 12), 7: ("FOV", 5), 8: ("SIMPLE_RADIAL_FISHEYE", 4),
+    9: ("RADIAL_FISHEYE", 5), 10: ("THIN_PRISM_FISHEYE", 12), 11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+}  # fmt: skip
+_COUNTS = dict(_MODELS.values())
+_ONE_FOCAL = frozenset({"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
+_SUPPORTED = _ONE_FOCAL | {"PINHOLE", "OPENCV"}
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """One camera of the model file; its parameters are judged only when a photo uses it."""
+
+    model: str
+    width: int
+    height: int
+    parameters: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class _View:
+    """One registered image of the model file."""
+
+    quaternion: tuple[float, ...]
+    translation: tuple[float, ...]
+    lens: int
+    name: str
+
+
+def find_model(root: Path) -> Path | None:
+    """Return the first folder of `root` that holds a COLMAP model, or a part of one, or None."""
+    names = [f"{part}.{kind}" for part in ("cameras", "images") for kind in ("bin", "txt")]
+    return next((root / sub for sub in _MODEL_FOLDERS if any((root / sub / name).is_file() for name in names)), None)
+
+
+def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
+    """Return the frames of the model in folder `model`; photos are looked for in `root/images`, else in `root`."""
+    suffix = "bin" if any((model / f"{part}.bin").is_file() for part in ("cameras", "images")) else "txt"
+    paths = [model / f"{part}.{suffix}" for part in ("cameras", "images")]
+    for path in paths:
+        if not path.is_file():
+            raise InputError(f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}.")
+    try:
+        lenses = _read_cameras_binary(paths[0]) if suffix == "bin" else _read_cameras_text(paths[0])
+        views = _read_images_binary(paths[1]) if suffix == "bin" else _read_images_text(paths[1])
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{model} cannot be read: {error}.") from error
+    if not views:
+        raise InputError(f"{paths[1]} holds no registered images; run the COLMAP reconstruction again.")
+    folder = root / "images" if (root / "images").is_dir() else root
+    found = []
+    for view in views:
+        with problems.guard():
+            found.append(_frame(folder, paths, lenses, view))
+    return found
+
+
+def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Lens], view: _View) -> Frame:
+    image = inside(folder, view.name, source=paths[1])
+    if not image.is_file():
+        raise InputError(f"{paths[1]} names the photo '{view.name}', which is not in {folder}.")
+    if view.lens not in lenses:
+        raise InputError(f"{paths[1]}: '{view.name}' uses camera {view.lens}, which is not in {paths[0].name}.")
+    source = f"{paths[1]} ({view.name})"
+
+    def camera(width: int, height: int) -> Camera:
+        return _camera(lenses[view.lens], view, source)
+
+    return Frame(image, source, camera)
+
+
+def _camera(lens: _Lens, view: _View, source: str) -> Camera:
+    """Return the pinhole camera of a view; raise `InputError` for lens models and distortions that are not pinhole."""
+    if lens.model not in _SUPPORTED:
+        raise InputError(f"{source} has the camera model {lens.model}, which is not a pinhole camera; {ADVICE}.")
+    split = 1 if lens.model in _ONE_FOCAL else 2
+    focal, (cx, cy), distortion = (
+        lens.parameters[:split],
+        lens.parameters[split : split + 2],
+        lens.parameters[split + 2 :],
+    )
+    camera = Camera(_pose(view, source), focal[0], focal[-1], cx, cy, lens.width, lens.height)
+    camera.check(source)
+    refuse_distortion(camera, distortion[:2], distortion[2:] or (0.0, 0.0), source=source)
+    return camera
+
+
+def _pose(view: _View, source: str) -> np.ndarray:
+    """Return the 4x4 camera-to-world matrix with OpenGL axes of a world-to-camera pose with OpenCV axes."""
+    quaternion = np.asarray(view.quaternion)
+    length = np.linalg.norm(quaternion)
+    if not np.isfinite([*view.quaternion, *view.translation]).all() or length < 1e-9:
+        raise InputError(
+            f"{source}: the pose contains NaN or a zero quaternion; remove the photo or reconstruct again."
+        )
+    w, x, y, z = quaternion / length
+    to_camera = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    pose = np.eye(4)
+    pose[:3, :3] = to_camera.T * (1.0, -1.0, -1.0)
+    pose[:3, 3] = -to_camera.T @ np.asarray(view.translation)
+    return pose
+
+
+class _Binary:
+    """A little-endian binary file read from front to back."""
+
+    def __init__(self, path: Path):
+        self.path, self._data, self._position = path, path.read_bytes(), 0
+
+    def take(self, layout: str) -> tuple:
+        """Return the next values of a `struct` layout."""
+        try:
+            values = struct.unpack_from("<" + layout, self._data, self._position)
+        except struct.error as error:
+            raise InputError(f"{self.path} is cut short; copy it again.") from error
+        self._position += struct.calcsize("<" + layout)
+        return values
+
+    def text(self) -> str:
+        """Return the next zero-terminated text."""
+        end = self._data.find(b"\0", self._position)
+        if end < 0:
+            raise InputError(f"{self.path} is cut short; copy it again.")
+        text, self._position = self._data[self._position : end], end + 1
+        return text.decode("utf-8")
+
+    def skip(self, count: int) -> None:
+        """Step over `count` bytes."""
+        self._position += count
+        if self._position > len(self._data):
+            raise InputError(f"{self.path} is cut short; copy it again.")
+
+
+def _read_cameras_binary(path: Path) -> dict[int, _Lens]:
+    file, lenses = _Binary(path), {}
+    for _ in range(file.take("Q")[0]):
+        number, model, width, height = file.take("iiQQ")
+        if model not in _MODELS:
+            raise InputError(f"{path} has the unknown camera model number {model}.")
+        name, count = _MODELS[model]
+        lenses[number] = _Lens(name, width, height, file.take(f"{count}d"))
+    return lenses
+
+
+def _read_images_binary(path: Path) -> list[_View]:
+    file, views = _Binary(path), []
+    for _ in range(file.take("Q")[0]):
+        _, *pose, lens = file.take("I7dI")
+        views.append(_View(tuple(pose[:4]), tuple(pose[4:]), lens, file.text()))
+        file.skip(24 * file.take("Q")[0])  # observed points: x, y, point number
+    return views
+
+
+def _read_cameras_text(path: Path) -> dict[int, _Lens]:
+    lenses = {}
+    for number, words in _lines(path, str.split):
+        if not words:
+            continue
+        try:
+            key, model, width, height = int(words[0]), words[1], int(words[2]), int(words[3])
+            parameters = tuple(float(word) for word in words[4:])
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{path} line {number} is not a camera.") from error
+        if _COUNTS.get(model, len(parameters)) != len(parameters):
+            raise InputError(f"{path} line {number}: {model} needs {_COUNTS[model]} parameters, not {len(parameters)}.")
+        lenses[key] = _Lens(model, width, height, parameters)
+    return lenses
+
+
+def _read_images_text(path: Path) -> list[_View]:
+    """Read images.txt: two lines per image, of which the second, the observed points, may be empty."""
+    views = []
+    lines = _lines(path, lambda line: line.split(maxsplit=9))
+    for number, words in lines:
+        if not words:
+            continue
+        try:
+            pose, lens, name = [float(word) for word in words[1:8]], int(words[8]), words[9].strip()
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{path} line {number} is not an image.") from error
+        views.append(_View(tuple(pose[:4]), tuple(pose[4:]), lens, name))
+        next(lines, None)
+    return views
+
+
+def _lines(path: Path, split: Callable[[str], list[str]]) -> Iterator[tuple[int, list[str]]]:
+    """Yield (line number, words) of a text file without its comments."""
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if not line.startswith("#"):
+            yield number, split(line)

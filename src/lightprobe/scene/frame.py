@@ -1,0 +1,75 @@
+"""What a layout reader hands to the loader: one entry per photo, before its image file has been looked at."""
+
+import enum
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from lightprobe.core.errors import InputError
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Truth
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp"})
+
+
+class Split(enum.Enum):
+    """What a photo is for."""
+
+    TRAIN = "train"
+    TEST = "test"
+    RELIGHT = "relight"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One photo as the camera file names it."""
+
+    image: Path
+    source: str  # the camera file and entry, for error messages
+    camera: Callable[[int, int], Camera]  # (width, height) of the image file -> camera; raises `InputError`
+    mask: Path | None = None
+    split: Split | None = None  # None: no split given, the loader makes one
+    truth: Truth = field(default_factory=Truth)
+
+
+class Problems:
+    """Bad input met while a scene is read: raised at once, or collected so that all of it can be shown."""
+
+    def __init__(self, *, collect: bool = False):
+        self._collect = collect
+        self.messages: list[str] = []
+
+    @contextmanager
+    def guard(self) -> Iterator[None]:
+        """Run the block for one photo; when collecting, an `InputError` in it is kept and only that photo is lost."""
+        try:
+            yield
+        except InputError as error:
+            if not self._collect:
+                raise
+            self.messages.append(str(error))
+
+
+def list_images(folder: Path) -> list[Path]:
+    """Return the image files of `folder` and its subfolders in sorted order, without hidden ones."""
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file())
+    return sorted(path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
+
+
+def unique_names(paths: Sequence[Path], root: Path) -> list[str]:
+    """Return one name per path, unique whatever the case, and safe as a file name: the stem where that is enough."""
+    stems = [path.stem for path in paths]
+    if len({stem.casefold() for stem in stems}) < len(stems):
+        stems = [path.relative_to(root).with_suffix("").as_posix() for path in paths]
+    names: list[str] = []
+    taken: set[str] = set()
+    for stem in stems:
+        plain = re.sub(r"[^\w.\-]", "_", stem).strip(".")[:120] or "photo"
+        name, count = plain, 2
+        while name.casefold() in taken:
+            name, count = f"{plain}-{count}", count + 1
+        taken.add(name.casefold())
+        names.append(name)
+    return names

@@ -1,0 +1,130 @@
+"""From a folder to a `Scene`: which layout it has, its photos with masks and names, the split, the similarity."""
+
+import os
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import image_size, read_exif_ev100
+from lightprobe.scene import colmap, nerd, transforms
+from lightprobe.scene.frame import Frame, Problems, Split, list_images, unique_names
+from lightprobe.scene.normalise import find_similarity
+from lightprobe.scene.photo import Photo, Scene
+from lightprobe.scene.pixels import fit_camera, load_alpha
+
+_TEST_EVERY = 16  # NeRD's rule: test photos are images[::16] of the sorted list
+_MASK_FOLDERS = ("masks", "mask")
+_THUMBNAIL = 192  # longer side of the masks the similarity is computed from
+_LAYOUTS = (
+    f"poses_bounds.npy with images/ and masks/ (NeRD, LLFF), {transforms.SINGLE} or {transforms.TRAIN} (Blender, "
+    "nerfstudio), or a COLMAP model in sparse/0, sparse or the folder itself"
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a scene folder holds, before anything is computed from it."""
+
+    root: Path
+    format: str
+    photos: dict[Split, tuple[Photo, ...]]
+
+    def all_photos(self) -> list[tuple[Split, Photo]]:
+        """Return every photo with its split."""
+        return [(split, photo) for split, photos in self.photos.items() for photo in photos]
+
+
+def load_scene(path: Path) -> Scene:
+    """Read the scene in folder `path`, whichever of the known layouts it has.
+
+    Every camera, image header and mask is checked. Raises `InputError` at the first thing that is missing, damaged or
+    contradictory; `lightprobe.scene.inspect.inspect` lists all of them.
+    """
+    problems = Problems()
+    reading = read_folder(Path(path), problems)
+    masks = load_masks([photo for _, photo in reading.all_photos()], _THUMBNAIL, problems)
+    train = reading.photos[Split.TRAIN]
+    similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
+    test, relight = reading.photos[Split.TEST], reading.photos[Split.RELIGHT]
+    return Scene(reading.root, reading.format, train, test, relight, similarity)
+
+
+def read_folder(path: Path, problems: Problems) -> Reading:
+    """Return the photos of a scene folder; what is wrong with a single photo goes to `problems`."""
+    if not path.is_dir():
+        raise InputError(f"{path} is not a folder." if path.exists() else f"{path} does not exist.")
+    root, layout, frames = _read_frames(path.resolve(), problems)
+    frames.sort(key=lambda frame: frame.image.as_posix())
+    names = unique_names([frame.image for frame in frames], root)
+    masks = _MaskFolder(root)
+    photos: dict[Split, list[Photo]] = {split: [] for split in Split}
+    for index, (frame, name) in enumerate(zip(frames, names, strict=True)):
+        with problems.guard():
+            by_rule = Split.TRAIN if index % _TEST_EVERY else Split.TEST
+            photos[frame.split or by_rule].append(_photo(frame, name, masks))
+    if len(photos[Split.TRAIN]) < 2 and not problems.messages:
+        raise InputError(f"{root} holds {len(frames)} photos with cameras; two or more are needed for training.")
+    return Reading(root, layout, {split: tuple(found) for split, found in photos.items()})
+
+
+def load_masks(photos: Iterable[Photo], max_side: int, problems: Problems) -> dict[str, np.ndarray]:
+    """Return the masks (h, w) by photo name, scaled to `max_side`; photos without a usable one go to `problems`."""
+    found = {}
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the interpreter lock
+        waiting = [(photo, pool.submit(load_alpha, photo, max_side)) for photo in photos]
+        for photo, result in waiting:
+            with problems.guard():
+                found[photo.name] = result.result()
+    return found
+
+
+def unposed_images(reading: Reading) -> list[Path]:
+    """Return the files of `images/` that no camera belongs to."""
+    folder = reading.root / "images"
+    used = {photo.image_path for _, photo in reading.all_photos()}
+    return [path for path in list_images(folder) if path not in used] if folder.is_dir() else []
+
+
+def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]]:
+    """Return (scene folder, layout, frames) by the camera files present; `InputError` lists the layouts if none is."""
+    if any((root / name).is_file() for name in (transforms.TRAIN, transforms.SINGLE)):
+        return root, "transforms", transforms.read_transforms(root, problems)
+    if (root / nerd.POSES).is_file():
+        return root, "nerd", nerd.read_nerd(root)
+    model = colmap.find_model(root)
+    if model is None:
+        content = "is empty" if not any(root.iterdir()) else "holds photos but no cameras" if list_images(root) else ""
+        raise InputError(f"{root} {content or 'is not a scene'}; a scene folder has {_LAYOUTS}.")
+    if model == root:  # the model itself was named: the photos lie beside it or above
+        root = next((folder for folder in (root, *root.parents[:2]) if (folder / "images").is_dir()), root)
+    return root, "colmap", colmap.read_colmap(root, model, problems)
+
+
+def _photo(frame: Frame, name: str, masks: "_MaskFolder") -> Photo:
+    """Return the checked photo of a frame."""
+    camera = frame.camera(*image_size(frame.image))
+    camera.check(frame.source)
+    camera = fit_camera(camera, frame.image, frame.source)
+    mask = frame.mask or masks.find(frame.image)
+    return Photo(name, camera, frame.image, mask, read_exif_ev100(frame.image), frame.truth)
+
+
+class _MaskFolder:
+    """The mask files of a scene, found by the photo's name: `a.png` or `a.jpg.png` (COLMAP) for `images/a.jpg`."""
+
+    def __init__(self, root: Path):
+        self._images = root / "images"
+        self._files: dict[str, Path] = {}
+        for folder in (root / name for name in _MASK_FOLDERS if (root / name).is_dir()):
+            for path in list_images(folder):
+                self._files.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
+
+    def find(self, image: Path) -> Path | None:
+        """Return the mask of a photo, or None: the photo's alpha channel must do."""
+        below = image.relative_to(self._images) if image.is_relative_to(self._images) else Path(image.name)
+        keys = (below.with_suffix("").as_posix(), below.as_posix(), image.stem, image.name)
+        return next((self._files[key] for key in keys if key in self._files), None)

@@ -1,0 +1,46 @@
+"""The NeRD / LLFF layout: `poses_bounds.npy`, one row per photo of `images/` in sorted order, masks in `masks/`.
+
+A row is 15 pose values and two depth bounds (not needed here). The pose is 3x5 with the columns
+[down, right, backwards, position, (height, width, focal)], camera to world.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.frame import Frame, list_images
+
+POSES = "poses_bounds.npy"
+
+
+def read_nerd(root: Path) -> list[Frame]:
+    """Return the frames of a NeRD/LLFF folder; raise `InputError` when poses and photos do not belong together."""
+    path = root / POSES
+    try:
+        rows = np.asarray(np.load(path, allow_pickle=False), np.float64)
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"{path} cannot be read as a NumPy array: {error}.") from error
+    if rows.ndim != 2 or rows.shape[1] not in (15, 17):
+        raise InputError(f"{path} must hold 17 numbers per photo, but its shape is {rows.shape}.")
+    images = list_images(root / "images") if (root / "images").is_dir() else []
+    if len(images) != len(rows):
+        raise InputError(f"{path} holds {len(rows)} poses, but {root / 'images'} holds {len(images)} photos.")
+    return [_frame(path, index, row, image) for index, (row, image) in enumerate(zip(rows, images, strict=True))]
+
+
+def _frame(path: Path, index: int, row: np.ndarray, image: Path) -> Frame:
+    source = f"{path} row {index} ({image.name})"
+    pose = row[:15].reshape(3, 5)
+    down, right, back, position, size = pose.T
+
+    def camera(width: int, height: int) -> Camera:
+        if not np.isfinite(pose).all():
+            raise InputError(f"{source} contains NaN or infinity; estimate this pose again or remove the photo.")
+        to_world = np.eye(4)
+        to_world[:3] = np.stack([right, -down, back, position], axis=1)
+        rows, columns, focal = (float(value) for value in size)
+        return Camera(to_world, focal, focal, columns / 2, rows / 2, round(columns), round(rows))
+
+    return Frame(image, source, camera)

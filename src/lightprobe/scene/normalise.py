@@ -1,0 +1,131 @@
+"""Where the object is and how large: the similarity that puts it at the origin with radius 1.
+
+Found from masks and cameras alone: the rays through the mask centroids give a first place, the extent of the masks a
+first size, and the visual hull in that volume the bounding box whose centre and farthest point are used.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import ndimage
+
+from lightprobe.core.errors import InputError
+from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.hull import Hull, visual_hull
+
+_COARSE, _FINE = 64, 96
+_GROWTH = 1.5  # of the searched cube when the hull reaches its walls
+_MARGIN = 1.15  # of the cube around the hull, for thin parts that fall between coarse voxels
+_ATTEMPTS = 8
+_AGREEMENTS = (0.95, 0.8)  # the second for scenes whose masks or poses are rough
+# Far behind the object lies space that few, similar cameras see, all with the object in front: it is not the object.
+_SEEN_BY = 0.1
+
+
+def find_similarity(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> Similarity:
+    """Return the similarity of the object in the `alphas` (H, W) seen by input-frame `cameras`; deterministic.
+
+    Raises `InputError` when no point of space lies inside the masks: poses and masks then do not belong together.
+    """
+    center, radius = first_guess(cameras, alphas)
+    for agreement in _AGREEMENTS:
+        low, high = center - radius, center + radius
+        for _ in range(_ATTEMPTS):
+            hull = visual_hull(cameras, alphas, _COARSE, lo=low, hi=high, agreement=agreement, seen_by=_SEEN_BY)
+            if not hull.occupancy.any():
+                break
+            (low, high), fits = _better_box(hull)
+            if fits:
+                fine = visual_hull(cameras, alphas, _FINE, lo=low, hi=high, agreement=agreement, seen_by=_SEEN_BY)
+                return _enclosing(fine if fine.occupancy.any() else hull)
+    raise InputError(
+        "Masks and cameras do not agree: no bounded part of space lies inside the masks of the photos that see it; "
+        "run `lightprobe inspect` to see whether masks are inverted or poses follow another convention."
+    )
+
+
+def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+    """Return a point (3,) near the object's middle and a rough radius around it, in the cameras' frame.
+
+    Masks cut by the photo's border say little about middle and size, and are used only when there are no others.
+    """
+    whole = [not _touches_border(alpha) for alpha in alphas]
+    chosen = [i for i, use in enumerate(whole) if use] if sum(whole) >= 3 else list(range(len(alphas)))
+    sized = [cameras[i].resized(alphas[i].shape[1], alphas[i].shape[0]) for i in chosen]
+    pixels = [np.argwhere(alphas[i] >= 0.5)[:, ::-1] + 0.5 for i in chosen]
+    rays = [_direction(camera, *points.mean(axis=0)) for camera, points in zip(sized, pixels, strict=True)]
+    center = _nearest_point(np.stack([camera.position for camera in sized]), np.stack(rays))
+    radii = []
+    for camera, points in zip(sized, pixels, strict=True):
+        u, v, depth = camera.project(center[None])[0]
+        if depth > 0:
+            offset = np.hypot((points[:, 0] - u) / camera.fx, (points[:, 1] - v) / camera.fy)
+            radii.append(depth * offset.max())
+    if not radii or not np.isfinite(center).all():
+        raise InputError(
+            "The cameras look away from the point their masks point to; run `lightprobe inspect` to see which pose "
+            "convention fits."
+        )
+    return center, 1.3 * float(np.median(radii))
+
+
+def _better_box(hull: Hull) -> tuple[tuple[np.ndarray, np.ndarray], bool]:
+    """Return the cube to search next, and whether it frames the hull: nothing cut off, little empty space."""
+    low, high = _bounds(hull)
+    middle, half = (low + high) / 2, (high - low).max() / 2
+    size = (hull.hi - hull.lo).max() / 2
+    cut = (low - hull.lo < hull.voxel).any() or (hull.hi - high < hull.voxel).any()
+    half = _GROWTH * size if cut else _MARGIN * half + hull.voxel.max()
+    return (middle - half, middle + half), not cut and half > 0.7 * size
+
+
+def _enclosing(hull: Hull) -> Similarity:
+    """Return the similarity that maps the hull's bounding-box centre to 0 and its farthest point to distance 1.
+
+    The object may reach a voxel past the farthest centre that won the vote; with that voxel it stays inside.
+    """
+    low, high = _bounds(hull)
+    center = (low + high) / 2
+    distance = np.linalg.norm(hull.centers(_main_parts(hull.occupancy)) - center, axis=1).max()
+    return Similarity(center, float(distance + hull.voxel.max()))
+
+
+def _bounds(hull: Hull) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest corner of the occupied voxels."""
+    points = hull.centers(_main_parts(hull.occupancy))
+    return points.min(axis=0) - hull.voxel / 2, points.max(axis=0) + hull.voxel / 2
+
+
+def _main_parts(occupancy: np.ndarray) -> np.ndarray:
+    """Return `occupancy` without specks: connected parts below a hundredth of the largest one."""
+    labels, _ = ndimage.label(occupancy, structure=np.ones((3, 3, 3)))
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return (sizes >= 0.01 * sizes.max())[labels] & occupancy
+
+
+def _touches_border(alpha: np.ndarray) -> bool:
+    """Tell whether the mask is cut by the border of the photo."""
+    inside = alpha >= 0.5
+    return bool(inside[0].any() or inside[-1].any() or inside[:, 0].any() or inside[:, -1].any())
+
+
+def _direction(camera: Camera, u: float, v: float) -> np.ndarray:
+    """Return the unit world direction (3,) of the ray through pixel position (u, v)."""
+    local = np.array([(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, -1.0])
+    world = camera.camera_to_world[:3, :3] @ local
+    return world / np.linalg.norm(world)
+
+
+def _nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Return the point (3,) with the least sum of distances to the rays (N, 3): reweighted least squares."""
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    weight = np.ones(len(origins))
+    point = np.zeros(3)
+    for _ in range(20):
+        matrix = (weight[:, None, None] * across).sum(axis=0)
+        right = (weight[:, None] * np.einsum("nij,nj->ni", across, origins)).sum(axis=0)
+        point = np.linalg.lstsq(matrix, right, rcond=None)[0]
+        distance = np.linalg.norm(np.einsum("nij,nj->ni", across, point - origins), axis=1)
+        weight = 1 / np.maximum(distance, 1e-3 * distance.mean() + 1e-12)
+    return point

@@ -1,0 +1,157 @@
+"""Scenes described by `transforms*.json`: Blender's (`camera_angle_x`), nerfstudio's and instant-ngp's (`fl_x`, ...).
+
+`transform_matrix` is camera-to-world with OpenGL axes. Intrinsics may stand in the frame or beside `frames`. Photos are
+split by file (`transforms_train.json`, `_test`, `_val` when there is no `_test`, `_relight`), else by nerfstudio's
+`train_filenames`, `test_filenames` or `val_filenames`.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import inside, read_json
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.distortion import ADVICE, refuse_distortion
+from lightprobe.scene.frame import Frame, Problems, Split
+from lightprobe.scene.photo import Truth
+
+TRAIN, SINGLE = "transforms_train.json", "transforms.json"
+_GUESSED_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
+_PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
+_TRUTH_KEYS = {
+    "environment": "env_path",
+    "linear": "hdr_path",
+    "base_color": "basecolor_path",
+    "orm": "orm_path",
+    "normal": "normal_path",
+}
+
+
+def read_transforms(root: Path, problems: Problems) -> list[Frame]:
+    """Return the frames of all `transforms*.json` that apply; bad frames go to `problems`."""
+    if not (root / TRAIN).is_file():
+        return _read_file(root, root / SINGLE, None, problems)
+    test = next((name for name in ("transforms_test.json", "transforms_val.json") if (root / name).is_file()), None)
+    frames = _read_file(root, root / TRAIN, Split.TRAIN if test else None, problems)
+    if test:
+        frames += _read_file(root, root / test, Split.TEST, problems)
+    if (root / "transforms_relight.json").is_file():
+        frames += _read_file(root, root / "transforms_relight.json", Split.RELIGHT, problems)
+    return frames
+
+
+def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) -> list[Frame]:
+    data = read_json(path)
+    if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
+        raise InputError(f"{path} has no list of 'frames'.")
+    named = _named_splits(data, path) if split is None else {}
+    found = []
+    for index, entry in enumerate(data["frames"]):
+        with problems.guard():
+            if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
+                raise InputError(f"{path} frame {index} has no 'file_path'.")
+            settings = {**{key: value for key, value in data.items() if key != "frames"}, **entry}
+            frame_split = named.get(Path(entry["file_path"]).as_posix(), Split.TRAIN) if named else split
+            found.append(_frame(root, path, settings, frame_split))
+    return found
+
+
+def _named_splits(data: dict[str, Any], path: Path) -> dict[str, Split]:
+    """Return nerfstudio's explicit test photos by file path, or nothing when the file names none."""
+    names = data.get("test_filenames") or data.get("val_filenames") or []
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{path}: 'test_filenames' must be a list of file names.")
+    return {Path(name).as_posix(): Split.TEST for name in names}
+
+
+def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None) -> Frame:
+    """Return the frame of one entry merged over the settings of its file."""
+    source = f"{path} ({settings['file_path']})"
+    mask = None
+    if settings.get("mask_path"):
+        mask = _inside(root, settings, "mask_path", path)
+        if not mask.is_file():
+            raise InputError(f"{source} names the mask '{settings['mask_path']}', which does not exist.")
+
+    def camera(width: int, height: int) -> Camera:
+        return _camera(settings, source, width, height)
+
+    return Frame(_image(root, path, settings), source, camera, mask, split, _truth(root, path, settings))
+
+
+def _image(root: Path, path: Path, settings: dict[str, Any]) -> Path:
+    """Return the image file; the extension may be missing, as Blender's exporters leave it."""
+    candidate = _inside(root, settings, "file_path", path)
+    for suffix in _GUESSED_SUFFIXES:
+        guess = candidate.with_name(candidate.name + suffix)
+        if guess.is_file():
+            return guess
+    raise InputError(f"{path} names the photo '{settings['file_path']}', which does not exist.")
+
+
+def _truth(root: Path, path: Path, settings: dict[str, Any]) -> Truth:
+    """Return the ground-truth files that are named and exist."""
+    files = {}
+    for name, key in _TRUTH_KEYS.items():
+        if settings.get(key):
+            file = _inside(root, settings, key, path)
+            files[name] = file if file.is_file() else None
+    return Truth(**files)
+
+
+def _inside(root: Path, settings: dict[str, Any], key: str, path: Path) -> Path:
+    value = settings[key]
+    if not isinstance(value, str):
+        raise InputError(f"{path}: '{key}' must be text, not {value!r}.")
+    return inside(root, value.replace("\\", "/"), source=path)
+
+
+def _camera(settings: dict[str, Any], source: str, image_width: int, image_height: int) -> Camera:
+    """Return the camera; sizes and principal point that are not given follow from the image."""
+    model = settings.get("camera_model") or "OPENCV"
+    if model not in _PINHOLE_MODELS or settings.get("is_fisheye"):
+        raise InputError(
+            f"{source} has the camera model {model} (or fisheye), which is not a pinhole camera; {ADVICE}."
+        )
+    keys = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
+    w, h, fx, fy, cx, cy, angle_x, angle_y = (_number(settings, key, source) for key in keys)
+    width, height = w or image_width, h or image_height
+    fx = fx or _focal(angle_x, width)
+    fy = fy or _focal(angle_y, height) or fx
+    if fx is None or fy is None:
+        raise InputError(f"{source} has no focal length: 'camera_angle_x' or 'fl_x' is needed.")
+    center = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
+    camera = Camera(_pose(settings, source), fx, fy, *center, round(width), round(height))
+    camera.check(source)
+    lens = [_number(settings, key, source) or 0.0 for key in ("k1", "k2", "k3", "k4", "p1", "p2")]
+    refuse_distortion(camera, lens[:4], lens[4:], source=source)
+    return camera
+
+
+def _number(settings: dict[str, Any], key: str, source: str) -> float | None:
+    """Return a setting as a finite float, or None where it is not given."""
+    value = settings.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{source}: '{key}' must be a finite number, not {value!r}.")
+    return float(value)
+
+
+def _focal(angle: float | None, extent: float) -> float | None:
+    """Return the focal length in pixels for a field of view of `angle` radians over `extent` pixels."""
+    return None if angle is None else 0.5 * extent / math.tan(0.5 * angle) if 0 < angle < math.pi else -1.0
+
+
+def _pose(settings: dict[str, Any], source: str) -> np.ndarray:
+    """Return the 4x4 camera-to-world matrix; the last row may be missing."""
+    try:
+        matrix = np.asarray(settings.get("transform_matrix"), np.float64)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.shape not in ((4, 4), (3, 4)):
+        raise InputError(f"{source}: 'transform_matrix' must be a 4x4 matrix of numbers.")
+    return np.concatenate([matrix[:3], [[0.0, 0.0, 0.0, 1.0]]])
