@@ -131,8 +131,15 @@ class RunFolder:
     # ---- what the run was started with
 
     def record_scene(self, scene: dict[str, Any]) -> None:
-        """Write scene.json, or check that the run was started with this very scene; raise `ConfigError` if not."""
-        self._record(self.scene_file, scene, "scene", "the photos, masks or cameras have changed")
+        """Write scene.json, or check that the run was started with this very scene; raise `ConfigError` if not.
+
+        The scene's folder, `root`, may have moved in between; everything else must be the same.
+        """
+        if self.scene_file.exists():
+            moved = {**self.scene(), "root": scene["root"]}
+            self._check_same(moved, _plain(scene), "scene", "the photos, masks or cameras have changed")
+        if not self.scene_file.exists() or self.scene()["root"] != scene["root"]:
+            write_json(self.scene_file, scene)
 
     def record_config(self, phase: str, config: dict[str, Any]) -> None:
         """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError` if not."""
@@ -160,12 +167,6 @@ class RunFolder:
                 shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         write_json(self.config_file, {k: v for k, v in read_json(self.config_file).items() if k != phase})
         self.rewind_metrics(phase, -1)
-
-    def _record(self, path: Path, value: dict[str, Any], what: str, hint: str) -> None:
-        if path.exists():
-            self._check_same(read_json(path), _plain(value), what, hint)
-        else:
-            write_json(path, _plain(value))
 
     def _check_same(self, stored: Any, given: Any, what: str, hint: str) -> None:
         difference = _first_difference(stored, given, what)
@@ -229,8 +230,10 @@ def _lock(handle: int) -> bool:
         return True
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         return False
+    except OSError:  # a file system without locks
+        return True
     return True
 
 

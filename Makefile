@@ -1,0 +1,36 @@
+# make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
+# make check   style, types, import contract, fast tests
+# make test    the same with the slow tests
+# make bench   timings of the kernels and of a prediction
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.installed
+
+.PHONY: demo check test bench
+
+demo: $(READY)
+	$(BIN)/lightprobe demo
+
+check: $(READY)
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+	@$(BIN)/pytest -q -m "not slow and not cuda"
+
+test: $(READY)
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+	@$(BIN)/pytest -q
+
+bench: $(READY)
+	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests
+
+$(READY): pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	touch $@

@@ -1,0 +1,56 @@
+"""Turn one photo of a known object into the HDR environment map around it.
+
+    import lightprobe
+    scene = lightprobe.load_scene("photos/cup")
+    decomposition = lightprobe.decompose(scene)
+    model = lightprobe.distill(decomposition, scene)
+    prediction = lightprobe.Predictor(decomposition, model).predict(pixels, camera)
+    image, coverage = lightprobe.relight(decomposition, prediction.environment, camera)
+
+Names are loaded when first used, so importing this package costs nothing.
+"""
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lightprobe.decompose import decompose as decompose
+    from lightprobe.distill import distill as distill
+    from lightprobe.evaluate import evaluate as evaluate
+    from lightprobe.evaluate import relight as relight
+    from lightprobe.predict import Predictor as Predictor
+    from lightprobe.scene import load_scene as load_scene
+
+__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_scene", "relight"]
+
+_HOME = {"Predictor": "predict", "load_scene": "scene", "relight": "evaluate"}
+_PHASES = ("decompose", "distill", "evaluate")  # packages that share their name with the one thing they do
+
+
+class _Phase(ModuleType):
+    """A package that can be called like the function of its own name."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return getattr(self, self.__name__.rpartition(".")[2])(*args, **kwargs)
+
+
+class _Lightprobe(ModuleType):
+    """This package; the import system hands it every subpackage by setting an attribute."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _PHASES and isinstance(value, ModuleType):
+            value.__class__ = _Phase
+        super().__setattr__(name, value)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PHASES:
+        return importlib.import_module(f"lightprobe.{name}")
+    if name in _HOME:
+        return getattr(importlib.import_module(f"lightprobe.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'lightprobe' has no attribute '{name}'")
+
+
+sys.modules[__name__].__class__ = _Lightprobe
