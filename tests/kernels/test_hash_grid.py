@@ -68,6 +68,13 @@ def test_points_outside_are_clamped(body_dtype):
     assert torch.equal(hash_encode(outside, table, resolutions), hash_encode(outside.clamp(0, 1), table, resolutions))
 
 
+def test_the_far_face_reads_no_row_beyond_its_level():
+    table = torch.full((2, 64, 1), torch.inf)
+    table[0, :, 0] = torch.arange(64)
+    out = hash_encode(torch.tensor([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0]]), table, torch.tensor([3, 3]))
+    assert out[:, 0].tolist() == [63, 51]
+
+
 def test_continuous_across_cells():
     _, table, resolutions = problem()
     boundary = torch.rand(200, 3, dtype=torch.float64)

@@ -98,6 +98,17 @@ def test_shared_edges_leave_no_crack(cells, jitter, snap, low, seed):
     assert (rasterize(screen, faces, 32, 32).face >= 0).all()
 
 
+def test_an_edge_that_rounding_cannot_place_leaves_no_crack():
+    """The edge passes pixel centres closer than float64 tells; only equal evaluation in both faces keeps it shut."""
+    random = torch.Generator().manual_seed(0)
+    for _ in range(30):
+        start = torch.rand(2, generator=random) * 1e-14
+        points = torch.stack([start, torch.tensor([64.5, 64.5]), torch.tensor([-3.0, 70]), torch.tensor([70, -3.0])])
+        screen = torch.cat([points, torch.ones(4, 1)], dim=1)
+        for faces in ([[0, 1, 2], [1, 0, 3]], [[1, 0, 2], [0, 1, 3]]):
+            assert (rasterize(screen, torch.tensor(faces), 64, 64).face.diagonal() >= 0).all()
+
+
 def test_tiny_triangles_leave_no_crack():
     screen, faces = sheet(400, -0.37, 20.61, jitter=0.45)  # 400 triangles per pixel
     assert (rasterize(screen, faces, 20, 20).face >= 0).all()

@@ -18,7 +18,7 @@ RUN_BITS = 6
 def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     """Return (N, C): sum over k of `weight[n, k] * values[index[n, k]]`."""
     out = values.new_empty(index.shape[0], values.shape[1])
-    threads()
+    threads(index.numel() * values.shape[1])
     _gather(*arrays(values, index, weight), out.numpy())
     return out
 
@@ -26,14 +26,14 @@ def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
 def scatter_weighted(grad: Tensor, index: Tensor, weight: Tensor, rows: int) -> Tensor:
     """Return the gradient (rows, C) to `values`."""
     out = grad.new_zeros(rows, grad.shape[1])
-    _scatter_weighted(*arrays(grad, index, weight), _lanes(), out.numpy())
+    _scatter_weighted(*arrays(grad, index, weight), _lanes(index.numel() * grad.shape[1]), out.numpy())
     return out
 
 
 def row_products(grad: Tensor, index: Tensor, values: Tensor) -> Tensor:
     """Return the gradient (N, K) to `weight`."""
     out = torch.empty(index.shape, dtype=grad.dtype)
-    threads()
+    threads(index.numel() * values.shape[1])
     _row_products(*arrays(grad, index, values), out.numpy())
     return out
 
@@ -41,13 +41,13 @@ def row_products(grad: Tensor, index: Tensor, values: Tensor) -> Tensor:
 def scatter_rows(grad: Tensor, index: Tensor, rows: int) -> Tensor:
     """Return (rows, C): `grad` (N, C) summed into the rows named by `index` (N,)."""
     out = grad.new_zeros(rows, grad.shape[1])
-    _scatter_rows(*arrays(grad, index), _lanes(), out.numpy())
+    _scatter_rows(*arrays(grad, index), _lanes(grad.numel()), out.numpy())
     return out
 
 
-def _lanes() -> int:
-    """Return the largest power of two not above the number of threads."""
-    return 1 << (threads().bit_length() - 1)
+def _lanes(work: int) -> int:
+    """Return the largest power of two not above the number of threads for this work."""
+    return 1 << (threads(work).bit_length() - 1)
 
 
 @compiled(parallel=True)

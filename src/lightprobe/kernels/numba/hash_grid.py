@@ -18,14 +18,14 @@ PRIME_Z = np.uint32(805459861)
 def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
     """Return the features (N, L*F)."""
     out = table.new_empty(points.shape[0], table.shape[0] * table.shape[2])
-    _encode(*arrays(points, table), np.array(cells, np.int32), threads(), out.numpy())
+    _encode(*arrays(points, table), np.array(cells, np.int32), threads(8 * out.numel()), out.numpy())
     return out
 
 
 def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape: torch.Size) -> Tensor:
     """Return the gradient (L, T, F) to the table."""
     out = grad.new_zeros(table_shape)
-    _encode_backward(*arrays(grad, points), np.array(cells, np.int32), threads(), out.numpy())
+    _encode_backward(*arrays(grad, points), np.array(cells, np.int32), threads(8 * grad.numel()), out.numpy())
     return out
 
 

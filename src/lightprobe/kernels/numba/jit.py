@@ -8,6 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+STEPS_PER_THREAD = 50_000
+
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return `numba.njit` with a disk cache, or without one where no folder can be written.
@@ -24,12 +26,15 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
     return decorate
 
 
-def threads() -> int:
-    """Set Numba's thread count to PyTorch's and return it, so that `torch.set_num_threads` governs both pools.
+def threads(work: int) -> int:
+    """Set Numba's thread count for a loop of `work` steps (about a nanosecond each) and return it.
 
-    Loops that need the count take it as an argument: one that asks Numba for it cannot be cached on disk.
+    At most as many as PyTorch uses, so that `torch.set_num_threads` governs both pools; one for small work, because on
+    a busy machine even an idle thread costs a wait for its turn. Loops that need the count take it as an argument:
+    one that asks Numba for it cannot be cached on disk.
     """
-    count = max(1, min(torch.get_num_threads(), int(numba.config.NUMBA_NUM_THREADS)))  # type: ignore[attr-defined]
+    count = min(torch.get_num_threads(), int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    count = max(1, min(count, work // STEPS_PER_THREAD))
     numba.set_num_threads(count)
     return count
 

@@ -19,7 +19,7 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
     face = torch.full((height, width), -1, dtype=torch.int32)
     inverse_depth = torch.zeros(height, width)
     points, triangles = arrays(screen, faces)
-    workers = threads()
+    workers = threads(32 * faces.shape[0] + height * width)
     span = _bands(points, triangles, height, width)
     first, order = _sort_into_bands(span, (height + BAND - 1) // BAND)
     _draw(points, triangles, first, order, workers, face.numpy(), inverse_depth.numpy())

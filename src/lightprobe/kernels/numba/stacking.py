@@ -30,7 +30,7 @@ def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, direct
     scale = alpha2[:, None] / math.pi
     factors = torch.cat([scale, scale * colors], dim=1)
     out = colors.new_zeros(4, directions.shape[0])
-    threads()
+    threads(normals.shape[0] * directions.shape[0])
     _stack(*arrays(_frames(normals, views, alpha2), factors, directions.T), out.numpy())
     return out[1:].T.contiguous(), out[0]
 
@@ -38,7 +38,7 @@ def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, direct
 def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> Tensor:
     """Return sum_w D_p(w) grad(w), shape (N, 3), for `grad` (M, 3) already divided by W."""
     out = grad.new_zeros(normals.shape[0], 3)
-    threads()
+    threads(normals.shape[0] * directions.shape[0])
     _stack_backward(*arrays(_frames(normals, views, alpha2), grad.T, directions.T), out.numpy())
     return out * (alpha2[:, None] / math.pi)
 
