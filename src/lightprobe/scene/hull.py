@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
+from lightprobe.kernels.numba.jit import compiled, threads
 from lightprobe.scene.camera import Camera
 
 
@@ -39,6 +40,7 @@ class Hull:
         local = (camera.position - self.lo) / self.voxel
         axes = camera.camera_to_world[:3, :3] / self.voxel[:, None]
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+        threads(camera.height * camera.width * self.occupancy.shape[0])
         return _cast(self._distance, local, axes, intrinsics, camera.height, camera.width)
 
     @functools.cached_property
@@ -70,6 +72,7 @@ def visual_hull(
     starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
     masks = np.concatenate([(np.asarray(alpha) >= 0.5).reshape(-1) for alpha in alphas])
     low, high = np.asarray(lo, np.float64), np.asarray(hi, np.float64)
+    threads(len(sized) * resolution**3)
     inside, seen = _vote(projections, sizes, starts, masks, low, (high - low) / resolution, resolution)
     enough = max(min(2, len(sized)), int(np.ceil(seen_by * len(sized))))
     score = np.where(seen >= enough, inside / np.maximum(seen, 1), 0).astype(np.float32)
@@ -83,7 +86,7 @@ def projection_matrix(camera: Camera) -> np.ndarray:
     return np.concatenate([rows, -rows @ camera.position[:, None]], axis=1)
 
 
-@numba.njit(parallel=True, cache=True)
+@compiled(parallel=True)
 def _vote(
     projections: np.ndarray,
     sizes: np.ndarray,
@@ -119,7 +122,7 @@ def _vote(
     return inside, seen
 
 
-@numba.njit(parallel=True, cache=True)
+@compiled(parallel=True)
 def _cast(
     distance: np.ndarray, origin: np.ndarray, axes: np.ndarray, intrinsics: np.ndarray, height: int, width: int
 ) -> np.ndarray:
@@ -136,7 +139,7 @@ def _cast(
     return picture
 
 
-@numba.njit(cache=True)
+@compiled()
 def _hits(distance: np.ndarray, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> bool:
     """Tell whether a ray meets an occupied voxel: from voxel to voxel near one, in leaps where all around is empty."""
     size = distance.shape[0]
@@ -160,6 +163,6 @@ def _hits(distance: np.ndarray, ox: float, oy: float, oz: float, dx: float, dy: 
     return False
 
 
-@numba.njit(cache=True)
+@compiled()
 def _nonzero(value: float) -> float:
     return value if abs(value) > 1e-12 else 1e-12

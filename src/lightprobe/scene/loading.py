@@ -1,10 +1,11 @@
 """From a folder to a `Scene`: which layout it has, its photos with masks and names, the split, the similarity."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from lightprobe.scene.frame import Frame, Problems, Split, list_images, unique_n
 from lightprobe.scene.normalise import find_similarity
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.scene.pixels import fit_camera, load_alpha
+
+T = TypeVar("T")
 
 _TEST_EVERY = 16  # NeRD's rule: test photos are images[::16] of the sorted list
 _MASK_FOLDERS = ("masks", "mask")
@@ -74,12 +77,22 @@ def read_folder(path: Path, problems: Problems) -> Reading:
 def load_masks(photos: Iterable[Photo], max_side: int, problems: Problems) -> dict[str, np.ndarray]:
     """Return the masks (h, w) by photo name, scaled to `max_side`; photos without a usable one go to `problems`."""
     found = {}
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the interpreter lock
-        waiting = [(photo, pool.submit(load_alpha, photo, max_side)) for photo in photos]
-        for photo, result in waiting:
-            with problems.guard():
-                found[photo.name] = result.result()
+    for photo, result in in_parallel(lambda photo: load_alpha(photo, max_side), photos):
+        with problems.guard():
+            found[photo.name] = result()
     return found
+
+
+def in_parallel(work: Callable[[Photo], T], photos: Iterable[Photo]) -> Iterator[tuple[Photo, Callable[[], T]]]:
+    """Do `work` on all photos in threads (decoding releases the interpreter lock); yield each photo in order with a
+    function that returns its result or raises its error."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        waiting = [(photo, pool.submit(work, photo)) for photo in photos]
+        try:
+            for photo, future in waiting:
+                yield photo, future.result
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def unposed_images(reading: Reading) -> list[Path]:

@@ -19,16 +19,20 @@ def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Came
     Colour is linear and straight; it is 0 where alpha is 0. Raises `InputError` naming the file when the photo or mask
     is missing or damaged, when their sizes differ, or when the mask shows no object.
     """
-    orient = _follows_orientation(photo)
-    color, alpha = read_ldr(photo.image_path, orient=orient)
-    alpha = _checked_alpha(photo, alpha) if photo.mask_path is None else load_alpha(photo)
+    color, alpha = decode(photo)
     color = np.where(alpha[..., None] > 0, color, np.float32(0))
-    width, height = _target_size(photo.camera, max_side)
+    width, height = target_size(photo.camera, max_side)
     if (height, width) != alpha.shape:
         premultiplied = resize_area(color * alpha[..., None], height, width)
         alpha = resize_area(alpha, height, width)
         color = premultiplied / np.maximum(alpha, 1e-6)[..., None]
     return Pixels(color.astype(np.float32, copy=False), alpha), photo.camera.resized(width, height)
+
+
+def decode(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
+    """Return linear straight colour (H, W, 3), background included, and alpha (H, W) at full size; errors as above."""
+    color, alpha = read_ldr(photo.image_path, orient=_follows_orientation(photo))
+    return color, _checked_alpha(photo, alpha) if photo.mask_path is None else load_alpha(photo)
 
 
 def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
@@ -38,7 +42,7 @@ def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
         alpha = _checked_alpha(photo, read_alpha(photo.image_path, orient=orient))
     else:
         alpha = _checked_alpha(photo, read_mask(photo.mask_path, orient=orient))
-    width, height = _target_size(photo.camera, max_side)
+    width, height = target_size(photo.camera, max_side)
     return alpha if (height, width) == alpha.shape else resize_area(alpha, height, width)
 
 
@@ -91,7 +95,8 @@ def _checked_alpha(photo: Photo, alpha: np.ndarray | None) -> np.ndarray:
     return alpha
 
 
-def _target_size(camera: Camera, max_side: int | None) -> tuple[int, int]:
+def target_size(camera: Camera, max_side: int | None) -> tuple[int, int]:
+    """Return (width, height) of a photo scaled down so that no side exceeds `max_side`."""
     longest = max(camera.width, camera.height)
     if max_side is None or max_side >= longest:
         return camera.width, camera.height

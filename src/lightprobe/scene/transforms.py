@@ -77,7 +77,7 @@ def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None
             raise InputError(f"{source} names the mask '{settings['mask_path']}', which does not exist.")
 
     def camera(width: int, height: int) -> Camera:
-        return _camera(settings, source, width, height)
+        return frame_camera(settings, source, width, height)
 
     return Frame(_image(root, path, settings), source, camera, mask, split, _truth(root, path, settings))
 
@@ -109,8 +109,12 @@ def _inside(root: Path, settings: dict[str, Any], key: str, path: Path) -> Path:
     return inside(root, value.replace("\\", "/"), source=path)
 
 
-def _camera(settings: dict[str, Any], source: str, image_width: int, image_height: int) -> Camera:
-    """Return the camera; sizes and principal point that are not given follow from the image."""
+def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_height: int) -> Camera:
+    """Return the camera of one frame merged over the settings of its file; `source` names it in errors.
+
+    Size and principal point that are not given follow from the image. Raises `InputError` for a lens that is not a
+    pinhole, for values that are no numbers and for a pose that is no rigid motion.
+    """
     model = settings.get("camera_model") or "OPENCV"
     if model not in _PINHOLE_MODELS or settings.get("is_fisheye"):
         raise InputError(

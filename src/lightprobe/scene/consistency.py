@@ -1,0 +1,124 @@
+"""Do masks and cameras tell one story? The visual hull's silhouettes against the masks, and what may be wrong if not.
+
+Overlap is intersection over union (IoU) of silhouette and mask in pixels: 1 is agreement.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import resize_area
+from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.hull import Hull, visual_hull
+from lightprobe.scene.normalise import find_similarity
+
+_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = 32, 96, 64
+_CLEARLY_BETTER = 0.1  # gain in IoU that makes a suspicion worth a word
+
+
+def fitted_hull(
+    cameras: Sequence[Camera], alphas: Sequence[np.ndarray], similarity: Similarity, resolution: int
+) -> Hull:
+    """Return the hull in the normalised frame on a grid that fits it closely; `cameras` are in the input frame."""
+    normalised = [camera.normalised(similarity) for camera in cameras]
+    rough = visual_hull(normalised, alphas, resolution // 2)
+    if not rough.occupancy.any():
+        return rough
+    points = rough.centers(rough.occupancy)
+    low, high = points.min(axis=0) - 2 * rough.voxel, points.max(axis=0) + 2 * rough.voxel
+    return visual_hull(normalised, alphas, resolution, lo=low, hi=high)
+
+
+def silhouette(hull: Hull, camera: Camera, similarity: Similarity, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the hull's (height, width) bool picture of size `shape` for an input-frame `camera`."""
+    return hull.silhouette(camera.normalised(similarity).resized(shape[1], shape[0]))
+
+
+def overlap(mask: np.ndarray, picture: np.ndarray) -> float:
+    """Return the IoU of two bool pictures; 1 when both are empty."""
+    union = int((mask | picture).sum())
+    return float((mask & picture).sum() / union) if union else 1.0
+
+
+def explain(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], mean_overlap: float) -> str | None:
+    """Return a sentence naming the convention under which masks and cameras agree much better, or None.
+
+    Each of the usual mistakes is undone in turn, on a few small masks, and the hull is carved anew.
+    """
+    chosen = np.unique(np.linspace(0, len(alphas) - 1, min(len(alphas), _TRIAL_PHOTOS)).astype(int))
+    small = [(cameras[i], _shrunk(alphas[i])) for i in chosen]
+    trials = [(_trial(small, change), sentence) for sentence, change in _SUSPICIONS]
+    best, sentence = max(trials, key=lambda trial: trial[0])
+    if best < mean_overlap + _CLEARLY_BETTER:
+        return None
+    return f"{sentence} (the visual hull then agrees with the masks at IoU {best:.2f} instead of {mean_overlap:.2f})."
+
+
+Change = Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]
+
+
+def _trial(views: Sequence[tuple[Camera, np.ndarray]], change: Change) -> float:
+    """Return the mean overlap after `change`; 0 when no hull exists."""
+    changed = [change(*view) for view in views]
+    cameras, alphas = [camera for camera, _ in changed], [alpha for _, alpha in changed]
+    if any(alpha.max() < 0.5 for alpha in alphas):
+        return 0.0
+    try:
+        similarity = find_similarity(cameras, alphas)
+    except InputError:
+        return 0.0
+    hull = fitted_hull(cameras, alphas, similarity, _TRIAL_RESOLUTION)
+    return float(np.mean([overlap(a >= 0.5, silhouette(hull, c, similarity, a.shape)) for c, a in changed]))
+
+
+def _shrunk(alpha: np.ndarray) -> np.ndarray:
+    scale = min(1.0, _TRIAL_SIDE / max(alpha.shape))
+    return resize_area(alpha, *(max(1, round(side * scale)) for side in alpha.shape))
+
+
+def _with_pose(camera: Camera, pose: np.ndarray) -> Camera:
+    return Camera(pose, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+
+
+def _columns(camera: Camera, axes: np.ndarray) -> Camera:
+    """Return the camera with its axes [right, up, back] recombined by the (3, 3) matrix `axes`."""
+    pose = camera.camera_to_world.copy()
+    pose[:3, :3] = pose[:3, :3] @ axes
+    return _with_pose(camera, pose)
+
+
+def _inverse(camera: Camera) -> Camera:
+    return _with_pose(camera, np.linalg.inv(camera.camera_to_world))
+
+
+_OPENCV = np.diag([1.0, -1.0, -1.0])
+_QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+_SUSPICIONS: tuple[tuple[str, Change], ...] = (
+    ("The masks look inverted: the object must be white", lambda c, a: (c, 1 - a)),
+    (
+        "The cameras look like OpenCV's (y down, looking along +z): negate the second and third column of each matrix",
+        lambda c, a: (_columns(c, _OPENCV), a),
+    ),
+    (
+        "The camera matrices look like world-to-camera: store their inverses",
+        lambda c, a: (_inverse(c), a),
+    ),
+    (
+        "The camera matrices look like world-to-camera with OpenCV axes: store their inverses, then negate the second "
+        "and third column",
+        lambda c, a: (_columns(_inverse(c), _OPENCV), a),
+    ),
+    ("The photos look mirrored left to right against the cameras", lambda c, a: (c, a[:, ::-1])),
+    ("The photos look flipped upside down against the cameras", lambda c, a: (c, a[::-1])),
+    ("The photos look turned by 180 degrees against the cameras", lambda c, a: (c, a[::-1, ::-1])),
+    (
+        "The cameras look turned by 90 degrees about their view axis: check the order of the axis columns",
+        lambda c, a: (_columns(c, _QUARTER), a),
+    ),
+    (
+        "The cameras look turned by -90 degrees about their view axis: check the order of the axis columns",
+        lambda c, a: (_columns(c, _QUARTER.T), a),
+    ),
+)

@@ -1,0 +1,204 @@
+"""A look at a scene before an hour is spent on it: what was found, every problem at once, and the hull's verdict."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import resize_area, srgb_encode
+from lightprobe.scene.camera import Similarity
+from lightprobe.scene.consistency import explain, fitted_hull, overlap, silhouette
+from lightprobe.scene.frame import Problems, Split
+from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
+from lightprobe.scene.normalise import find_similarity
+from lightprobe.scene.photo import Photo
+from lightprobe.scene.pixels import decode, target_size
+
+_SIDE = 192  # longer side of the thumbnails everything is measured on
+_RESOLUTION = 128
+_SHOWN = 20  # problems printed
+_LOW_MEAN, _LOW_PHOTO, _FAR_BELOW_MEDIAN = 0.75, 0.6, 0.2  # IoU
+
+
+@dataclass(frozen=True)
+class PhotoReport:
+    """What was measured on one photo."""
+
+    name: str
+    split: Split
+    width: int
+    height: int
+    ev100: float | None
+    picture: np.ndarray  # (h, w, 3) uint8 sRGB thumbnail, background included
+    mask: np.ndarray  # (h, w) bool thumbnail
+    silhouette: np.ndarray | None = None  # (h, w) bool, the visual hull; None without a hull
+
+    @property
+    def iou(self) -> float | None:
+        """Overlap of mask and silhouette, or None without a hull."""
+        return None if self.silhouette is None else overlap(self.mask, self.silhouette)
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Everything `inspect` found; `problems` would stop a fit, `hints` are suspicions."""
+
+    root: Path
+    format: str | None
+    photos: tuple[PhotoReport, ...]
+    similarity: Similarity | None
+    problems: tuple[str, ...]
+    hints: tuple[str, ...]
+
+    @property
+    def mean_iou(self) -> float | None:
+        """Mean overlap of hull and masks over all photos, or None without a hull."""
+        values = [photo.iou for photo in self.photos if photo.iou is not None]
+        return float(np.mean(values)) if values else None
+
+    def lines(self) -> list[str]:
+        """Return the findings as text for a terminal: facts, then the first 20 problems, then the hints."""
+        if self.format is None:
+            return [f"scene    {self.root}", *_numbered("problem", self.problems)]
+        facts = [f"scene    {self.root} ({self.format} layout)", f"photos   {_counts(self.photos)}"]
+        if self.photos:
+            facts += [_sizes(self.photos), _exposure(self.photos), _coverage(self.photos)]
+        if self.similarity is not None:
+            center = ", ".join(f"{value:.4g}" for value in self.similarity.center)
+            facts.append(f"object   centre ({center}), radius {self.similarity.scale:.4g} in the scene's units")
+        if self.mean_iou is not None:
+            facts.append(_agreement(self.photos, self.mean_iou))
+        return [*facts, *_numbered("problem", self.problems), *_numbered("hint", self.hints)]
+
+
+def inspect(path: Path) -> Inspection:
+    """Examine the scene in folder `path` without stopping at what is wrong with it."""
+    problems = Problems(collect=True)
+    reading = None
+    with problems.guard():
+        reading = read_folder(Path(path), problems)
+    if reading is None:
+        return Inspection(Path(path), None, (), None, tuple(problems.messages), ())
+    photos, alphas = _measure(reading, problems)
+    similarity, photos = _carve(reading, photos, alphas, problems)
+    return Inspection(
+        reading.root,
+        reading.format,
+        photos,
+        similarity,
+        tuple(problems.messages),
+        tuple(_hints(reading, photos, alphas)),
+    )
+
+
+def _measure(reading: Reading, problems: Problems) -> tuple[tuple[PhotoReport, ...], dict[str, np.ndarray]]:
+    """Decode every photo; return the reports of the sound ones and their small masks by name."""
+    splits = {photo.name: split for split, photo in reading.all_photos()}
+    reports, alphas = [], {}
+    for photo, result in in_parallel(_thumbnails, [photo for _, photo in reading.all_photos()]):
+        with problems.guard():
+            picture, alpha = result()
+            alphas[photo.name] = alpha
+            size = (photo.camera.width, photo.camera.height)
+            reports.append(PhotoReport(photo.name, splits[photo.name], *size, photo.ev100, picture, alpha >= 0.5))
+    return tuple(reports), alphas
+
+
+def _thumbnails(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
+    """Return the whole photo as (h, w, 3) uint8 sRGB and its alpha (h, w), both small."""
+    color, alpha = decode(photo)
+    width, height = target_size(photo.camera, _SIDE)
+    picture = np.clip(srgb_encode(resize_area(color, height, width)) * 255 + 0.5, 0, 255).astype(np.uint8)
+    return picture, resize_area(alpha, height, width)
+
+
+def _carve(
+    reading: Reading, reports: tuple[PhotoReport, ...], alphas: dict[str, np.ndarray], problems: Problems
+) -> tuple[Similarity | None, tuple[PhotoReport, ...]]:
+    """Carve the hull from the training photos and add its silhouette to every report."""
+    train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
+    cameras, masks = [photo.camera for photo in train], [alphas[photo.name] for photo in train]
+    with problems.guard():
+        if len(train) < 2:
+            raise InputError(f"{reading.root} has {len(train)} sound training photos; two or more are needed.")
+        similarity = find_similarity(cameras, masks)
+        hull = fitted_hull(cameras, masks, similarity, _RESOLUTION)
+        by_name = {photo.name: photo.camera for _, photo in reading.all_photos()}
+        return similarity, tuple(
+            replace(report, silhouette=silhouette(hull, by_name[report.name], similarity, report.mask.shape))
+            for report in reports
+        )
+    return None, reports
+
+
+def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, np.ndarray]) -> list[str]:
+    """Return suspicions: photos without cameras, conventions that fit better, photos that stand out."""
+    hints = []
+    unposed = unposed_images(reading)
+    if unposed:
+        hints.append(f"{len(unposed)} photos in images/ have no camera and are left out, such as {unposed[0].name}.")
+    values = [report.iou or 0.0 for report in reports]
+    if not values:
+        return hints
+    if np.mean(values) < _LOW_MEAN:
+        train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
+        reason = explain(
+            [photo.camera for photo in train], [alphas[photo.name] for photo in train], float(np.mean(values))
+        )
+        hints.append(reason or "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks.")
+    else:
+        hints += [hint for report in reports if (hint := _outlier(report, float(np.median(values)))) is not None]
+    return hints
+
+
+def _outlier(report: PhotoReport, median: float) -> str | None:
+    """Return what is suspicious about one photo of a scene whose other photos agree, or None."""
+    if report.silhouette is None or report.iou is None:
+        return None
+    if report.iou >= min(_LOW_PHOTO, median - _FAR_BELOW_MEDIAN):
+        return None
+    if overlap(~report.mask, report.silhouette) > report.iou + _FAR_BELOW_MEDIAN:
+        return f"{report.name}: the mask looks inverted (IoU {report.iou:.2f}); the object must be white."
+    return f"{report.name}: mask or pose disagrees with the other photos (IoU {report.iou:.2f}, median {median:.2f})."
+
+
+def _numbered(kind: str, messages: Sequence[str]) -> list[str]:
+    """Return a headline with the count and the first messages, or nothing for hints that are not there."""
+    if not messages:
+        return [f"no {kind}s"] if kind == "problem" else []
+    head = f"{len(messages)} {kind}{'s' if len(messages) > 1 else ''}"
+    head += f", the first {_SHOWN}:" if len(messages) > _SHOWN else ":"
+    return [head, *(f"  {message}" for message in messages[:_SHOWN])]
+
+
+def _counts(photos: Sequence[PhotoReport]) -> str:
+    counts = Counter(photo.split for photo in photos)
+    return ", ".join(f"{counts[split]} {split.value}" for split in Split)
+
+
+def _sizes(photos: Sequence[PhotoReport]) -> str:
+    sizes = Counter((photo.width, photo.height) for photo in photos).most_common()
+    listed = ", ".join(f"{width} x {height} ({count})" for (width, height), count in sizes[:3])
+    return f"sizes    {listed}" + (f" and {len(sizes) - 3} more" if len(sizes) > 3 else "")
+
+
+def _exposure(photos: Sequence[PhotoReport]) -> str:
+    known = [photo.ev100 for photo in photos if photo.ev100 is not None]
+    if not known:
+        return "exposure not in the files"
+    return f"exposure EV100 {min(known):.2f} to {max(known):.2f} ({len(known)} of {len(photos)} photos)"
+
+
+def _coverage(photos: Sequence[PhotoReport]) -> str:
+    shares = [100 * photo.mask.mean() for photo in photos]
+    return f"masks    object covers {min(shares):.0f} to {max(shares):.0f} % of a photo, mean {np.mean(shares):.0f} %"
+
+
+def _agreement(photos: Sequence[PhotoReport], mean: float) -> str:
+    scored = [(photo.iou, photo.name) for photo in photos if photo.iou is not None]
+    worst, name = min(scored)
+    median = float(np.median([value for value, _ in scored]))
+    return f"hull     agrees with the masks at IoU {mean:.3f} (median {median:.3f}, worst {worst:.3f}: {name})"
