@@ -144,6 +144,12 @@ def test_same_bits_again_and_on_one_thread():
         assert torch.equal(a, c)
 
 
+def test_a_broken_normal_shows():
+    colors, n, v, a2, w = problem(3, 5)
+    n[1, 0] = math.nan
+    assert stack_probes(colors, n, v, a2, w)[0].isnan().all()
+
+
 def test_no_pixels_or_no_texels():
     colors, n, v, a2, w = problem(4, 4)
     radiance, weight = stack_probes(colors[:0], n[:0], v[:0], a2[:0], w)

@@ -73,4 +73,4 @@ class _StackProbes(torch.autograd.Function):
 
 def _divide(value: Tensor, weight: Tensor) -> Tensor:
     """Return `value` (M, 3) / `weight` (M,), and 0 where the weight is 0."""
-    return torch.where(weight[:, None] > 0, value / weight[:, None], 0)
+    return torch.where(weight[:, None] == 0, 0, value / weight[:, None])  # so written that NaN stays visible
