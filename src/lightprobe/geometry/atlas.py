@@ -1,7 +1,9 @@
 """Texture coordinates for a mesh: charts by xatlas under a time limit, or a simple atlas that always succeeds."""
 
-import multiprocessing
-from multiprocessing.connection import Connection
+import io
+import subprocess
+import sys
+import zipfile
 
 import numpy as np
 import torch
@@ -28,32 +30,16 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, texture_size: int, time_limi
 def _run_xatlas(
     vertices: np.ndarray, faces: np.ndarray, texture_size: int, time_limit: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_xatlas_worker, args=(sender, vertices, faces, texture_size), daemon=True)
-    process.start()
-    sender.close()
+    """Return (uvs, uv_faces) from the unwrapper in another process, or None when it failed or took too long."""
+    request = io.BytesIO()
+    np.savez(request, vertices=vertices, faces=faces, texture_size=texture_size)
+    command = [sys.executable, "-m", "lightprobe.geometry.xatlas_process"]
     try:
-        return receiver.recv() if receiver.poll(time_limit) else None
-    except EOFError:
+        done = subprocess.run(command, input=request.getvalue(), capture_output=True, timeout=time_limit, check=True)
+        answer = np.load(io.BytesIO(done.stdout), allow_pickle=False)
+        return answer["uvs"], answer["uv_faces"]
+    except (subprocess.SubprocessError, OSError, ValueError, zipfile.BadZipFile):
         return None
-    finally:
-        process.kill()
-        process.join()
-
-
-def _xatlas_worker(sender: Connection, vertices: np.ndarray, faces: np.ndarray, texture_size: int) -> None:
-    import xatlas
-
-    atlas = xatlas.Atlas()
-    atlas.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32))
-    pack = xatlas.PackOptions()
-    pack.resolution = texture_size
-    pack.padding = 2
-    pack.bilinear = True
-    atlas.generate(xatlas.ChartOptions(), pack)
-    _, uv_faces, uvs = atlas[0]
-    sender.send((np.asarray(uvs, np.float32), np.asarray(uv_faces, np.int32)))
 
 
 def triangle_atlas(count: int, texture_size: int) -> tuple[np.ndarray, np.ndarray]:
