@@ -1,1 +1,1 @@
-"""Environment radiance in, prefiltered radiance levels out: cubemaps, equirectangular maps and the prefilter operator."""
+"""Environment radiance in, prefiltered levels out: cubemaps, equirectangular maps and the prefilter operator."""

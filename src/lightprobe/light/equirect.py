@@ -1,0 +1,105 @@
+"""Equirectangular maps in z-up form, the project's environments on disk, and their conversion to and from cubemaps.
+
+A map has H rows and 2H columns; row 0 is the top. With u and v in [0, 1] from the left and the top, direction d lies at
+
+    u = 0.5 - atan2(d_y, d_x) / 2 pi,   v = acos(d_z) / pi
+
+so the centre column looks along +x, the left quarter along +y, the top row along +z. Between texel centres a map is
+bilinear; columns wrap, and beyond the first and last row centre it is constant.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.errors import InputError
+from lightprobe.kernels import weighted_gather
+from lightprobe.light import cubemap
+
+_PER_TEXEL = 4  # samples along a texel edge of the map
+
+
+def directions(height: int, device: torch.device | str = "cpu") -> Tensor:
+    """Return the unit directions (H, 2H, 3) float32 of the texel centres."""
+    return _directions(height, 1, device).float()
+
+
+def solid_angles(height: int, device: torch.device | str = "cpu") -> Tensor:
+    """Return the exact solid angles (H, 2H) float32 in steradians; they sum to 4 pi."""
+    edges = torch.cos(torch.linspace(0.0, math.pi, height + 1, dtype=torch.float64, device=device))
+    band = (edges[:-1] - edges[1:]) * (math.pi / height)
+    return band[:, None].expand(height, 2 * height).float().contiguous()
+
+
+def from_cubemap(cube: Tensor, height: int) -> Tensor:
+    """Return the map (H, 2H, C) of a cubemap (6, R, R, C), differentiable in the cubemap.
+
+    Bilinear; where the map is coarser than the cubemap, a texel is the mean of several look-ups.
+    """
+    resolution = cube.shape[1]
+    split = max(1, math.ceil(4 * resolution / height))
+    values = cube.reshape(-1, cube.shape[-1])
+    sample = _directions(height, split, cube.device).to(cube.dtype).reshape(-1, 3)
+    looked_up = weighted_gather(values, *cubemap.bilinear_taps(sample, resolution))
+    return looked_up.reshape(height, split, 2 * height, split, -1).mean((1, 3))
+
+
+def to_cubemap(map: Tensor, resolution: int) -> Tensor:
+    """Return the cubemap (6, R, R, C) of a map (H, 2H, C): the mean of the map over each texel's solid angle.
+
+    Samples are dense enough for both maps, so a sun of one texel keeps its energy. Raises `InputError` unless W = 2H.
+    """
+    height, width = map.shape[:2]
+    if width != 2 * height:
+        raise InputError(
+            f"An environment map must be twice as wide as high, not {width} x {height}: crop or resize it."
+        )
+    split = max(2, math.ceil(_PER_TEXEL * height / (2 * resolution)))
+    values = map.reshape(-1, map.shape[-1])
+    faces = []
+    for face in range(6):  # one face at a time bounds the memory
+        point, solid_angle = _face_samples(face, resolution, split, map.device)
+        weight = solid_angle[:, None].to(map.dtype)
+        looked_up = weighted_gather(values, *_bilinear_taps(point, height, map.dtype))
+        faces.append(_texel_sums(looked_up * weight, resolution, split) / _texel_sums(weight, resolution, split))
+    return torch.stack(faces)
+
+
+def _directions(height: int, split: int, device: torch.device | str) -> Tensor:
+    """Return the directions of a grid `split` times as fine as the map, (H split, 2H split, 3) float64."""
+    rows = height * split
+    step = math.pi / rows
+    theta = (torch.arange(rows, dtype=torch.float64, device=device)[:, None] + 0.5) * step
+    phi = math.pi - (torch.arange(2 * rows, dtype=torch.float64, device=device) + 0.5) * step
+    x, y = theta.sin() * phi.cos(), theta.sin() * phi.sin()
+    return torch.stack([x, y, theta.cos().expand_as(x)], dim=-1)
+
+
+def _bilinear_taps(direction: Tensor, height: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """Return index (N, 4) into the flattened map and weight (N, 4) of directions (N, 3) float64."""
+    unit_z = direction[:, 2] / direction.norm(dim=-1)
+    x = (0.5 - torch.atan2(direction[:, 1], direction[:, 0]) / (2.0 * math.pi)) * (2 * height) - 0.5
+    y = (torch.acos(unit_z.clamp(-1.0, 1.0)) / math.pi * height - 0.5).clamp(0.0, height - 1.0)
+    x0, y0 = x.floor(), y.floor()
+    fx, fy = x - x0, y - y0
+    left, right = x0.long() % (2 * height), (x0.long() + 1) % (2 * height)
+    above = y0.long() * (2 * height)
+    below = (y0.long() + 1).clamp(max=height - 1) * (2 * height)
+    index = torch.stack([above + left, above + right, below + left, below + right], dim=-1)
+    weight = torch.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], dim=-1)
+    return index, weight.to(dtype)
+
+
+def _face_samples(face: int, resolution: int, split: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return the points (n^2, 3) float64 and solid angles (n^2,) of a face's n = R split grid."""
+    n = resolution * split
+    centres = (torch.arange(n, dtype=torch.float64, device=device) + 0.5) * (2.0 / n) - 1.0
+    b, a = (grid.flatten() for grid in torch.meshgrid(centres, centres, indexing="ij"))
+    point = cubemap.face_points(torch.full_like(a, face, dtype=torch.long), a, b)
+    return point, (2.0 / n) ** 2 / point.norm(dim=-1) ** 3
+
+
+def _texel_sums(values: Tensor, resolution: int, split: int) -> Tensor:
+    """Sum a face's samples (n^2, C) over the texels: (R, R, C)."""
+    return values.reshape(resolution, split, resolution, split, -1).sum((1, 3))

@@ -1,0 +1,115 @@
+"""Directional integrals of the reflectance model, tabulated once and looked up with gradients.
+
+The model is glTF's metallic-roughness one, single-scattering:
+
+    f = (1 - F) c_diff / pi + F D V,   F = F0 + (1 - F0) (1 - v.h)^5
+    c_diff = base (1 - m),   F0 = 0.04 (1 - m) + base m
+    D = GGX of alpha = r^2,  V = height-correlated Smith visibility
+
+n normal, v direction to the camera, l to the light, h their half vector; all unit. Under a light of constant
+radiance 1 the specular part reflects F0 A + B and the diffuse part c_diff (1 - F0) (1 - C):
+
+    A = int (1 - (1 - v.h)^5) D V n.l dl,   B = int (1 - v.h)^5 D V n.l dl,   C = int (1 - v.h)^5 n.l / pi dl
+
+A and B depend on (n.v, r), C on n.v alone.
+"""
+
+import functools
+import math
+
+import torch
+from torch import Tensor
+
+from lightprobe.kernels import weighted_gather
+
+DIELECTRIC_F0 = 0.04
+MIN_COS = 1e-3  # views that graze more, or look from behind a shading normal, count as this
+_SIZE = 64  # table nodes per axis; cos_view is spaced by its square root, as A and B turn quickly where views graze
+_SAMPLES = (64, 24)  # strata of the micro-normal's elevation and azimuth
+
+
+def environment_brdf(cos_view: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
+    """Return A (N,) and B (N,) of the module's notation, differentiable in both arguments (N,)."""
+    table = _environment_table(cos_view.device, cos_view.dtype)
+    x, fx = _cell(cos_view.clamp(MIN_COS, 1.0).sqrt())
+    y, fy = _cell(roughness)
+    first = y * _SIZE + x
+    index = torch.stack([first, first + 1, first + _SIZE, first + _SIZE + 1], dim=-1)
+    gx, gy = 1.0 - fx, 1.0 - fy
+    pair = weighted_gather(table, index, torch.stack([gx * gy, fx * gy, gx * fy, fx * fy], dim=-1))
+    return pair[:, 0], pair[:, 1]
+
+
+def diffuse_fresnel(cos_view: Tensor) -> Tensor:
+    """Return C (N,) of the module's notation, differentiable in cos_view (N,)."""
+    x, fx = _cell(cos_view.clamp(MIN_COS, 1.0).sqrt())
+    table = _diffuse_table(cos_view.device, cos_view.dtype)
+    return weighted_gather(table, torch.stack([x, x + 1], dim=-1), torch.stack([1.0 - fx, fx], dim=-1))[:, 0]
+
+
+def base_reflectance(base_color: Tensor, metallic: Tensor) -> Tensor:
+    """Return F0 (N, 3) of base colour (N, 3) linear and metallic (N,)."""
+    metallic = metallic[:, None]
+    return DIELECTRIC_F0 * (1.0 - metallic) + base_color * metallic
+
+
+def _cell(value: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the table node below each value in [0, 1] and the fraction, differentiable, towards the next."""
+    position = value.clamp(0.0, 1.0) * (_SIZE - 1)
+    node = position.detach().long().clamp(0, _SIZE - 2)
+    return node, position - node
+
+
+@functools.lru_cache(maxsize=8)
+def _environment_table(device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Return (A, B) as (64 * 64, 2): rows run over roughness, columns over cos_view."""
+    rows = [_integrate_row(roughness) for roughness in torch.linspace(0.0, 1.0, _SIZE, dtype=torch.float64)]
+    return torch.cat(rows).to(device, dtype)
+
+
+def _integrate_row(roughness: Tensor) -> Tensor:
+    """Return (A, B) for all cos_view at one roughness, (64, 2), by importance sampling.
+
+    Micro-normals h are drawn on a regular grid from the distribution of normals visible from v (a spherical cap around
+    the stretched view, Dupuy and Benyoub 2023); the estimator of int F D V n.l is then the mean of F G2 / G1(v).
+    The azimuth covers half a turn, as the other half is its mirror image.
+    """
+    alpha = max(float(roughness) ** 2, 1e-4)
+    cos_view = (torch.linspace(0.0, 1.0, _SIZE, dtype=torch.float64) ** 2).clamp(min=MIN_COS)[:, None]
+    sin_view = (1.0 - cos_view**2).clamp(min=0.0).sqrt()
+    elevation, azimuth = (((torch.arange(n, dtype=torch.float64) + 0.5) / n) for n in _SAMPLES)
+    u, phi = (grid.flatten() for grid in torch.meshgrid(elevation, math.pi * azimuth, indexing="ij"))
+
+    length = torch.sqrt((alpha * sin_view) ** 2 + cos_view**2)
+    view_x, view_z = alpha * sin_view / length, cos_view / length
+    z = (1.0 - u) * (1.0 + view_z) - view_z
+    sin_z = (1.0 - z * z).clamp(min=0.0).sqrt()
+    h = torch.stack([alpha * (sin_z * phi.cos() + view_x), alpha * sin_z * phi.sin(), z + view_z], dim=-1)
+    h = h / h.norm(dim=-1, keepdim=True)
+    cos_half = sin_view * h[..., 0] + cos_view * h[..., 2]
+    cos_light = 2.0 * cos_half * h[..., 2] - cos_view
+
+    fresnel = (1.0 - cos_half).clamp(0.0, 1.0) ** 5
+    visible = torch.where(cos_light > 0.0, _smith_ratio(cos_view, cos_light.clamp(min=1e-9), alpha), 0.0)
+    return torch.stack([((1.0 - fresnel) * visible).mean(-1), (fresnel * visible).mean(-1)], dim=-1)
+
+
+def _smith_ratio(cos_view: Tensor, cos_light: Tensor, alpha: float) -> Tensor:
+    """Return G2 / G1(v) = (1 + lambda(v)) / (1 + lambda(v) + lambda(l)), height-correlated (Heitz 2014)."""
+    lambda_view, lambda_light = (
+        0.5 * (torch.sqrt(1.0 + alpha**2 * (1.0 - c * c) / (c * c)) - 1.0) for c in (cos_view, cos_light)
+    )
+    return (1.0 + lambda_view) / (1.0 + lambda_view + lambda_light)
+
+
+@functools.lru_cache(maxsize=8)
+def _diffuse_table(device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Return C as (64, 1): the mean of (1 - v.h)^5 over cosine-distributed light directions."""
+    n = 96
+    u = (torch.arange(n, dtype=torch.float64) + 0.5) / n
+    radius2, phi = (grid.flatten() for grid in torch.meshgrid(u, math.pi * u, indexing="ij"))
+    light_x, light_z = radius2.sqrt() * phi.cos(), (1.0 - radius2).sqrt()
+    cos_view = (torch.linspace(0.0, 1.0, _SIZE, dtype=torch.float64) ** 2)[:, None]
+    cos_between = (1.0 - cos_view**2).sqrt() * light_x + cos_view * light_z
+    cos_half = torch.sqrt((0.5 * (1.0 + cos_between)).clamp(min=0.0))  # v.h = cos(half the angle between v and l)
+    return ((1.0 - cos_half) ** 5).mean(-1, keepdim=True).to(device, dtype)

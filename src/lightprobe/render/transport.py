@@ -1,0 +1,203 @@
+"""The photo as a linear function of its light, and the light that explains a photo.
+
+With geometry and material fixed, the split-sum render is A E: A = F T L, with E the light's texels, L the prefilter,
+T the look-up taps of each pixel and F what each pixel reflects per channel. A is applied, never built.
+All entries of A are non-negative.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse
+import torch
+from torch import Tensor
+
+from lightprobe.light import cubemap
+from lightprobe.light.prefilter import Prefilter
+from lightprobe.light.sparse import SparseOperator
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import Response, response
+
+_TINY = 1e-30
+
+
+class Transport:
+    """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of the chosen pixels; no autograd."""
+
+    @torch.no_grad()
+    def __init__(self, gbuffer: GBuffer, prefilter: Prefilter, rows: Tensor | None = None):
+        """Precompute taps and factors for the rows (P,) int64 of the G-buffer, or for all of them."""
+        if rows is not None:
+            gbuffer = _select(gbuffer, rows)
+        self.prefilter = prefilter
+        parts = response(gbuffer, prefilter)
+        self.pixels = len(parts.specular_factor)
+        self._factor = torch.cat([parts.specular_factor, parts.diffuse_factor])
+        self._taps = SparseOperator.build(_tap_matrix(parts, prefilter.total), gbuffer.normal.device)
+
+    def apply(self, env: Tensor) -> Tensor:
+        """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
+        lobes = self._factor * self._taps.apply(self.prefilter.apply(env.detach()))
+        return lobes[: self.pixels] + lobes[self.pixels :]
+
+    def adjoint(self, radiance: Tensor) -> Tensor:
+        """Return the transpose of `apply` on (P, 3): (6, R, R, 3)."""
+        return self.prefilter.adjoint(self._taps.adjoint(self._factor * radiance.repeat(2, 1)))
+
+
+def _select(gbuffer: GBuffer, rows: Tensor) -> GBuffer:
+    """Return the G-buffer of these rows only."""
+    return replace(
+        gbuffer,
+        pixel=gbuffer.pixel[rows],
+        face=gbuffer.face[rows],
+        position=gbuffer.position[rows],
+        normal=gbuffer.normal[rows],
+        view=gbuffer.view[rows],
+        base_color=gbuffer.base_color[rows],
+        roughness=gbuffer.roughness[rows],
+        metallic=gbuffer.metallic[rows],
+    )
+
+
+def _tap_matrix(parts: Response, columns: int) -> scipy.sparse.csr_array:
+    """Return the taps as a matrix (2 P, T): the specular look-ups above the diffuse ones."""
+    pairs = [(parts.specular_index, parts.specular_weight), (parts.diffuse_index, parts.diffuse_weight)]
+    index = np.concatenate([index.cpu().numpy().ravel() for index, _ in pairs])
+    weight = np.concatenate([weight.cpu().numpy().ravel() for _, weight in pairs])
+    lengths = np.repeat([index.shape[1] for index, _ in pairs], [len(index) for index, _ in pairs])
+    start = np.concatenate([[0], np.cumsum(lengths)])
+    return scipy.sparse.csr_array((weight, index, start), shape=(len(lengths), columns))
+
+
+@torch.no_grad()
+def solve_light(
+    transport: Transport,
+    observed: Tensor,
+    weight: Tensor,
+    clipped: Tensor,
+    prior: Tensor,
+    regularisation: float,
+    iterations: int,
+    start: Tensor | None = None,
+) -> Tensor:
+    """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`; deterministic.
+
+    Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,
+
+        mean_w |A E - observed|^2  +  regularisation * gain^2 * mean_omega |E - prior|^2
+
+    gain^2 = mean_w |A 1|^2 is what the object reflects of a white light. So `regularisation` has no dimension: it does
+    not depend on the number of pixels, the exposure, or how dark the object is. Texels the photo does not pin go to
+    the prior. observed (P, 3) linear; weight (P,) >= 0; where clipped (P, 3) bool, a brighter render costs nothing.
+
+    Conjugate gradients on the texels off the bound, each step projected to E >= 0; the preconditioner M majorises the
+    Hessian, as A has no negative entry (`_Problem`). An iteration costs one adjoint and one application, or two if the
+    bound was met. `start` (default: the prior) warms up the search.
+    """
+    problem = _Problem.build(transport, observed, weight, clipped, prior, regularisation)
+    light = (prior if start is None else start).clamp(min=0)
+    if problem is None:
+        return light
+    state = _State(light, transport.apply(light))
+    direction = previous = None
+    for _ in range(iterations):
+        gradient = problem.gradient(state)
+        free = (state.light > 0) | (gradient < 0)
+        gradient = torch.where(free, gradient, 0.0)
+        scaled = gradient / problem.majorant
+        direction = _conjugate(scaled, gradient, free, direction, previous)
+        previous = gradient, (scaled * gradient).sum()
+        state = problem.step(state, direction, gradient)
+    return state.light
+
+
+def _conjugate(
+    scaled: Tensor, gradient: Tensor, free: Tensor, direction: Tensor | None, previous: tuple[Tensor, Tensor] | None
+) -> Tensor:
+    """Return the next search direction (Polak and Ribiere, never a negative share, restarted when it points uphill)."""
+    if direction is None or previous is None:
+        return -scaled
+    old_gradient, old_product = previous
+    share = ((scaled * (gradient - old_gradient)).sum() / old_product.clamp(min=_TINY)).clamp(min=0.0)
+    conjugate = torch.where(free, share * direction - scaled, 0.0)
+    return torch.where((conjugate * gradient).sum() < 0, conjugate, -scaled)
+
+
+@dataclass(frozen=True)
+class _State:
+    """A light and its render."""
+
+    light: Tensor  # (6, R, R, 3)
+    render: Tensor  # (P, 3)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The objective of `solve_light`; gradients and curvatures leave out its factor 2.
+
+    majorant: M = A^T W A 1 + the regulariser's diagonal. For A >= 0, x^T A^T W A x <= x^T diag(A^T W A 1) x by
+    Cauchy-Schwarz, so a step of gradient / M, projected, never raises the objective (De Pierro 1995).
+    """
+
+    transport: Transport
+    observed: Tensor  # (P, 3)
+    weight: Tensor  # (P, 1), sums to 1
+    clipped: Tensor  # (P, 3) bool
+    prior: Tensor  # (6, R, R, 3)
+    stiffness: Tensor  # (6, R, R, 1)
+    majorant: Tensor  # (6, R, R, 3)
+
+    @staticmethod
+    def build(
+        transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float
+    ) -> "_Problem | None":
+        """Return the problem, or None when no pixel has any weight."""
+        total = weight.sum()
+        if not bool(total > 0):
+            return None
+        weight = (weight / total)[:, None]
+        white = transport.apply(torch.ones_like(prior))
+        gain = (weight * white.square()).sum(0).mean()
+        solid_angle = cubemap.solid_angles(prior.shape[1], prior.device)[..., None]
+        stiffness = regularisation * gain * solid_angle / (4.0 * math.pi)
+        majorant = (transport.adjoint(weight * white) + stiffness).clamp(min=_TINY)
+        return _Problem(transport, observed, weight, clipped, prior, stiffness, majorant)
+
+    def residual(self, render: Tensor) -> Tensor:
+        """Return render - observed, zero where a clipped pixel is rendered brighter."""
+        difference = render - self.observed
+        return torch.where(self.clipped, difference.clamp(max=0.0), difference)
+
+    def gradient(self, state: _State) -> Tensor:
+        """Return half the gradient of the objective, (6, R, R, 3)."""
+        data = self.transport.adjoint(self.weight * self.residual(state.render))
+        return data + self.stiffness * (state.light - self.prior)
+
+    def objective(self, state: _State) -> Tensor:
+        """Return the objective, a scalar."""
+        data = (self.weight * self.residual(state.render).square()).sum()
+        return data + (self.stiffness * (state.light - self.prior).square()).sum()
+
+    def step(self, state: _State, direction: Tensor, gradient: Tensor) -> _State:
+        """Return the state after the exact line search along `direction` and the projection to E >= 0.
+
+        If clipping at the bound, or pixels that become clipped on the way, made it worse, the step is that of M.
+        """
+        change = self.transport.apply(direction)
+        active = ~(self.clipped & (state.render > self.observed))
+        curvature = (self.weight * active * change.square()).sum() + (self.stiffness * direction.square()).sum()
+        length = -(gradient * direction).sum() / curvature.clamp(min=_TINY)
+        moved = state.light + length * direction
+        if bool((moved >= 0).all()):
+            after = _State(moved, state.render + length * change)
+        else:
+            after = self._at(moved)
+        if bool(self.objective(after) <= self.objective(state)):
+            return after
+        return self._at(state.light - gradient / self.majorant)
+
+    def _at(self, light: Tensor) -> _State:
+        light = light.clamp(min=0)
+        return _State(light, self.transport.apply(light))
