@@ -1,1 +1,23 @@
 """Predictions and photos in, metrics, tables and the report out."""
+
+from lightprobe.evaluate.evaluation import Evaluation, ViewResult, evaluate, methods_for
+from lightprobe.evaluate.pictures import view_pictures
+from lightprobe.evaluate.prediction_files import write_confidence, write_prediction
+from lightprobe.evaluate.relight import load_environment, relight
+from lightprobe.evaluate.report import spread, write_report
+from lightprobe.evaluate.viewpoints import turntable
+
+__all__ = [
+    "Evaluation",
+    "ViewResult",
+    "evaluate",
+    "load_environment",
+    "methods_for",
+    "relight",
+    "spread",
+    "turntable",
+    "view_pictures",
+    "write_confidence",
+    "write_prediction",
+    "write_report",
+]

@@ -1,0 +1,94 @@
+"""Scores of images, environments and material maps.
+
+Images are compared as sRGB in [0, 1]: composited on white in linear light, then encoded (and so clipped at the white of
+the photo). PSNR and SSIM are torchmetrics'; SSIM has the usual 11 x 11 Gaussian window of sigma 1.5 over the mirrored border.
+"Masked" means the pixels with more than half coverage in the photo.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
+
+from lightprobe.imaging import srgb_encode
+from lightprobe.light import cubemap
+
+_PERFECT_PSNR = 100.0  # dB; stands for infinity, which JSON cannot hold and no mean survives
+
+
+@dataclass(frozen=True)
+class ImageScores:
+    """PSNR in dB and SSIM, over the full frame and over the object's pixels."""
+
+    psnr: float
+    ssim: float
+    psnr_masked: float
+    ssim_masked: float
+
+    def to_json(self) -> dict[str, float]:
+        """Return the scores by name."""
+        return asdict(self)
+
+
+def on_white(premultiplied: Tensor, coverage: Tensor) -> Tensor:
+    """Composite linear premultiplied (H, W, 3) with coverage (H, W) on white and encode to sRGB in [0, 1]."""
+    return srgb_encode((premultiplied + (1 - coverage)[..., None]).clamp(0, 1))
+
+
+def image_scores(image: Tensor, reference: Tensor, mask: Tensor) -> ImageScores:
+    """Compare two sRGB images (H, W, 3) in [0, 1]; `mask` (H, W) bool marks the object's pixels."""
+    a, b = (x.permute(2, 0, 1)[None].to(torch.float32) for x in (image, reference))
+    mean, per_pixel = _ssim(a, b)
+    inside = mask.to(per_pixel.device)
+    return ImageScores(
+        psnr=min(float(peak_signal_noise_ratio(a, b, data_range=1.0)), _PERFECT_PSNR),
+        ssim=mean,
+        psnr_masked=psnr(image[mask], reference[mask]),
+        ssim_masked=float(per_pixel[inside].mean()) if inside.any() else math.nan,
+    )
+
+
+def _ssim(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
+    """Return the mean SSIM of (1, 3, H, W) images and its map (H, W), the mean over channels."""
+    mean, full = structural_similarity_index_measure(a, b, data_range=1.0, return_full_image=True)
+    return float(mean), full[0].mean(0)
+
+
+def psnr(values: Tensor, reference: Tensor) -> float:
+    """Return the PSNR in dB of values in [0, 1] of any shape; nan when there are none."""
+    if values.numel() == 0:
+        return math.nan
+    error = float(((values - reference).double() ** 2).mean())
+    return _PERFECT_PSNR if error <= 10 ** (-_PERFECT_PSNR / 10) else -10 * math.log10(error)
+
+
+def channel_scale(values: Tensor, reference: Tensor) -> Tensor:
+    """Return the factor per channel (C,) that brings linear `values` (N, C) closest to `reference` in least squares.
+
+    Light times c and albedo over c look alike; scores after this scale leave that freedom out.
+    """
+    v, r = values.double(), reference.double()
+    return ((v * r).sum(0) / (v * v).sum(0).clamp_min(1e-12)).to(values.dtype)
+
+
+def environment_log_rmse(environment: Tensor, truth: Tensor, weight: Tensor | None = None) -> float:
+    """Return the root mean squared difference of ln radiance of two cubemaps (6, R, R, 3), by solid angle.
+
+    `weight` (6, R, R), such as a confidence, multiplies the solid angle. A floor of 1 % of the true mean radiance
+    keeps black texels from deciding the score. No tone mapping, no scale.
+    """
+    solid = cubemap.solid_angles(truth.shape[1]).to(truth)
+    floor = 0.01 * float((solid[..., None] * truth).sum() / (3 * solid.sum()))
+    difference = torch.log(environment.clamp_min(0) + floor) - torch.log(truth.clamp_min(0) + floor)
+    share = solid if weight is None else solid * weight.to(solid)
+    return math.sqrt(float((share[..., None] * difference**2).sum() / (3 * share.sum().clamp_min(1e-12))))
+
+
+def mean_angle(normals: np.ndarray, reference: np.ndarray) -> float:
+    """Return the mean angle in degrees between two sets of vectors (N, 3), which need not be unit."""
+    a = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    b = reference / np.linalg.norm(reference, axis=1, keepdims=True)
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(1))).mean())

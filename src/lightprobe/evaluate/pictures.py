@@ -1,0 +1,72 @@
+"""Small pictures for the report, encoded in memory."""
+
+import base64
+import io
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from lightprobe.evaluate.evaluation import ViewResult
+from lightprobe.evaluate.prediction_files import exposure, panorama, tone_mapped
+from lightprobe.evaluate.relight import load_environment
+from lightprobe.imaging import resize_area, srgb_encode
+
+_SIDE = 256
+_DIFFERENCE_GAIN = 3.0
+
+
+def data_uri(encoded: np.ndarray, *, side: int = _SIDE) -> str:
+    """Return a picture (H, W, 3) or (H, W), already display-encoded in [0, 1], as the data URI of a small JPEG."""
+    values = encoded if encoded.ndim == 3 else np.repeat(encoded[..., None], 3, axis=2)
+    scale = min(1.0, side / max(values.shape[:2]))
+    height, width = (max(1, round(n * scale)) for n in values.shape[:2])
+    small = resize_area(np.ascontiguousarray(values, np.float32), height, width)
+    buffer = io.BytesIO()
+    Image.fromarray((np.clip(small, 0, 1) * 255 + 0.5).astype(np.uint8)).save(buffer, "JPEG", quality=88)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def view_pictures(result: ViewResult) -> dict[str, str]:
+    """Return the report's pictures of one test photo by title, as data URIs."""
+    view = result.view
+    photo, render = (image.cpu().numpy() for image in (view.reference, result.image))
+    pictures = {
+        "photo": photo,
+        "render": render,
+        f"difference ×{_DIFFERENCE_GAIN:.0f}": np.abs(photo - render) * _DIFFERENCE_GAIN,
+        **_material_pictures(result),
+    }
+    uris = {title: data_uri(picture) for title, picture in pictures.items()}
+    return uris | {title: data_uri(picture) for title, picture in _light_pictures(result).items()}
+
+
+def _material_pictures(result: ViewResult) -> dict[str, np.ndarray]:
+    g = result.view.gbuffer
+    return {
+        "base colour": _on_white(result, srgb_encode(g.base_color.clamp(0, 1))),
+        "roughness": _on_white(result, g.roughness[:, None].expand(-1, 3)),
+        "metallic": _on_white(result, g.metallic[:, None].expand(-1, 3)),
+        "normal": _on_white(result, 0.5 + 0.5 * g.normal),
+    }
+
+
+def _on_white(result: ViewResult, values: Tensor) -> np.ndarray:
+    g = result.view.gbuffer
+    frame = torch.ones(g.height * g.width, 3, device=values.device)
+    frame[g.pixel] = values
+    return frame.reshape(g.height, g.width, 3).cpu().numpy()
+
+
+def _light_pictures(result: ViewResult) -> dict[str, np.ndarray]:
+    """The predicted light, the true one at the same exposure when it is known, and the confidence."""
+    predicted = panorama(result.prediction.environment)
+    truth = result.view.photo.truth.environment
+    lights = {"predicted light": predicted}
+    if truth is not None:
+        environment = result.prediction.environment
+        lights["true light"] = panorama(load_environment(truth, environment.device))
+    factor = exposure(list(lights.values())[-1])
+    pictures = {title: srgb_encode(tone_mapped(image, factor)) for title, image in lights.items()}
+    return pictures | {"confidence": panorama(result.prediction.confidence[..., None])[..., 0]}

@@ -1,0 +1,54 @@
+"""A decomposition in files other programs read: GLB, textures and environment maps, all in the user's own frame."""
+
+from pathlib import Path
+
+from torch import Tensor
+
+from lightprobe.core.run import RunFolder
+from lightprobe.decompose import Decomposition
+from lightprobe.export.glb import write_glb
+from lightprobe.export.gltf_mesh import gltf_mesh
+from lightprobe.export.pictures import write_pictures
+from lightprobe.imaging import write_exr, write_radiance
+from lightprobe.light import equirect
+from lightprobe.render.asset import Asset
+from lightprobe.scene.camera import Similarity
+
+
+def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> None:
+    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png beside it.
+
+    Positions are in the user's frame and units, turned to glTF's y-up axes.
+    """
+    pictures = write_pictures(asset.textures, glb.parent)
+    write_glb(glb, gltf_mesh(asset.mesh, similarity), pictures)
+
+
+def write_environment(path: Path, environment: Tensor) -> None:
+    """Write a cubemap (6, R, R, C) as an equirectangular map of 2R x 4R; the suffix chooses OpenEXR or Radiance HDR."""
+    image = equirect.from_cubemap(environment, 2 * environment.shape[1]).detach().cpu().numpy()
+    if path.suffix == ".hdr":
+        write_radiance(path, image)
+    else:
+        write_exr(path, image)
+
+
+def write_run_outputs(decomposition: Decomposition, run: RunFolder) -> None:
+    """Write RUN/mesh and RUN/env: what Phase I leaves for other programs."""
+    write_mesh(decomposition.asset, decomposition.similarity, run.mesh_folder / "object.glb")
+    for photo, light in decomposition.lights.items():
+        write_environment(run.environment_file(photo), light)
+
+
+def export(decomposition: Decomposition, folder: Path, environments: dict[str, Tensor]) -> list[Path]:
+    """Write mesh.glb, its textures, and each environment as EXR and HDR under env/; return the files written.
+
+    `environments` maps a photo's name to a cubemap (6, R, R, 3): the lights of Phase I, predictions, or both.
+    """
+    write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
+    written = [folder / name for name in ("mesh.glb", "base_color.png", "orm.png", "normal.png")]
+    for photo, light in environments.items():
+        for suffix in (".exr", ".hdr"):
+            written.append(folder / "env" / f"{photo}{suffix}")
+            write_environment(written[-1], light)
+    return written

@@ -1,0 +1,70 @@
+"""The mesh as glTF wants it: one index per corner, y up, the user's units, tangents with handedness.
+
+Frames: normalised (z-up as the user's own) -> user, by undoing the similarity -> glTF, by (x, y, z) -> (x, z, -y).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from lightprobe.geometry.mesh import Mesh, uv_tangents, vertex_normals
+from lightprobe.render.asset import uv_handedness
+from lightprobe.scene.camera import Similarity
+
+
+@dataclass(frozen=True)
+class GltfMesh:
+    """Arrays of N vertices and F triangles in the glTF frame."""
+
+    positions: np.ndarray  # (N, 3) float32, user's units
+    normals: np.ndarray  # (N, 3) float32, unit
+    tangents: np.ndarray  # (N, 4) float32: unit, orthogonal to the normal; w = +-1
+    uvs: np.ndarray  # (N, 2) float32, v downwards
+    faces: np.ndarray  # (F, 3) uint32, counter-clockwise from outside
+
+
+def to_y_up(vectors: np.ndarray) -> np.ndarray:
+    """Turn z-up vectors (..., 3) into glTF's y-up frame: (x, z, -y); Blender's importer does the reverse."""
+    return np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
+
+
+def gltf_mesh(mesh: Mesh, similarity: Similarity) -> GltfMesh:
+    """Return the mesh with positions, texture coordinates and tangents under one index.
+
+    Corners that share position, texture vertex and UV orientation share a vertex; nothing else does.
+    """
+    mesh = mesh.to(torch.device("cpu"))
+    normals = vertex_normals(mesh.vertices, mesh.faces).detach().numpy().astype(np.float64)
+    tangents = uv_tangents(mesh).numpy().astype(np.float64)
+    hand = np.repeat(uv_handedness(mesh).numpy()[:, None], 3, axis=1)
+    faces, uv_faces = mesh.faces.numpy(), mesh.uv_faces.numpy()
+    corners = np.stack([faces.ravel(), uv_faces.ravel(), hand.ravel().astype(faces.dtype)], axis=1)
+    (vertex, uv, w), index = _unique_rows(corners)
+    normal = _unit(normals[vertex], np.array([0.0, 0.0, 1.0]))
+    tangent = _orthogonal_unit(tangents[uv], normal)
+    return GltfMesh(
+        to_y_up(similarity.invert(mesh.vertices.detach().numpy()[vertex])).astype(np.float32),
+        to_y_up(normal).astype(np.float32),
+        np.concatenate([to_y_up(tangent), w[:, None]], axis=1).astype(np.float32),
+        mesh.uvs.numpy()[uv].astype(np.float32),
+        index.reshape(-1, 3).astype(np.uint32),
+    )
+
+
+def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    unique, index = np.unique(rows, axis=0, return_inverse=True)
+    return unique.T, index
+
+
+def _unit(vectors: np.ndarray, fallback: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), fallback)
+
+
+def _orthogonal_unit(tangents: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Make tangents orthogonal to unit normals; a tangent along its normal is replaced by any orthogonal one."""
+    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]  # the axis farthest from the normal is never parallel to it
+    spare = _unit(np.cross(normals, axis), axis)
+    flat = tangents - (tangents * normals).sum(1, keepdims=True) * normals
+    return np.where(np.linalg.norm(flat, axis=1, keepdims=True) > 1e-4, _unit(flat, spare), spare)

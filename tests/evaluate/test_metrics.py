@@ -1,0 +1,97 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import correlate1d
+
+from lightprobe.evaluate.metrics import (
+    channel_scale,
+    environment_log_rmse,
+    image_scores,
+    mean_angle,
+    on_white,
+    psnr,
+)
+from lightprobe.light import cubemap
+
+
+def picture(seed: int, height: int = 40, width: int = 52) -> torch.Tensor:
+    rng = np.random.default_rng(seed)
+    smooth = correlate1d(correlate1d(rng.random((height, width, 3)), np.ones(5) / 5, axis=0), np.ones(5) / 5, axis=1)
+    return torch.from_numpy(smooth.astype(np.float32))
+
+
+def reference_ssim(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """SSIM map by Wang et al. 2004, equation 13: window 11 x 11, sigma 1.5, K1 = .01, K2 = .03, mirrored border."""
+    x = np.arange(-5, 6)
+    window = np.exp(-(x**2) / (2 * 1.5**2))
+    window /= window.sum()
+
+    def blur(values):
+        return correlate1d(correlate1d(values, window, axis=0, mode="mirror"), window, axis=1, mode="mirror")
+
+    mu_a, mu_b = blur(a), blur(b)
+    var_a, var_b, cov = blur(a * a) - mu_a**2, blur(b * b) - mu_b**2, blur(a * b) - mu_a * mu_b
+    c1, c2 = 0.01**2, 0.03**2
+    return ((2 * mu_a * mu_b + c1) * (2 * cov + c2) / ((mu_a**2 + mu_b**2 + c1) * (var_a + var_b + c2))).mean(-1)
+
+
+def test_psnr_and_ssim_against_their_formulas():
+    a, b = picture(0), (picture(0) + 0.2 * picture(1)).clamp(0, 1)
+    mask = torch.zeros(40, 52, dtype=torch.bool)
+    mask[8:30, 3:20] = True
+    scores = image_scores(a, b, mask)
+    x, y = a.numpy().astype(np.float64), b.numpy().astype(np.float64)
+    ssim = reference_ssim(x, y)
+    assert scores.psnr == pytest.approx(-10 * math.log10(((x - y) ** 2).mean()), abs=1e-3)
+    assert scores.ssim == pytest.approx(ssim.mean(), abs=1e-4)
+    inside = mask.numpy()
+    assert scores.psnr_masked == pytest.approx(-10 * math.log10(((x - y)[inside] ** 2).mean()), abs=1e-3)
+    assert scores.ssim_masked == pytest.approx(ssim[inside].mean(), abs=1e-4)
+
+
+def test_equal_pictures_score_100_db_and_1():
+    scores = image_scores(picture(0), picture(0), torch.ones(40, 52, dtype=torch.bool))
+    assert scores.to_json() == pytest.approx({"psnr": 100, "ssim": 1, "psnr_masked": 100, "ssim_masked": 1})
+
+
+def test_a_uniform_error_of_a_tenth_is_20_db():
+    assert psnr(torch.full((7, 3), 0.6), torch.full((7, 3), 0.5)) == pytest.approx(20, abs=1e-4)
+    assert math.isnan(psnr(torch.zeros(0, 3), torch.zeros(0, 3)))
+
+
+@pytest.mark.golden
+def test_white_is_composited_in_linear_light():
+    """Half-covered black over white is linear .5, which sRGB encodes as .735357; premultiplied .2 adds to it."""
+    image = on_white(torch.tensor([[[0.0, 0.2, 0.9]]]), torch.tensor([[0.5]]))
+    assert image[0, 0].tolist() == pytest.approx([0.735357, 0.854306, 1.0], abs=1e-5)
+
+
+def test_channel_scale_undoes_a_tint():
+    values = torch.rand(100, 3, generator=torch.Generator().manual_seed(0))
+    scale = channel_scale(values, values * torch.tensor([2.0, 0.5, 1.25]))
+    assert scale.tolist() == pytest.approx([2.0, 0.5, 1.25], rel=1e-5)
+
+
+def test_environment_error_of_a_factor_is_its_logarithm():
+    truth = torch.ones(6, 8, 8, 3)
+    assert environment_log_rmse(math.e * truth, truth) == pytest.approx(math.log((math.e + 0.01) / 1.01), abs=1e-5)
+    assert environment_log_rmse(truth, truth) == 0
+
+
+def test_environment_error_weighs_directions_by_solid_angle_and_confidence():
+    truth, wrong = torch.ones(6, 4, 4, 3), torch.ones(6, 4, 4, 3)
+    wrong[2, 0, 0] = 0.0
+    solid = cubemap.solid_angles(4)
+    expected = math.log(0.01 / 1.01) ** 2 * float(solid[2, 0, 0]) / (4 * math.pi)
+    assert environment_log_rmse(wrong, truth) == pytest.approx(math.sqrt(expected), rel=1e-4)
+    blind = torch.ones(6, 4, 4)
+    blind[2, 0, 0] = 0
+    assert environment_log_rmse(wrong, truth, blind) == 0
+
+
+def test_mean_angle_of_unnormalised_vectors():
+    a = np.array([[2.0, 0, 0], [0, 0, 1]])
+    b = np.array([[0, 3.0, 0], [0, 1, 1]])
+    assert mean_angle(a, b) == pytest.approx((90 + 45) / 2)
