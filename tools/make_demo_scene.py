@@ -1,0 +1,40 @@
+"""Make the bundled scene of `lightprobe demo`: a coffee pot, every photo of it under another light.
+
+    python tools/make_demo_scene.py OUT_DIR            # the scene as shipped, some minutes on two cores
+    python tools/make_demo_scene.py OUT_DIR --check    # prove conventions and noise of a scene made before
+
+Needs the development extra `mitsuba` and an LLVM shared library, newer than 15 (Debian: `apt install libllvm19`).
+Nothing is downloaded: geometry, textures and lights are computed. The same options make the same scene.
+"""
+
+import argparse
+from pathlib import Path
+
+from lightprobe.core.files import atomic_folder
+
+
+def main() -> None:
+    """Read the command line, make or check the scene."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="OUT_DIR")
+    parser.add_argument("--check", action="store_true", help="check an existing scene instead of making one")
+    for name, kind in (("seed", int), ("side", int), ("samples", int), ("train", int), ("test", int)):
+        parser.add_argument(f"--{name}", type=kind, help="instead of the shipped scene's value")
+    options = parser.parse_args()
+    if options.check:
+        from demo_scene.check import report
+
+        print(report(options.folder))
+        return
+    if options.folder.exists() and not (options.folder / "generation.json").exists():
+        parser.error(f"{options.folder} exists and is not a scene made by this command; name a new folder.")
+    from demo_scene.dataset import Settings, write_scene  # starts Mitsuba, so only when it is needed
+
+    names = ("seed", "side", "samples", "train", "test")
+    settings = Settings(**{name: value for name in names if (value := getattr(options, name)) is not None})
+    with atomic_folder(options.folder) as temporary:
+        write_scene(temporary, settings)
+
+
+if __name__ == "__main__":
+    main()
