@@ -179,7 +179,7 @@ class RunFolder:
 
     # ---- metrics and log
 
-    def append_metrics(self, phase: str, step: int, values: dict[str, float]) -> None:
+    def append_metrics(self, phase: str, step: int, values: dict[str, float | str]) -> None:
         """Append one line to metrics.jsonl. Times do not belong here: two equal runs leave equal files."""
         line = json.dumps({"phase": phase, "step": step, **values}, allow_nan=False)
         with disk_errors(self.metrics_log), open(self.metrics_log, "a", encoding="utf-8") as file:

@@ -2,7 +2,7 @@
 
 from lightprobe.evaluate.evaluation import Evaluation, ViewResult, evaluate, methods_for
 from lightprobe.evaluate.pictures import view_pictures
-from lightprobe.evaluate.prediction_files import write_confidence, write_prediction
+from lightprobe.evaluate.prediction_files import panorama, write_confidence, write_map, write_prediction
 from lightprobe.evaluate.relight import load_environment, relight
 from lightprobe.evaluate.report import spread, write_report
 from lightprobe.evaluate.viewpoints import turntable
@@ -13,11 +13,13 @@ __all__ = [
     "evaluate",
     "load_environment",
     "methods_for",
+    "panorama",
     "relight",
     "spread",
     "turntable",
     "view_pictures",
     "write_confidence",
+    "write_map",
     "write_prediction",
     "write_report",
 ]

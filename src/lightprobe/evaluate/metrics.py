@@ -1,7 +1,7 @@
 """Scores of images, environments and material maps.
 
 Images are compared as sRGB in [0, 1]: composited on white in linear light, then encoded (and so clipped at the white of
-the photo). PSNR and SSIM are torchmetrics'; SSIM has the usual 11 x 11 Gaussian window of sigma 1.5 over the mirrored border.
+the photo). PSNR and SSIM are torchmetrics'; SSIM has the usual 11 x 11 Gaussian window of sigma 1.5, border mirrored.
 "Masked" means the pixels with more than half coverage in the photo.
 """
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
-from lightprobe.imaging import write_exr, write_png
+from lightprobe.core.errors import ConfigError
+from lightprobe.imaging import write_exr, write_png, write_radiance
 from lightprobe.light import equirect
 from lightprobe.predict import Prediction
 
@@ -29,10 +30,21 @@ def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:
     return 1 - np.exp(-factor * np.maximum(image, 0))
 
 
+def write_map(path: Path, image: np.ndarray) -> None:
+    """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
+
+    Raises `ConfigError` for any other suffix.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (".exr", ".hdr"):
+        raise ConfigError(f"Cannot write an environment as '{path.name}': name it .exr or .hdr.")
+    (write_exr if suffix == ".exr" else write_radiance)(path, image)
+
+
 def write_prediction(prediction: Prediction, path: Path) -> None:
-    """Write `path` (.exr), and beside it the tone-mapped .png and the .confidence.exr."""
+    """Write `path` (.exr or .hdr), and beside it the tone-mapped .png and the .confidence.exr."""
     image = panorama(prediction.environment)
-    write_exr(path, image)
+    write_map(path, image)
     write_png(path.with_suffix(".png"), tone_mapped(image, exposure(image)))
     write_confidence(prediction, path.with_suffix(".confidence.exr"))
 

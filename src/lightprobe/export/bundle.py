@@ -6,11 +6,10 @@ from torch import Tensor
 
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
+from lightprobe.evaluate import panorama, write_map
 from lightprobe.export.glb import write_glb
 from lightprobe.export.gltf_mesh import gltf_mesh
 from lightprobe.export.pictures import write_pictures
-from lightprobe.imaging import write_exr, write_radiance
-from lightprobe.light import equirect
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 
@@ -26,11 +25,7 @@ def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> None:
 
 def write_environment(path: Path, environment: Tensor) -> None:
     """Write a cubemap (6, R, R, C) as an equirectangular map of 2R x 4R; the suffix chooses OpenEXR or Radiance HDR."""
-    image = equirect.from_cubemap(environment, 2 * environment.shape[1]).detach().cpu().numpy()
-    if path.suffix == ".hdr":
-        write_radiance(path, image)
-    else:
-        write_exr(path, image)
+    write_map(path, panorama(environment))
 
 
 def write_run_outputs(decomposition: Decomposition, run: RunFolder) -> None:

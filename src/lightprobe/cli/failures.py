@@ -1,0 +1,67 @@
+"""How failures reach the person at the keyboard: one sentence, an exit code, and no traceback on the screen."""
+
+import contextlib
+import errno
+import tempfile
+import traceback
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+from lightprobe.core.errors import LightprobeError, ResourceError
+from lightprobe.core.run import RunFolder
+
+INTERRUPTED = 130  # what shells report for a program ended by Ctrl-C
+UNEXPECTED = 70  # "internal software error" in BSD's sysexits
+
+
+class UnexpectedError(LightprobeError):
+    """A defect of the program itself; the traceback is in the file that the message names."""
+
+    exit_code = UNEXPECTED
+
+
+@contextlib.contextmanager
+def explained(log: Path | None = None) -> Iterator[None]:
+    """Turn whatever goes wrong inside into a `LightprobeError`; an unexpected traceback goes to `log`.
+
+    Without `log` it goes to a file in the temporary folder. KeyboardInterrupt and SystemExit pass.
+    """
+    try:
+        yield
+    except (LightprobeError, BrokenPipeError):
+        raise
+    except MemoryError as error:
+        raise _out_of_memory() from error
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise ResourceError("The disk is full; free some space and run the same command again.") from error
+        raise _unexpected(error, log) from error
+    except Exception as error:
+        if type(error).__name__ == "OutOfMemoryError" or "not enough memory" in str(error):
+            raise _out_of_memory() from error
+        raise _unexpected(error, log) from error
+
+
+@contextlib.contextmanager
+def writing(run: RunFolder) -> Iterator[None]:
+    """Hold `run` for writing and send unexpected tracebacks to its log.txt."""
+    with run.writing(), explained(run.log_file):
+        yield
+
+
+def _out_of_memory() -> ResourceError:
+    return ResourceError("Out of memory: use smaller photos, a smaller preset or other programs closed.")
+
+
+def _unexpected(error: Exception, log: Path | None) -> UnexpectedError:
+    path = log or Path(tempfile.gettempdir()) / "lightprobe-error.txt"
+    first_line = str(error).strip().split("\n")[0]
+    message = f"{type(error).__name__}: {first_line}" if first_line else type(error).__name__
+    try:
+        with open(path, "a", encoding="utf-8") as file:
+            stamp = datetime.now().isoformat(sep=" ", timespec="seconds")
+            file.write(f"{stamp}  unexpected error\n{''.join(traceback.format_exception(error))}\n")
+    except OSError:
+        return UnexpectedError(f"Unexpected error, please report it ({message}); its traceback could not be written.")
+    return UnexpectedError(f"Unexpected error, please report it with the traceback in {path} ({message}).")

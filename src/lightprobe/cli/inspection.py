@@ -1,0 +1,33 @@
+"""inspect: what is in a folder of photos, before an hour is spent on it."""
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import arg
+
+from lightprobe.cli.options import SceneArg
+from lightprobe.core.errors import InputError
+from lightprobe.scene.inspect import inspect as examine
+from lightprobe.scene.overlay import write_overlay_sheet
+
+_SheetArg = Annotated[
+    Path | None,
+    arg(aliases=["-o"], metavar="SHEET.png", help="Overlay sheet to write; by default SCENE-overlay.png here."),
+]
+
+
+def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
+    """Print what was found and every problem at once, and draw the visual hull's outline over every photo.
+
+    Examples:
+      lightprobe inspect photos/cup
+      lightprobe inspect photos/cup -o /tmp/sheet.png
+    """
+    found = examine(scene)
+    print("\n".join(found.lines()))
+    if found.photos:
+        sheet = output or Path(f"{found.root.name}-overlay.png")
+        write_overlay_sheet(found, sheet)
+        print(f"sheet    {sheet}")
+    if found.problems:
+        raise InputError(f"{scene} cannot be used as it is: {len(found.problems)} problem(s), listed above.")

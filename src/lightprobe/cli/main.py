@@ -1,0 +1,100 @@
+"""The `lightprobe` program: finds the command, reads its arguments, and says in one sentence what went wrong."""
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+
+from lightprobe.core.errors import LightprobeError
+
+# command -> (module, what it does); only the module of the command in use is imported
+COMMANDS = {
+    "demo": ("training", "learn the bundled object and write a report, in minutes"),
+    "inspect": ("inspection", "show what was found in a folder of photos, and what is wrong with it"),
+    "fit": ("training", "Phase I: mesh, materials and one environment per photo"),
+    "distill": ("training", "Phase II: the predictor of light"),
+    "train": ("training", "both phases"),
+    "predict": ("using", "one photo in, the environment map around the object out"),
+    "render": ("using", "the object under an environment, from a camera"),
+    "relight": ("using", "a turntable and the test views under a new environment"),
+    "eval": ("evaluation", "numbers and a report on the test photos"),
+    "export": ("using", "mesh.glb, textures and environment maps for other programs"),
+}
+
+_EXAMPLES = """\
+Examples:
+  lightprobe demo
+  lightprobe inspect photos/cup
+  lightprobe train photos/cup -o runs/cup
+  lightprobe eval runs/cup
+  lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line (`sys.argv` by default) and return the exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] in ("-h", "--help", "help"):
+        print(usage())
+        return 0 if given else 2
+    if given[0] == "--version":
+        print(version("lightprobe"))
+        return 0
+    if given[0] not in COMMANDS:
+        print(f"lightprobe: there is no command '{given[0]}'; see lightprobe --help.", file=sys.stderr)
+        return 2
+    return _guarded(given[0], given[1:])
+
+
+def usage() -> str:
+    """Return the help of the program as a whole."""
+    lines = [f"  {name:<9} {summary}" for name, (_, summary) in COMMANDS.items()]
+    return "\n".join(
+        [
+            "usage: lightprobe COMMAND ...   (lightprobe COMMAND --help explains one)\n",
+            "Turn one photo of a known object into the HDR environment map around it.\n",
+            "Commands:",
+            *lines,
+            f"\n{_EXAMPLES}",
+        ]
+    )
+
+
+def _guarded(name: str, arguments: list[str]) -> int:
+    from lightprobe.cli.failures import INTERRUPTED, explained
+
+    try:
+        with explained():
+            _run(name, arguments)
+    except LightprobeError as error:
+        print(f"lightprobe: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("lightprobe: interrupted; training goes on with the same command.", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone, as with `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _run(name: str, arguments: list[str]) -> None:
+    import tyro
+
+    module = importlib.import_module(f"lightprobe.cli.{COMMANDS[name][0]}")
+    command: Callable[..., None] = getattr(module, name)
+    description = (command.__doc__ or "").replace("\n    ", "\n").strip()
+    if COMMANDS[name][0] == "training":
+        command = module.with_preset(command, chosen_preset(arguments))
+    config = (tyro.conf.EnumChoicesFromValues,)
+    tyro.cli(command, prog=f"lightprobe {name}", description=description, args=arguments, config=config)
+
+
+def chosen_preset(arguments: Sequence[str]) -> str:
+    """Return the value of `--preset` before the rest is read: the defaults of all other options depend on it."""
+    for i, argument in enumerate(arguments):
+        if argument == "--preset" and i + 1 < len(arguments):
+            return arguments[i + 1]
+        if argument.startswith("--preset="):
+            return argument.partition("=")[2]
+    return "quick"

@@ -1,0 +1,23 @@
+"""Arguments that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import FlagCreatePairsOff, Positional, arg
+
+SceneArg = Annotated[Positional[Path], arg(metavar="SCENE", help="Folder with photos and cameras.")]
+RunArg = Annotated[Positional[Path], arg(metavar="RUN", help="Run folder made by fit or train.")]
+RunOut = Annotated[Path, arg(aliases=["-o"], metavar="RUN", help="Run folder to make or to go on with.")]
+CameraArg = Annotated[
+    Path,
+    arg(
+        metavar="C.json",
+        help="Camera of the view: camera_to_world, fx, fy, cx, cy, width, height; or a transforms.json.",
+    ),
+]
+EnvironmentArg = Annotated[Path, arg(metavar="ENV.exr", help="Equirectangular environment, EXR or Radiance HDR.")]
+Device = Annotated[str, arg(metavar="auto|cpu|cuda", help="Where to compute.")]
+Seed = Annotated[int, arg(help="Equal seeds give equal results on a CPU.")]
+Restart = Annotated[
+    FlagCreatePairsOff[bool], arg(help="Throw away what this phase has done in the run and begin anew.")
+]

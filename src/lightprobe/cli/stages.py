@@ -1,0 +1,107 @@
+"""The two phases as steps of a run folder: recorded, resumable, reported."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+
+from lightprobe.cli.progress import Meter, clock
+from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.config import DecomposeConfig, DistillConfig
+from lightprobe.core.errors import InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.decompose import Decomposition, Progress, decompose
+from lightprobe.distill import ProbeModel, distill
+from lightprobe.export import write_run_outputs
+from lightprobe.scene import load_scene
+from lightprobe.scene.photo import Scene
+from lightprobe.scene.record import scene_record
+
+_RECORD_EVERY = 10  # steps between lines of metrics.jsonl
+_LIGHTS = "lights"  # the stage that only solves for the final lights: nothing is trained, no checkpoint is written
+
+
+def open_scene(run: RunFolder, folder: Path | None) -> Scene:
+    """Load the scene of a run, from `folder` when it has moved, and check that it is still the same."""
+    path = folder or Path(run.scene()["root"])
+    if not path.is_dir():
+        raise InputError(f"The photos of {run.path} are no longer in {path}; tell where they are with --scene FOLDER.")
+    scene = load_scene(path)
+    run.record_scene(scene_record(scene))
+    return scene
+
+
+def run_decompose(
+    run: RunFolder, scene: Scene, config: DecomposeConfig, device: torch.device, seed: int, meter: Meter
+) -> Decomposition:
+    """Phase I into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
+    run.record_scene(scene_record(scene))
+    run.record_config("decompose", {"seed": seed, **asdict(config)})
+    if run.asset_file.exists():
+        return Decomposition.load(run, device)
+    started = time.monotonic()
+    recorder = _Recorder(run, "decompose", run.checkpoints)
+    progress = Progress(run.checkpoints, lambda *step: recorder.step(meter, *step), run.log)
+    decomposition = decompose(scene, config, device, seed, progress)
+    write_run_outputs(decomposition, run)
+    decomposition.save(run)
+    run.log(f"decompose finished in {clock(time.monotonic() - started)}")
+    return decomposition
+
+
+def run_distill(
+    run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
+    device: torch.device, seed: int, meter: Meter,
+) -> ProbeModel:  # fmt: skip
+    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
+    run.record_config("distill", {"seed": seed, **asdict(config)})
+    if model_exists(run):
+        return ProbeModel.load(run.model_folder).to(device)
+    started = time.monotonic()
+    recorder = _Recorder(run, "distill", run.model_checkpoints)
+    model = distill(
+        decomposition, scene(), config, device, seed, run.model_checkpoints,
+        lambda step, loss: recorder.step(meter, "distill", step, config.steps, loss),
+    )  # fmt: skip
+    model.save(run.model_folder)
+    run.log(f"distill finished in {clock(time.monotonic() - started)}")
+    return model
+
+
+def model_exists(run: RunFolder) -> bool:
+    """Return whether Phase II has finished; its config.json is written last."""
+    return (run.model_folder / "config.json").exists()
+
+
+def restart_decompose(run: RunFolder) -> None:
+    """Forget Phase I, and Phase II and the evaluation with it, as they build on it."""
+    restart_distill(run)
+    outputs = (run.checkpoints.folder, run.mesh_folder, run.environment_folder, run.scene_file)
+    run.restart("decompose", outputs=outputs)
+
+
+def restart_distill(run: RunFolder) -> None:
+    """Forget Phase II and the evaluation."""
+    outputs = (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent)
+    run.restart("distill", outputs=outputs)
+
+
+class _Recorder:
+    """Counts a phase's steps from its last checkpoint on, writes metrics.jsonl and moves the progress bar."""
+
+    def __init__(self, run: RunFolder, phase: str, checkpoints: Checkpoints):
+        latest = checkpoints.latest()
+        self.run, self.phase = run, phase
+        self.count = latest[0] if latest else 0
+        run.rewind_metrics(phase, self.count)
+        run.log(f"{phase} goes on from step {self.count}" if latest else f"{phase} starts")
+
+    def step(self, meter: Meter, stage: str, step: int, steps: int, loss: float) -> None:
+        """Take note of one finished step."""
+        trains = stage != _LIGHTS
+        self.count += trains
+        if trains and self.count % _RECORD_EVERY == 0:
+            self.run.append_metrics(self.phase, self.count, {"stage": stage, "loss": loss})
+        meter.update(stage, step, steps, f"loss {loss:.4f}" if trains else "")

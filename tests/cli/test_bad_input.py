@@ -1,0 +1,213 @@
+"""What a person reads when something is wrong: one sentence, no traceback, a non-zero exit, nothing half-written."""
+
+import errno
+import json
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.toy_scene import write_toy_scene
+
+from lightprobe.cli.main import main
+from lightprobe.core.run import RunFolder
+from lightprobe.imaging import write_png
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return write_toy_scene(tmp_path / "scene", train=4, test=1)
+
+
+def edit_json(path: Path, change) -> None:
+    value = json.loads(path.read_text())
+    change(value)
+    path.write_text(json.dumps(value))
+
+
+def png_header(width: int, height: int) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+
+
+def empty_folder(scene):
+    for path in sorted(scene.rglob("*"), reverse=True):
+        path.unlink() if path.is_file() else path.rmdir()
+
+
+def missing_folder(scene):
+    empty_folder(scene)
+    scene.rmdir()
+
+
+def no_camera_file(scene):
+    for path in scene.glob("*.json"):
+        path.unlink()
+
+
+def broken_json(scene):
+    (scene / "transforms_train.json").write_text('{"frames": [\n')
+
+
+def missing_photo(scene):
+    (scene / "train" / "train_01.png").unlink()
+
+
+def nan_pose(scene):
+    def change(value):
+        value["frames"][1]["transform_matrix"][0][3] = float("nan")
+
+    edit_json(scene / "transforms_train.json", change)
+
+
+def mirrored_pose(scene):
+    def change(value):
+        for row in value["frames"][2]["transform_matrix"]:
+            row[0] = -row[0]
+
+    edit_json(scene / "transforms_train.json", change)
+
+
+def outside_path(scene):
+    edit_json(scene / "transforms_train.json", lambda v: v["frames"][0].update(file_path="../../etc/passwd"))
+
+
+def no_focal_length(scene):
+    def change(value):
+        del value["fl_x"], value["fl_y"]
+
+    edit_json(scene / "transforms_train.json", change)
+
+
+def truncated_jpeg(scene):
+    from PIL import Image
+
+    Image.fromarray(np.full((40, 40, 3), 128, np.uint8)).save(scene / "train" / "train_01.jpg")
+    data = (scene / "train" / "train_01.jpg").read_bytes()
+    (scene / "train" / "train_01.jpg").write_bytes(data[: len(data) // 2])
+    write_png(scene / "mask.png", np.ones((40, 40, 3)))
+    edit_json(
+        scene / "transforms_train.json",
+        lambda v: v["frames"][1].update(file_path="train/train_01.jpg", mask_path="mask.png"),
+    )
+
+
+def enormous_png(scene):
+    (scene / "train" / "train_01.png").write_bytes(png_header(60_000, 60_000))
+
+
+def empty_mask(scene):
+    write_png(scene / "train" / "train_01.png", np.ones((40, 40, 3)), np.zeros((40, 40)))
+
+
+def wrong_mask_size(scene):
+    write_png(scene / "mask.png", np.ones((20, 30, 3)))
+    edit_json(scene / "transforms_train.json", lambda v: v["frames"][1].update(mask_path="mask.png"))
+
+
+# damage -> words that the sentence must contain: the place, then what is wrong with it
+BAD_SCENES = {
+    missing_folder: ["scene", "does not exist"],
+    empty_folder: ["scene", "is empty"],
+    no_camera_file: ["scene", "no cameras"],
+    broken_json: ["transforms_train.json", "line 2"],
+    missing_photo: ["transforms_train.json", "train/train_01", "does not exist"],
+    nan_pose: ["transforms_train.json", "train/train_01", "NaN"],
+    mirrored_pose: ["transforms_train.json", "train/train_02", "mirrored"],
+    outside_path: ["transforms_train.json", "outside"],
+    no_focal_length: ["transforms_train.json", "focal length"],
+    truncated_jpeg: ["train_01.jpg"],
+    enormous_png: ["train_01.png", "60000 x 60000"],
+    empty_mask: ["train_01.png", "no object"],
+    wrong_mask_size: ["mask.png", "30 x 20", "40 x 40"],
+}
+
+
+def fails(arguments: list[str], capsys, words: list[str]) -> int:
+    """Run a command that must fail; check its message and return the exit code."""
+    code = main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    lines = [line for line in captured.err.splitlines() if line]
+    assert code != 0
+    assert len(lines) == 1, captured.err
+    assert lines[0].startswith("lightprobe: ")
+    assert "Traceback" not in captured.err + captured.out
+    for word in words:
+        assert word in lines[0], lines[0]
+    return code
+
+
+@pytest.mark.parametrize("damage", BAD_SCENES, ids=lambda damage: damage.__name__)
+def test_a_bad_scene_is_one_sentence_and_leaves_nothing(scene, tmp_path, capsys, damage):
+    damage(scene)
+    code = fails(["train", scene, "-o", tmp_path / "run", "--device", "cpu"], capsys, BAD_SCENES[damage])
+    assert code == 2
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(scene, tmp_path, capsys, monkeypatch):
+    """Every flush to the disk fails, as it does when the last block is taken."""
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    code = fails(["train", scene, "-o", tmp_path / "run", "--device", "cpu"], capsys, ["disk is full", "run"])
+    assert code == 4
+    assert [path.name for path in (tmp_path / "run").rglob("*") if path.is_file()] == []
+
+
+def test_commands_on_something_that_is_no_run(tmp_path, capsys):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "a.txt").write_text("x")
+    for command in (["distill"], ["eval"], ["export", "-o", tmp_path / "out"]):
+        fails(
+            [command[0], tmp_path / "photos", *command[1:]], capsys, ["photos", "not a run folder", "lightprobe train"]
+        )
+    assert not (tmp_path / "out").exists()
+
+
+def test_export_before_fit_says_so(tmp_path, capsys):
+    run = RunFolder.create(tmp_path / "run")
+    fails(["export", run.path, "-o", tmp_path / "out"], capsys, ["asset.safetensors", "does not exist"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fly"], ["no command 'fly'", "--help"]),
+        (["fit", "SCENE", "-o", "RUN", "--device", "tpu"], ["tpu"]),
+        (["fit", "SCENE", "-o", "RUN", "--decompose.texture-size", "0"], ["texture_size", "at least 1"]),
+        (["render", "RUN", "--camera", "c.json", "--env", "e.exr", "-o", "out.gif"], [".gif", ".png or .exr"]),
+    ],
+)
+def test_bad_options_are_one_sentence(scene, tmp_path, capsys, arguments, words):
+    given = [str(scene) if a == "SCENE" else str(tmp_path / a) if a in ("RUN", "out.gif") else a for a in arguments]
+    fails(given, capsys, words)
+
+
+def test_a_defect_of_the_program_names_the_log_with_its_traceback(scene, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("lightprobe.cli.stages.decompose", lambda *a: 1 // 0)
+    run = RunFolder(tmp_path / "run")
+    code = fails(["fit", scene, "-o", run.path, "--device", "cpu"], capsys, ["ZeroDivisionError", "log.txt"])
+    assert code == 70
+    assert "Traceback" in run.log_file.read_text()
+
+
+def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch):
+    def stop(*arguments):
+        raise KeyboardInterrupt
+
+    def exhaust(*arguments):
+        raise MemoryError
+
+    monkeypatch.setattr("lightprobe.cli.stages.decompose", stop)
+    arguments = ["fit", scene, "-o", tmp_path / "run", "--device", "cpu"]
+    assert fails(arguments, capsys, ["interrupted", "same command"]) == 130
+    monkeypatch.setattr("lightprobe.cli.stages.decompose", exhaust)
+    assert fails(arguments, capsys, ["Out of memory"]) == 4

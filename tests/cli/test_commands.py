@@ -1,0 +1,183 @@
+"""The whole program on a toy scene: learn, resume, predict, render, relight, evaluate, export."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from tests.toy_scene import SIZE, TINY, TINY_DISTILL, write_toy_scene
+
+from lightprobe.cli.main import COMMANDS, main
+from lightprobe.core.run import RunFolder
+from lightprobe.imaging import read_hdr, read_ldr
+from lightprobe.scene.camera import Camera
+
+
+def succeed(*arguments) -> None:
+    assert main([str(argument) for argument in arguments]) == 0
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A scene folder and a run on it, trained for a few steps."""
+    folder = tmp_path_factory.mktemp("toy")
+    scene = write_toy_scene(folder / "scene")
+    succeed("train", scene, "-o", folder / "run", *TINY, *TINY_DISTILL)
+    return scene, RunFolder(folder / "run")
+
+
+def test_training_leaves_the_documented_files(trained):
+    _, run = trained
+    files = {str(p.relative_to(run.path)) for p in run.path.rglob("*") if p.is_file()}
+    names = {f"train_{i:02d}" for i in range(18)}
+    assert {"config.json", "scene.json", "metrics.jsonl", "log.txt"} <= files
+    assert {f"mesh/{n}" for n in ("object.glb", "base_color.png", "orm.png", "normal.png")} <= files
+    assert {f"env/{name}.exr" for name in names} <= files
+    assert {"model/config.json"} <= files
+    steps = sorted(p.name for p in run.checkpoints.folder.iterdir())
+    assert steps == ["step-000000017", "step-000000020"]
+    assert not list(run.path.rglob(".partial-*"))
+    stages = [json.loads(line)["stage"] for line in run.metrics_log.read_text().splitlines()]
+    assert stages == ["pass1", "pass2", "distill"]
+
+
+def test_the_same_command_again_changes_nothing(trained):
+    scene, run = trained
+    before = {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file() and p.name != "log.txt"}
+    succeed("train", scene, "-o", run.path, *TINY, *TINY_DISTILL)
+    assert {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file() and p.name != "log.txt"} == before
+
+
+def test_another_scene_or_option_is_refused_with_the_difference(trained, tmp_path, capsys):
+    scene, run = trained
+    assert main(["fit", str(scene), "-o", str(run.path), *TINY, "--seed", "3"]) == 3
+    assert "decompose.seed = 0, not 3" in capsys.readouterr().err
+    other = write_toy_scene(tmp_path / "other", train=5)
+    assert main(["fit", str(other), "-o", str(run.path), *TINY]) == 3
+    assert "--restart" in capsys.readouterr().err
+
+
+def test_predict_writes_map_picture_and_confidence(trained, tmp_path, capsys):
+    scene, run = trained
+    out = tmp_path / "deep" / "light.exr"
+    image, cameras = scene / "test" / "test_00.png", scene / "transforms_test.json"
+    succeed("predict", run.path, image, "--camera", cameras, "-o", out, "--confidence", tmp_path / "c.exr")
+    light = read_hdr(out)
+    assert light.shape[1] == 2 * light.shape[0]
+    assert light.min() >= 0
+    assert light.max() > 0
+    assert read_ldr(out.with_suffix(".png"))[0].shape == light.shape
+    confidence = read_hdr(tmp_path / "c.exr")
+    assert confidence.min() >= 0
+    assert confidence.max() <= 1
+    assert str(out) in capsys.readouterr().out
+
+
+def test_render_writes_the_camera_s_picture(trained, tmp_path):
+    _, run = trained
+    record = json.loads(run.scene_file.read_text())["photos"]["test"]["test_01"]["camera"]
+    (tmp_path / "camera.json").write_text(json.dumps(record))
+    env = run.environment_file("train_00")
+    for suffix in ("png", "exr"):
+        out = tmp_path / f"view.{suffix}"
+        succeed("render", run.path, "--camera", tmp_path / "camera.json", "--env", env, "-o", out)
+    color, alpha = read_ldr(tmp_path / "view.png")
+    linear = read_hdr(tmp_path / "view.exr")
+    assert linear.shape == (SIZE, SIZE, 4)
+    assert np.abs(alpha - linear[..., 3]).max() < 0.005
+    solid = alpha > 0.99
+    assert solid.mean() == pytest.approx(np.pi * (1.25 / np.sqrt(3.2**2 - 1)) ** 2, rel=0.15)
+    assert np.abs(np.minimum(linear[solid, :3], 1) - color[solid]).max() < 0.02
+
+
+def test_relight_writes_turntable_and_test_views(trained, tmp_path):
+    _, run = trained
+    env = run.environment_file("train_01")
+    succeed("relight", run.path, "--env", env, "-o", tmp_path, "--frames", 3, "--side", 24)
+    names = sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.png"))
+    assert names == [
+        "test/test_00.png",
+        "test/test_01.png",
+        "turntable/000.png",
+        "turntable/001.png",
+        "turntable/002.png",
+    ]
+    assert read_ldr(tmp_path / "turntable" / "001.png")[1].max() == 1
+
+
+def test_eval_writes_numbers_predictions_and_a_self_contained_report(trained, tmp_path, capsys):
+    _, run = trained
+    succeed("eval", run.path, "-o", tmp_path / "numbers.json")
+    metrics = json.loads(run.metrics_file.read_text())
+    assert metrics == json.loads((tmp_path / "numbers.json").read_text())
+    assert {"psnr", "ssim", "psnr_masked", "ssim_masked", "seconds", "psnr_unseen"} <= metrics["mean"].keys()
+    assert metrics["photos"].keys() == {"test_00", "test_01"}
+    assert metrics["methods"][metrics["default_method"]].items() <= metrics["mean"].items()
+    each = [photo["psnr"] for photo in metrics["photos"].values()]
+    assert metrics["mean"]["psnr"] == pytest.approx(np.mean(each))
+    for suffix in (".exr", ".png", ".confidence.exr"):
+        assert run.prediction_file("test_00", suffix).is_file()
+        assert run.prediction_file("test_00", suffix, metrics["default_method"]).is_file()
+    page = run.report_file.read_text()
+    assert page.count("<section>") == 2
+    assert "http://" not in page
+    assert 'src="data:image/' in page
+    assert str(run.report_file) in capsys.readouterr().out
+
+
+def test_export_writes_every_environment_twice(trained, tmp_path):
+    _, run = trained
+    succeed("export", run.path, "-o", tmp_path)
+    assert (tmp_path / "mesh.glb").is_file()
+    exr, hdr = (read_hdr(tmp_path / "env" / f"train_00{suffix}") for suffix in (".exr", ".hdr"))
+    assert np.abs(exr - hdr).max() <= exr.max() / 128
+
+
+def test_a_moved_scene_is_found_by_its_new_place(trained, tmp_path, capsys):
+    scene, run = trained
+    os.rename(scene, tmp_path / "moved")
+    try:
+        assert main(["eval", str(run.path)]) == 2
+        assert "--scene" in capsys.readouterr().err
+        succeed("eval", run.path, "--scene", tmp_path / "moved", "--no-unseen")
+    finally:
+        os.rename(tmp_path / "moved", scene)
+        succeed("eval", run.path, "--scene", scene, "--no-unseen")
+
+
+def test_a_phase_can_be_restarted_with_other_options(trained, tmp_path):
+    _, run = trained
+    before = run.asset_file.read_bytes()
+    short = [*TINY_DISTILL[2:], "--distill.steps", "3", "--device", "cpu"]
+    assert main(["distill", str(run.path), *short]) == 3
+    succeed("distill", run.path, "--restart", *short)
+    assert run.config("distill")["steps"] == 3
+    assert run.asset_file.read_bytes() == before
+    succeed("distill", run.path, "--restart", *TINY_DISTILL, "--device", "cpu")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_shows_an_example(command, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([command, "--help"])
+    assert end.value.code == 0
+    assert f"lightprobe {command}" in capsys.readouterr().out.partition("Examples:")[2]
+
+
+def test_help_shows_the_values_of_the_chosen_preset(capsys):
+    with pytest.raises(SystemExit):
+        main(["fit", "--help", "--preset", "paper"])
+    assert "40000" in capsys.readouterr().out
+
+
+def test_help_loads_no_torch():
+    code = "import sys; from lightprobe.cli.main import main; main(['--help']); sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
+def test_written_cameras_can_be_read_back(trained):
+    _, run = trained
+    for photo in run.scene()["photos"]["train"].values():
+        assert Camera.from_json(photo["camera"], source="x").width == SIZE
