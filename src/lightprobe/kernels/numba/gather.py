@@ -1,8 +1,7 @@
 """Numba body of the row gathers; symbols as in `lightprobe.kernels.gather`.
 
-The scatters give each thread its own destination rows and let it read the whole index. So no two threads write one row,
-and a row's sum runs in index order for any number of threads. Rows are dealt in runs of 64: neighbours are often hot
-together, and a run is longer than a cache line.
+The scatters run on one thread, in index order: that is limited by memory, repeatable without care, and measured faster
+than dealing the rows out to two threads, which each have to read the whole index and skip half of it unpredictably.
 """
 
 import numpy as np
@@ -11,8 +10,6 @@ from numba import prange
 from torch import Tensor
 
 from lightprobe.kernels.numba.jit import arrays, compiled, threads
-
-RUN_BITS = 6
 
 
 def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
@@ -26,7 +23,7 @@ def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
 def scatter_weighted(grad: Tensor, index: Tensor, weight: Tensor, rows: int) -> Tensor:
     """Return the gradient (rows, C) to `values`."""
     out = grad.new_zeros(rows, grad.shape[1])
-    _scatter_weighted(*arrays(grad, index, weight), _lanes(index.numel() * grad.shape[1]), out.numpy())
+    _scatter_weighted(*arrays(grad, index, weight), out.numpy())
     return out
 
 
@@ -41,13 +38,8 @@ def row_products(grad: Tensor, index: Tensor, values: Tensor) -> Tensor:
 def scatter_rows(grad: Tensor, index: Tensor, rows: int) -> Tensor:
     """Return (rows, C): `grad` (N, C) summed into the rows named by `index` (N,)."""
     out = grad.new_zeros(rows, grad.shape[1])
-    _scatter_rows(*arrays(grad, index), _lanes(grad.numel()), out.numpy())
+    _scatter_rows(*arrays(grad, index), out.numpy())
     return out
-
-
-def _lanes(work: int) -> int:
-    """Return the largest power of two not above the number of threads for this work."""
-    return 1 << (threads(work).bit_length() - 1)
 
 
 @compiled(parallel=True)
@@ -61,15 +53,13 @@ def _gather(values, index, weight, out):
                 out[n, c] += factor * values[row, c]
 
 
-@compiled(parallel=True)
-def _scatter_weighted(grad, index, weight, lanes, out):
-    for lane in prange(lanes):
-        for n in range(index.shape[0]):
-            for k in range(index.shape[1]):
-                row = index[n, k]
-                if (row >> RUN_BITS) & (lanes - 1) == lane:
-                    for c in range(grad.shape[1]):
-                        out[row, c] += weight[n, k] * grad[n, c]
+@compiled()
+def _scatter_weighted(grad, index, weight, out):
+    for n in range(index.shape[0]):
+        for k in range(index.shape[1]):
+            row, factor = index[n, k], weight[n, k]
+            for c in range(grad.shape[1]):
+                out[row, c] += factor * grad[n, c]
 
 
 @compiled(parallel=True, fastmath={"contract", "reassoc"})
@@ -82,11 +72,9 @@ def _row_products(grad, index, values, out):
             out[n, k] = total
 
 
-@compiled(parallel=True)
-def _scatter_rows(grad, index, lanes, out):
-    for lane in prange(lanes):
-        for n in range(index.shape[0]):
-            row = index[n]
-            if (row >> RUN_BITS) & (lanes - 1) == lane:
-                for c in range(grad.shape[1]):
-                    out[row, c] += grad[n, c]
+@compiled()
+def _scatter_rows(grad, index, out):
+    for n in range(index.shape[0]):
+        row = index[n]
+        for c in range(grad.shape[1]):
+            out[row, c] += grad[n, c]
