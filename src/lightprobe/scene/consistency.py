@@ -13,21 +13,26 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.normalise import find_similarity
 
-_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = 32, 96, 64
-_CLEARLY_BETTER = 0.1  # gain in IoU that makes a suspicion worth a word
+_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = 24, 96, 48
+_CLEARLY_BETTER, _CONVINCING = 0.1, 0.6  # gain in IoU, and IoU, that make a suspicion worth a word
 
 
 def fitted_hull(
-    cameras: Sequence[Camera], alphas: Sequence[np.ndarray], similarity: Similarity, resolution: int
+    cameras: Sequence[Camera],
+    alphas: Sequence[np.ndarray],
+    similarity: Similarity,
+    resolution: int,
+    *,
+    agreement: float | None = None,
 ) -> Hull:
     """Return the hull in the normalised frame on a grid that fits it closely; `cameras` are in the input frame."""
     normalised = [camera.normalised(similarity) for camera in cameras]
-    rough = visual_hull(normalised, alphas, resolution // 2)
+    rough = visual_hull(normalised, alphas, resolution // 2, agreement=agreement)
     if not rough.occupancy.any():
         return rough
     points = rough.centers(rough.occupancy)
     low, high = points.min(axis=0) - 2 * rough.voxel, points.max(axis=0) + 2 * rough.voxel
-    return visual_hull(normalised, alphas, resolution, lo=low, hi=high)
+    return visual_hull(normalised, alphas, resolution, lo=low, hi=high, agreement=agreement)
 
 
 def silhouette(hull: Hull, camera: Camera, similarity: Similarity, shape: tuple[int, ...]) -> np.ndarray:
@@ -41,25 +46,36 @@ def overlap(mask: np.ndarray, picture: np.ndarray) -> float:
     return float((mask & picture).sum() / union) if union else 1.0
 
 
-def explain(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], mean_overlap: float) -> str | None:
+def look_inverted(alphas: Sequence[np.ndarray]) -> bool:
+    """Tell whether most masks fill the rim of their photo and leave out something inside it.
+
+    The hull cannot tell: the space around an object is as consistent as the object.
+    """
+    rims = [np.concatenate([alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]]) >= 0.5 for alpha in alphas]
+    holes = [rim.mean() > 0.9 and (alpha < 0.5).mean() > 0.01 for rim, alpha in zip(rims, alphas, strict=True)]
+    return sum(holes) > len(alphas) / 2
+
+
+def explain(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: float) -> str | None:
     """Return a sentence naming the convention under which masks and cameras agree much better, or None.
 
-    Each of the usual mistakes is undone in turn, on a few small masks, and the hull is carved anew.
+    `found` is the overlap as things are. Each of the usual mistakes is undone in turn, on a few small masks, and the
+    hull is carved anew.
     """
     chosen = np.unique(np.linspace(0, len(alphas) - 1, min(len(alphas), _TRIAL_PHOTOS)).astype(int))
     small = [(cameras[i], _shrunk(alphas[i])) for i in chosen]
     trials = [(_trial(small, change), sentence) for sentence, change in _SUSPICIONS]
     best, sentence = max(trials, key=lambda trial: trial[0])
-    if best < mean_overlap + _CLEARLY_BETTER:
+    if best < max(found + _CLEARLY_BETTER, _CONVINCING):
         return None
-    return f"{sentence} (the visual hull then agrees with the masks at IoU {best:.2f} instead of {mean_overlap:.2f})."
+    return f"{sentence} (the visual hull then agrees with the masks at IoU {best:.2f} instead of {found:.2f})."
 
 
 Change = Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]
 
 
 def _trial(views: Sequence[tuple[Camera, np.ndarray]], change: Change) -> float:
-    """Return the mean overlap after `change`; 0 when no hull exists."""
+    """Return the median overlap after `change`; 0 when no hull exists."""
     changed = [change(*view) for view in views]
     cameras, alphas = [camera for camera, _ in changed], [alpha for _, alpha in changed]
     if any(alpha.max() < 0.5 for alpha in alphas):
@@ -69,7 +85,7 @@ def _trial(views: Sequence[tuple[Camera, np.ndarray]], change: Change) -> float:
     except InputError:
         return 0.0
     hull = fitted_hull(cameras, alphas, similarity, _TRIAL_RESOLUTION)
-    return float(np.mean([overlap(a >= 0.5, silhouette(hull, c, similarity, a.shape)) for c, a in changed]))
+    return float(np.median([overlap(a >= 0.5, silhouette(hull, c, similarity, a.shape)) for c, a in changed]))
 
 
 def _shrunk(alpha: np.ndarray) -> np.ndarray:

@@ -58,14 +58,16 @@ def visual_hull(
     *,
     lo: Sequence[float] | np.ndarray = (-1.05, -1.05, -1.05),
     hi: Sequence[float] | np.ndarray = (1.05, 1.05, 1.05),
-    agreement: float = 0.95,
+    agreement: float | None = None,
     seen_by: float = 0.03,
 ) -> Hull:
     """Vote on `resolution`^3 voxels of the box lo..hi, given in the frame of `cameras` (normalised, by default).
 
     `alphas` (H, W) may be smaller than their cameras' images. A voxel is occupied when at least `seen_by` of the photos
-    (and two, where there are two) see it and at least `agreement` of those have it inside the mask (alpha >= 0.5).
+    (and two, where there are two) see it and at least `agreement` of those have it inside the mask (alpha >= 0.5);
+    see `usual_agreement` for the default.
     """
+    needed = usual_agreement(len(alphas)) if agreement is None else agreement
     sized = [camera.resized(alpha.shape[1], alpha.shape[0]) for camera, alpha in zip(cameras, alphas, strict=True)]
     projections = np.stack([projection_matrix(camera) for camera in sized])
     sizes = np.array([alpha.shape for alpha in alphas], np.int64)
@@ -76,7 +78,15 @@ def visual_hull(
     inside, seen = _vote(projections, sizes, starts, masks, low, (high - low) / resolution, resolution)
     enough = max(min(2, len(sized)), int(np.ceil(seen_by * len(sized))))
     score = np.where(seen >= enough, inside / np.maximum(seen, 1), 0).astype(np.float32)
-    return Hull(score >= np.float32(agreement), score, low, high)
+    return Hull(score >= np.float32(needed), score, low, high)
+
+
+def usual_agreement(photos: int) -> float:
+    """Return the share of masks that must agree: 95 %, or all but one where that is less, so that one may be wrong.
+
+    With under ten photos every one is needed: each cuts away much that no other does.
+    """
+    return 0.95 if photos < 10 else min(0.95, 1 - 1.5 / photos)
 
 
 def projection_matrix(camera: Camera) -> np.ndarray:

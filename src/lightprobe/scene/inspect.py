@@ -10,17 +10,17 @@ import numpy as np
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import resize_area, srgb_encode
 from lightprobe.scene.camera import Similarity
-from lightprobe.scene.consistency import explain, fitted_hull, overlap, silhouette
+from lightprobe.scene.consistency import explain, fitted_hull, look_inverted, overlap, silhouette
 from lightprobe.scene.frame import Problems, Split
 from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
-from lightprobe.scene.normalise import find_similarity
+from lightprobe.scene.normalise import ROUGH_AGREEMENT, find_similarity
 from lightprobe.scene.photo import Photo
 from lightprobe.scene.pixels import decode, target_size
 
 _SIDE = 192  # longer side of the thumbnails everything is measured on
 _RESOLUTION = 128
 _SHOWN = 20  # problems printed
-_LOW_MEAN, _LOW_PHOTO, _FAR_BELOW_MEDIAN = 0.75, 0.6, 0.2  # IoU
+_LOW_MEDIAN, _FAR_BELOW_MEDIAN, _CLEARLY_BETTER = 0.75, 0.2, 0.1  # IoU
 
 
 @dataclass(frozen=True)
@@ -118,20 +118,34 @@ def _thumbnails(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
 def _carve(
     reading: Reading, reports: tuple[PhotoReport, ...], alphas: dict[str, np.ndarray], problems: Problems
 ) -> tuple[Similarity | None, tuple[PhotoReport, ...]]:
-    """Carve the hull from the training photos and add its silhouette to every report."""
+    """Carve the hull from the training photos and add its silhouette to every report.
+
+    When that agrees badly, a hull that lets many photos disagree may show which of them are to blame.
+    """
     train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
     cameras, masks = [photo.camera for photo in train], [alphas[photo.name] for photo in train]
+    by_name = {photo.name: photo.camera for _, photo in reading.all_photos()}
+
+    def carve(agreement: float | None) -> tuple[Similarity, tuple[PhotoReport, ...]]:
+        similarity = find_similarity(cameras, masks, agreement=agreement)
+        hull = fitted_hull(cameras, masks, similarity, _RESOLUTION, agreement=agreement)
+        pictures = (silhouette(hull, by_name[r.name], similarity, r.mask.shape) for r in reports)
+        return similarity, tuple(replace(r, silhouette=p) for r, p in zip(reports, pictures, strict=True))
+
     with problems.guard():
         if len(train) < 2:
             raise InputError(f"{reading.root} has {len(train)} sound training photos; two or more are needed.")
-        similarity = find_similarity(cameras, masks)
-        hull = fitted_hull(cameras, masks, similarity, _RESOLUTION)
-        by_name = {photo.name: photo.camera for _, photo in reading.all_photos()}
-        return similarity, tuple(
-            replace(report, silhouette=silhouette(hull, by_name[report.name], similarity, report.mask.shape))
-            for report in reports
-        )
+        usual = carve(None)
+        if _median_iou(usual[1]) >= _LOW_MEDIAN:
+            return usual
+        rough = carve(ROUGH_AGREEMENT)
+        return rough if _median_iou(rough[1]) > _median_iou(usual[1]) + _CLEARLY_BETTER else usual
     return None, reports
+
+
+def _median_iou(reports: Sequence[PhotoReport]) -> float:
+    """Return the median overlap of hull and masks, 0 where there is none."""
+    return float(np.median([report.iou or 0.0 for report in reports]))
 
 
 def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, np.ndarray]) -> list[str]:
@@ -140,25 +154,25 @@ def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, n
     unposed = unposed_images(reading)
     if unposed:
         hints.append(f"{len(unposed)} photos in images/ have no camera and are left out, such as {unposed[0].name}.")
-    values = [report.iou or 0.0 for report in reports]
-    if not values:
+    if not reports:
         return hints
-    if np.mean(values) < _LOW_MEAN:
-        train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
-        reason = explain(
-            [photo.camera for photo in train], [alphas[photo.name] for photo in train], float(np.mean(values))
-        )
-        hints.append(reason or "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks.")
-    else:
-        hints += [hint for report in reports if (hint := _outlier(report, float(np.median(values)))) is not None]
-    return hints
+    if look_inverted(list(alphas.values())):
+        return [*hints, "The masks look inverted: they fill the rim of most photos; the object must be white."]
+    median = _median_iou(reports)
+    if median >= _LOW_MEDIAN:
+        return hints + [hint for report in reports if (hint := _outlier(report, median)) is not None]
+    train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
+    if len(train) < 2:
+        return hints
+    reason = explain([photo.camera for photo in train], [alphas[photo.name] for photo in train], median)
+    return [*hints, reason or "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks."]
 
 
 def _outlier(report: PhotoReport, median: float) -> str | None:
     """Return what is suspicious about one photo of a scene whose other photos agree, or None."""
     if report.silhouette is None or report.iou is None:
         return None
-    if report.iou >= min(_LOW_PHOTO, median - _FAR_BELOW_MEDIAN):
+    if report.iou >= median - _FAR_BELOW_MEDIAN:
         return None
     if overlap(~report.mask, report.silhouette) > report.iou + _FAR_BELOW_MEDIAN:
         return f"{report.name}: the mask looks inverted (IoU {report.iou:.2f}); the object must be white."

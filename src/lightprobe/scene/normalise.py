@@ -11,37 +11,63 @@ from scipy import ndimage
 
 from lightprobe.core.errors import InputError
 from lightprobe.scene.camera import Camera, Similarity
-from lightprobe.scene.hull import Hull, visual_hull
+from lightprobe.scene.hull import Hull, usual_agreement, visual_hull
 
 _COARSE, _FINE = 64, 96
 _GROWTH = 1.5  # of the searched cube when the hull reaches its walls
 _MARGIN = 1.15  # of the cube around the hull, for thin parts that fall between coarse voxels
 _ATTEMPTS = 8
-_AGREEMENTS = (0.95, 0.8)  # the second for scenes whose masks or poses are rough
+ROUGH_AGREEMENT = 0.8  # for scenes whose masks or poses are rough
+_FEW = 3  # whole masks, fewer than which say nothing
 # Far behind the object lies space that few, similar cameras see, all with the object in front: it is not the object.
-_SEEN_BY = 0.1
+# Close-ups alone leave more of it, and then only what many of them see can be trusted.
+_SEEN_BY_SOME, _SEEN_BY_MANY = 0.1, 0.3
 
 
-def find_similarity(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> Similarity:
+def find_similarity(
+    cameras: Sequence[Camera], alphas: Sequence[np.ndarray], *, agreement: float | None = None
+) -> Similarity:
     """Return the similarity of the object in the `alphas` (H, W) seen by input-frame `cameras`; deterministic.
 
+    `agreement` is that of `visual_hull`; where it leaves nothing, a lower one is tried.
     Raises `InputError` when no point of space lies inside the masks: poses and masks then do not belong together.
     """
     center, radius = first_guess(cameras, alphas)
-    for agreement in _AGREEMENTS:
-        low, high = center - radius, center + radius
-        for _ in range(_ATTEMPTS):
-            hull = visual_hull(cameras, alphas, _COARSE, lo=low, hi=high, agreement=agreement, seen_by=_SEEN_BY)
-            if not hull.occupancy.any():
-                break
-            (low, high), fits = _better_box(hull)
-            if fits:
-                fine = visual_hull(cameras, alphas, _FINE, lo=low, hi=high, agreement=agreement, seen_by=_SEEN_BY)
-                return _enclosing(fine if fine.occupancy.any() else hull)
+    usual = usual_agreement(len(alphas)) if agreement is None else agreement
+    trials = [(usual, _SEEN_BY_SOME), (usual, _SEEN_BY_MANY), (ROUGH_AGREEMENT, _SEEN_BY_MANY)]
+    for needed, seen_by in trials if len(_whole(alphas)) >= _FEW else trials[1:]:
+        found = _search(cameras, alphas, center, radius, needed, seen_by)
+        if found is not None:
+            return found
     raise InputError(
         "Masks and cameras do not agree: no bounded part of space lies inside the masks of the photos that see it; "
         "run `lightprobe inspect` to see whether masks are inverted or poses follow another convention."
     )
+
+
+def _search(
+    cameras: Sequence[Camera],
+    alphas: Sequence[np.ndarray],
+    center: np.ndarray,
+    radius: float,
+    agreement: float,
+    seen_by: float,
+) -> Similarity | None:
+    """Return the similarity of the hull found from a first place and size, or None when it is empty or has no end."""
+
+    def carve(resolution: int) -> Hull:
+        return visual_hull(cameras, alphas, resolution, lo=low, hi=high, agreement=agreement, seen_by=seen_by)
+
+    low, high = center - radius, center + radius
+    for _ in range(_ATTEMPTS):
+        hull = carve(_COARSE)
+        if not hull.occupancy.any():
+            return None
+        (low, high), fits = _better_box(hull)
+        if fits:
+            fine = carve(_FINE)
+            return _enclosing(fine if fine.occupancy.any() else hull)
+    return None
 
 
 def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
@@ -49,8 +75,8 @@ def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tupl
 
     Masks cut by the photo's border say little about middle and size, and are used only when there are no others.
     """
-    whole = [not _touches_border(alpha) for alpha in alphas]
-    chosen = [i for i, use in enumerate(whole) if use] if sum(whole) >= 3 else list(range(len(alphas)))
+    whole = _whole(alphas)
+    chosen = whole if len(whole) >= _FEW else list(range(len(alphas)))
     sized = [cameras[i].resized(alphas[i].shape[1], alphas[i].shape[0]) for i in chosen]
     pixels = [np.argwhere(alphas[i] >= 0.5)[:, ::-1] + 0.5 for i in chosen]
     rays = [_direction(camera, *points.mean(axis=0)) for camera, points in zip(sized, pixels, strict=True)]
@@ -104,10 +130,10 @@ def _main_parts(occupancy: np.ndarray) -> np.ndarray:
     return (sizes >= 0.01 * sizes.max())[labels] & occupancy
 
 
-def _touches_border(alpha: np.ndarray) -> bool:
-    """Tell whether the mask is cut by the border of the photo."""
-    inside = alpha >= 0.5
-    return bool(inside[0].any() or inside[-1].any() or inside[:, 0].any() or inside[:, -1].any())
+def _whole(alphas: Sequence[np.ndarray]) -> list[int]:
+    """Return the indices of the masks that the photo's border does not cut."""
+    borders = (np.concatenate([alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]]) for alpha in alphas)
+    return [index for index, border in enumerate(borders) if border.max() < 0.5]
 
 
 def _direction(camera: Camera, u: float, v: float) -> np.ndarray:

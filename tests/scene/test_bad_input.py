@@ -1,0 +1,316 @@
+"""Every way a scene folder can be wrong: one sentence that says what, where and what to do."""
+
+import json
+import re
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+from tests.scene.worlds import (
+    names,
+    picture,
+    views,
+    write_blender,
+    write_colmap,
+    write_colmap_model,
+    write_nerd,
+    write_nerfstudio,
+)
+
+from lightprobe.core.errors import InputError
+from lightprobe.scene import load_pixels, load_scene
+from lightprobe.scene.inspect import inspect
+
+COUNT = 4
+
+
+@pytest.fixture
+def nerd(tmp_path):
+    return write_nerd(tmp_path / "scene", views(COUNT))
+
+
+@pytest.fixture
+def nerfstudio(tmp_path):
+    return write_nerfstudio(tmp_path / "scene", views(COUNT))
+
+
+@pytest.fixture
+def colmap(tmp_path):
+    return write_colmap(tmp_path / "scene", views(COUNT), binary=True)
+
+
+def refused(root, pattern):
+    """Assert that loading fails with one sentence matching `pattern`, and that an inspection reports it too."""
+    with pytest.raises(InputError, match=pattern) as caught:
+        load_scene(root)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.endswith(".")
+    assert any(re.search(pattern, problem) for problem in inspect(root).problems)
+
+
+def edit_json(path, change):
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+
+
+# Folders
+
+
+def test_missing_folder(tmp_path):
+    refused(tmp_path / "nowhere", r"nowhere does not exist")
+
+
+def test_file_instead_of_folder(tmp_path):
+    (tmp_path / "a.txt").write_text("x")
+    refused(tmp_path / "a.txt", r"a\.txt is not a folder")
+
+
+def test_empty_folder_lists_the_layouts(tmp_path):
+    refused(tmp_path, r"is empty; a scene folder has poses_bounds\.npy.*transforms\.json.*COLMAP")
+
+
+def test_photos_without_cameras(tmp_path):
+    Image.new("RGB", (8, 8)).save(tmp_path / "a.png")
+    refused(tmp_path, r"holds photos but no cameras; a scene folder has")
+
+
+# poses_bounds.npy
+
+
+def test_pose_count(nerd):
+    (nerd / "images" / "view_03.png").unlink()
+    refused(nerd, r"poses_bounds\.npy holds 4 poses, but .*images holds 3 photos")
+
+
+def test_pose_shape(nerd):
+    np.save(nerd / "poses_bounds.npy", np.zeros((4, 12)))
+    refused(nerd, r"17 numbers per photo, but its shape is \(4, 12\)")
+
+
+def test_poses_that_are_no_array(nerd):
+    (nerd / "poses_bounds.npy").write_bytes(b"\x93NUMPY broken")
+    refused(nerd, r"poses_bounds\.npy cannot be read")
+    np.save(nerd / "poses_bounds.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    refused(nerd, r"poses_bounds\.npy cannot be read")
+
+
+def test_nan_pose(nerd):
+    rows = np.load(nerd / "poses_bounds.npy")
+    rows[2, 3] = np.nan
+    np.save(nerd / "poses_bounds.npy", rows)
+    refused(nerd, r"row 2 \(view_02\.png\) contains NaN")
+
+
+def test_mirrored_pose(nerd):
+    rows = np.load(nerd / "poses_bounds.npy")
+    rows[1, :15].reshape(3, 5)[:, 0] *= -1
+    np.save(nerd / "poses_bounds.npy", rows)
+    refused(nerd, r"row 1 \(view_01\.png\): camera_to_world is not a rotation")
+
+
+# Photos and masks
+
+
+def test_truncated_jpeg(nerfstudio):
+    path = nerfstudio / "images" / "view_01.jpg"
+    path.write_bytes(path.read_bytes()[:-200])
+    photo = next(p for p in load_scene(nerfstudio).train if p.name == "view_01")
+    with pytest.raises(InputError, match=r"view_01\.jpg cannot be decoded"):
+        load_pixels(photo)
+    assert any("view_01.jpg cannot be decoded" in problem for problem in inspect(nerfstudio).problems)
+
+
+def test_huge_png_header(nerd):
+    header = struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
+    chunk = b"IHDR" + header
+    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (nerd / "images" / "view_02.png").write_bytes(data + struct.pack(">I", 9) + b"IDAT" + bytes(13))
+    refused(nerd, r"view_02\.png announces 60000 x 60000 pixels")
+
+
+def test_mask_of_another_size(nerd):
+    Image.new("L", (30, 40), 255).save(nerd / "masks" / "view_01.png")
+    refused(nerd, r"masks/view_01\.png has 30 x 40 pixels, but its photo has 72 x 60")
+
+
+def test_mask_without_object(nerd):
+    Image.new("L", (72, 60), 1).save(nerd / "masks" / "view_03.png")
+    refused(nerd, r"masks/view_03\.png shows no object \(its brightest pixel is 1 of 255\)")
+
+
+def test_missing_mask(nerd):
+    (nerd / "masks" / "view_02.png").unlink()
+    refused(nerd, r"images/view_02\.png has no mask: .*masks/view_02\.png")
+
+
+def test_photo_of_another_shape_than_its_camera(nerd):
+    Image.new("RGB", (72, 72)).save(nerd / "images" / "view_01.png")
+    refused(nerd, r"view_01\.png has 72 x 72 pixels, but .*poses_bounds\.npy row 1 .* 72 x 60")
+
+
+def test_one_photo(tmp_path):
+    refused(write_nerd(tmp_path / "scene", views(1)), r"holds 1 photos with cameras; two or more")
+
+
+def test_masks_that_share_no_point(nerd):
+    for i, name in enumerate(names(COUNT)):
+        mask = np.zeros((60, 72), np.uint8)
+        mask[(0, -1)[i % 2], (0, -1)[i // 2]] = 255
+        Image.fromarray(mask).save(nerd / "masks" / f"{name}.png")
+    refused(nerd, r"Masks and cameras do not agree|cameras look away")
+
+
+# transforms.json
+
+
+def test_malformed_json(nerfstudio):
+    (nerfstudio / "transforms.json").write_text('{"frames": [')
+    refused(nerfstudio, r"transforms\.json is not valid JSON \(line 1")
+
+
+@pytest.mark.parametrize("value", [[], {}, {"frames": []}, {"frames": {"a": 1}}])
+def test_no_frames(nerfstudio, value):
+    (nerfstudio / "transforms.json").write_text(json.dumps(value))
+    refused(nerfstudio, r"transforms\.json has no list of 'frames'")
+
+
+@pytest.mark.parametrize("key", ["file_path", "mask_path"])
+@pytest.mark.parametrize("path", ["../../etc/passwd", "/etc/passwd"])
+def test_path_outside_the_folder(nerfstudio, key, path):
+    edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update({key: path}))
+    refused(nerfstudio, rf"transforms\.json names '{path}', which lies outside")
+
+
+def test_link_out_of_the_folder(nerfstudio, tmp_path):
+    Image.new("RGB", (72, 60)).save(tmp_path / "secret.jpg")
+    photo = nerfstudio / "images" / "view_01.jpg"
+    photo.unlink()
+    photo.symlink_to(tmp_path / "secret.jpg")
+    refused(nerfstudio, r"lies outside")
+
+
+@pytest.mark.parametrize(
+    ("change", "pattern"),
+    [
+        ({"file_path": "images/none.jpg"}, r"names the photo 'images/none\.jpg', which does not exist"),
+        ({"file_path": 3}, r"frame 1 has no 'file_path'"),
+        ({"mask_path": "masks/none.png"}, r"names the mask 'masks/none\.png', which does not exist"),
+        ({"mask_path": 5}, r"'mask_path' must be text, not 5"),
+        ({"fl_x": None}, r"view_01\.jpg\) has no focal length"),
+        ({"fl_x": "long"}, r"'fl_x' must be a finite number, not 'long'"),
+        ({"fl_x": float("nan")}, r"'fl_x' must be a finite number, not nan"),
+        ({"fl_x": -3.0}, r"focal lengths and image size must be positive"),
+        ({"fl_x": None, "camera_angle_x": 4.0}, r"focal lengths and image size must be positive"),
+        ({"w": 0.2}, r"focal lengths and image size must be positive"),
+        ({"transform_matrix": [[1, 0], [0, 1]]}, r"'transform_matrix' must be a 4x4 matrix"),
+        ({"transform_matrix": "eye"}, r"'transform_matrix' must be a 4x4 matrix"),
+        ({"transform_matrix": np.diag([2.0, 2, 2, 1]).tolist()}, r"camera_to_world is not a rotation"),
+        ({"transform_matrix": np.full((4, 4), np.nan).tolist()}, r"contains NaN or infinity"),
+        ({"k1": -0.1}, r"lens distortion of up to \d+\.\d pixels.*image_undistorter"),
+        ({"p2": 0.02}, r"lens distortion of up to"),
+        ({"camera_model": "OPENCV_FISHEYE"}, r"camera model OPENCV_FISHEYE.*undistort"),
+        ({"w": 500}, r"view_01\.jpg has 72 x 60 pixels, but .* 500 x 60"),
+    ],
+)
+def test_bad_frames(nerfstudio, change, pattern):
+    edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update(change))
+    refused(nerfstudio, pattern)
+
+
+def test_harmless_distortion_is_accepted(nerfstudio):
+    edit_json(nerfstudio / "transforms.json", lambda data: data.update(k1=1e-4, p1=1e-5))
+    assert len(load_scene(nerfstudio).train) == COUNT - 1
+
+
+def test_missing_blender_test_photo(tmp_path):
+    root = write_blender(tmp_path / "scene", views(17))
+    (root / "test" / "r_1.png").unlink()
+    refused(root, r"transforms_test\.json names the photo './test/r_1', which does not exist")
+
+
+# COLMAP
+
+
+@pytest.mark.parametrize("part", ["cameras", "images"])
+def test_half_a_model(colmap, part):
+    (colmap / "sparse/0" / f"{part}.bin").unlink()
+    refused(colmap, rf"sparse/0/{part}\.bin is missing; a COLMAP model needs both")
+
+
+@pytest.mark.parametrize("part", ["cameras", "images"])
+def test_cut_model(colmap, part):
+    path = colmap / "sparse/0" / f"{part}.bin"
+    path.write_bytes(path.read_bytes()[:-5])
+    refused(colmap, rf"{part}\.bin is cut short")
+
+
+def test_lens_distortion_in_colmap(tmp_path):
+    root = write_colmap(tmp_path / "scene", views(COUNT), binary=False)
+    write_colmap_model(
+        root / "sparse/0", [f"{n}.jpg" for n in names(COUNT)], views(COUNT), binary=False, lens="RADIAL", extra=(0.2, 0)
+    )
+    refused(root, r"images\.txt \(view_00\.jpg\) has lens distortion .*image_undistorter")
+
+
+@pytest.mark.parametrize(
+    ("lens", "extra"), [("SIMPLE_RADIAL", (1e-5,)), ("OPENCV", (0, 0, 0, 0)), ("SIMPLE_PINHOLE", ())]
+)
+@pytest.mark.parametrize("binary", [False, True])
+def test_lenses_that_are_nearly_pinhole(tmp_path, lens, extra, binary):
+    root = write_colmap(tmp_path / "scene", views(COUNT), binary=binary)
+    files = [f"{n}.jpg" for n in names(COUNT)]
+    write_colmap_model(root / "sparse/0", files, views(COUNT), binary=binary, lens=lens, extra=extra)
+    for photo, view in zip(load_scene(root).train, views(COUNT)[1:], strict=True):
+        assert (photo.camera.fx, photo.camera.fy) == pytest.approx(view.focal)
+
+
+def test_fisheye_in_colmap(tmp_path):
+    root = write_colmap(tmp_path / "scene", views(COUNT), binary=True)
+    files = [f"{n}.jpg" for n in names(COUNT)]
+    write_colmap_model(
+        root / "sparse/0", files, views(COUNT), binary=True, lens="OPENCV_FISHEYE", extra=(0.0, 0.0, 0.0, 0.0)
+    )
+    refused(root, r"camera model OPENCV_FISHEYE, which is not a pinhole camera; undistort")
+
+
+@pytest.mark.parametrize(
+    ("part", "line", "pattern"),
+    [
+        ("cameras", "1 PINHOLE 72", r"cameras\.txt line 1 is not a camera"),
+        ("cameras", "1 PINHOLE 72 60 50 36", r"line 1: PINHOLE needs 4 parameters, not 2"),
+        ("images", "1 1 0 0 0 x 0 0 7 a.jpg", r"images\.txt line 1 is not an image"),
+        ("images", "1 1 0 0 0 0 0 0 99 view_00.jpg", r"'view_00\.jpg' uses camera 99, which is not in cameras\.txt"),
+        ("images", "1 1 0 0 0 0 0 0 7 gone.jpg", r"names the photo 'gone\.jpg', which is not in"),
+        ("images", "1 0 0 0 0 0 0 0 7 view_00.jpg", r"view_00\.jpg\): the pose contains NaN or a zero quaternion"),
+        ("images", "1 nan 0 0 0 0 0 0 7 view_00.jpg", r"the pose contains NaN"),
+        ("images", "1 1 0 0 0 0 0 0 7 ../../x.jpg", r"lies outside"),
+        ("images", "# nothing", r"images\.txt holds no registered images"),
+    ],
+)
+def test_bad_lines(tmp_path, part, line, pattern):
+    root = write_colmap(tmp_path / "scene", views(COUNT), binary=False)
+    (root / "sparse/0" / f"{part}.txt").write_text(line + "\n\n")
+    refused(root, pattern)
+
+
+def test_unknown_model_number(colmap):
+    (colmap / "sparse/0/cameras.bin").write_bytes(struct.pack("<QiiQQ", 1, 7, 77, 72, 60))
+    refused(colmap, r"cameras\.bin has the unknown camera model number 77")
+
+
+def test_all_problems_at_once(nerfstudio):
+    """Three photos are wrong in three ways: an inspection names each of them."""
+
+    def spoil(data):
+        data["frames"][0]["transform_matrix"][0][3] = float("nan")
+        data["frames"][1]["file_path"] = "images/none.jpg"
+
+    edit_json(nerfstudio / "transforms.json", spoil)
+    Image.fromarray(np.zeros_like(picture(views(COUNT)[2])[1])).save(nerfstudio / "masks" / "view_02.png")
+    problems = inspect(nerfstudio).problems
+    for fragment in ("view_00.jpg): the camera contains NaN", "images/none.jpg", "view_02.png shows no object"):
+        assert sum(fragment in problem for problem in problems) == 1

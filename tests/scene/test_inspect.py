@@ -1,0 +1,160 @@
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from tests.scene.worlds import expected_camera, names, picture, views, write_blender, write_nerd, write_nerfstudio
+
+from lightprobe.core.errors import InputError
+from lightprobe.scene.consistency import explain, overlap
+from lightprobe.scene.inspect import Inspection, inspect
+from lightprobe.scene.overlay import HULL_COLOR, MASK_COLOR, write_overlay_sheet
+
+COUNT = 18
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    return inspect(write_nerd(tmp_path_factory.mktemp("good") / "scene", views(COUNT)))
+
+
+def test_a_good_scene(good):
+    assert good.problems == good.hints == ()
+    assert good.mean_iou > 0.85
+    assert len(good.photos) == COUNT
+    text = "\n".join(good.lines())
+    for fact in ("(nerd layout)", "16 train, 2 test, 0 relight", "72 x 60 (18)", "not in the files", "no problems"):
+        assert fact in text
+
+
+def test_hull_and_masks_disagree_where_the_pose_is_wrong(tmp_path):
+    """One photo of eighteen has the pose of another; it alone is named."""
+    root = write_nerd(tmp_path / "scene", views(COUNT))
+    rows = np.load(root / "poses_bounds.npy")
+    rows[5] = rows[12]
+    np.save(root / "poses_bounds.npy", rows)
+    found = inspect(root)
+    assert len(found.hints) == 1
+    assert found.hints[0].startswith("view_05: mask or pose disagrees")
+
+
+def test_one_inverted_mask_is_named(tmp_path):
+    root = write_nerd(tmp_path / "scene", views(COUNT))
+    path = root / "masks" / "view_07.png"
+    Image.fromarray(255 - np.asarray(Image.open(path))).save(path)
+    found = inspect(root)
+    assert len(found.hints) == 1
+    assert found.hints[0].startswith("view_07: the mask looks inverted")
+
+
+def test_all_masks_inverted(tmp_path):
+    root = write_nerd(tmp_path / "scene", views(COUNT))
+    for name in names(COUNT):
+        path = root / "masks" / f"{name}.png"
+        Image.fromarray(255 - np.asarray(Image.open(path))).save(path)
+    found = inspect(root)
+    assert len(found.hints) == 1
+    assert found.hints[0].startswith("The masks look inverted")
+
+
+def turned(*rows):
+    """A change of the camera's own axes."""
+    return lambda pose: pose @ np.block([[np.array(rows, float), np.zeros((3, 1))], [np.zeros((1, 3)), np.eye(1)]])
+
+
+OPENCV = turned((1, 0, 0), (0, -1, 0), (0, 0, -1))
+slow = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("pose_change", "mask_change", "words"),
+    [
+        (OPENCV, None, "look like OpenCV's"),
+        (np.linalg.inv, None, "look like world-to-camera: store"),
+        (None, lambda mask: mask[:, ::-1], "mirrored left to right"),
+        pytest.param(None, lambda mask: mask[::-1], "flipped upside down", marks=slow),
+        pytest.param(lambda pose: np.linalg.inv(OPENCV(pose)), None, "world-to-camera with OpenCV axes", marks=slow),
+        pytest.param(turned((0, 1, 0), (-1, 0, 0), (0, 0, 1)), None, "turned by 90", marks=slow),
+        pytest.param(turned((0, -1, 0), (1, 0, 0), (0, 0, 1)), None, "turned by -90", marks=slow),
+        pytest.param(turned((-1, 0, 0), (0, -1, 0), (0, 0, 1)), None, "turned by 180", marks=slow),
+    ],
+)
+def test_wrong_conventions_are_named(pose_change, mask_change, words):
+    assert words in explain(*wrongly(pose_change or (lambda pose: pose), mask_change or (lambda mask: mask)), 0.5)
+
+
+def wrongly(pose_change, mask_change):
+    """Cameras and masks of the world (square images), with one of the two changed."""
+    cameras, alphas = [], []
+    for view in views(COUNT, size=(64, 64)):
+        camera = expected_camera(view)
+        pose = pose_change(camera.camera_to_world)
+        cameras.append(type(camera)(pose, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height))
+        alphas.append(mask_change(picture(view)[1] / np.float32(255)))
+    return cameras, alphas
+
+
+def test_no_explanation_for_a_good_scene():
+    assert explain(*wrongly(lambda pose: pose, lambda mask: mask), 0.9) is None
+
+
+def test_one_sound_photo_is_not_enough_to_judge(tmp_path):
+    root = write_nerd(tmp_path / "scene", views(3))
+    Image.new("L", (5, 5), 255).save(root / "masks" / "view_01.png")
+    found = inspect(root)
+    assert len(found.problems) == 2
+    assert found.problems[1].endswith("1 sound training photos; two or more are needed.")
+    assert found.hints == ()
+
+
+def test_wrong_axes_through_the_whole_inspection(tmp_path):
+    root = write_nerfstudio(tmp_path / "scene", views(COUNT, size=(64, 64)))
+    data = json.loads((root / "transforms.json").read_text())
+    for frame in data["frames"]:
+        frame["transform_matrix"] = (np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])).tolist()
+    (root / "transforms.json").write_text(json.dumps(data))
+    found = inspect(root)
+    assert any("look like OpenCV's" in hint for hint in found.hints)
+    assert any("look like OpenCV's" in line for line in found.lines())
+
+
+def test_overlap():
+    a, b = np.zeros((2, 4), bool), np.zeros((2, 4), bool)
+    assert overlap(a, b) == 1
+    a[0, :3], b[0, 1:] = True, True
+    assert overlap(a, b) == 0.5
+
+
+def test_first_twenty_problems_and_their_count(tmp_path):
+    found = Inspection(tmp_path, "nerd", (), None, tuple(f"problem {i}" for i in range(25)), ())
+    lines = found.lines()
+    assert "25 problems, the first 20:" in lines
+    assert sum(line.startswith("  problem") for line in lines) == 20
+
+
+def test_unreadable_scene_is_reported_not_raised(tmp_path):
+    found = inspect(tmp_path)
+    assert found.format is None
+    assert found.mean_iou is None
+    assert "1 problem:" in found.lines()
+    with pytest.raises(InputError, match="no sound photo"):
+        write_overlay_sheet(found, tmp_path / "sheet.png")
+
+
+def test_overlay_sheet(good, tmp_path):
+    write_overlay_sheet(good, tmp_path / "sheet.png")
+    sheet = np.asarray(Image.open(tmp_path / "sheet.png"))
+    for color in (MASK_COLOR, HULL_COLOR):
+        assert (sheet == color).all(axis=-1).sum() > 50
+    assert [path.name for path in tmp_path.iterdir()] == ["sheet.png"]
+
+
+def test_outlines_without_a_hull(tmp_path):
+    """Two photos whose masks share no point have no hull, but they can still be looked at."""
+    root = write_blender(tmp_path / "scene", views(16))
+    for i in range(15):
+        color, mask = picture(views(16)[i])
+        Image.fromarray(np.dstack([color, np.roll(mask, 36 * (i % 2), axis=1)])).save(root / "train" / f"r_{i}.png")
+    found = inspect(root)
+    write_overlay_sheet(found, tmp_path / "sheet.png")
+    assert len(found.photos) == 16
