@@ -17,8 +17,8 @@ _DOWN = ((0, -1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0, -1, 0), (0, -1, 0))
 
 
 @functools.lru_cache(maxsize=16)
-def _frames(device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
-    """Return (major, along, down), each (6, 3) float64."""
+def frames(device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
+    """Return (major, along, down) of the faces, each (6, 3) float64."""
     return (
         torch.tensor(_MAJOR, dtype=torch.float64, device=device),
         torch.tensor(_ALONG, dtype=torch.float64, device=device),
@@ -28,14 +28,14 @@ def _frames(device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
 
 def face_points(face: Tensor, a: Tensor, b: Tensor) -> Tensor:
     """Return the unnormalised direction (..., 3) of face coordinates `a` (columns) and `b` (rows) on `face`."""
-    major, along, down = (frame.to(a.dtype)[face] for frame in _frames(a.device))
+    major, along, down = (frame.to(a.dtype)[face] for frame in frames(a.device))
     return major + a[..., None] * along + b[..., None] * down
 
 
 def face_coordinates(direction: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return (face int64, a, b), each (...,), of directions (..., 3) of any length; a and b are differentiable."""
     axis = direction.detach().abs().argmax(-1)
-    major, along, down = (frame.to(direction.dtype) for frame in _frames(direction.device))
+    major, along, down = (frame.to(direction.dtype) for frame in frames(direction.device))
     negative = direction.detach().gather(-1, axis[..., None])[..., 0] < 0
     face = 2 * axis + negative
     scale = (direction * major[face]).sum(-1)
@@ -57,8 +57,13 @@ def _grid(centres: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def directions(resolution: int, device: torch.device | str = "cpu") -> Tensor:
     """Return the unit directions (6, R, R, 3) float32 of the texel centres."""
+    return exact_directions(resolution, device).float()
+
+
+def exact_directions(resolution: int, device: torch.device | str = "cpu") -> Tensor:
+    """Return `directions` in float64."""
     points = face_points(*texel_grid(resolution, device))
-    return (points / points.norm(dim=-1, keepdim=True)).float()
+    return points / points.norm(dim=-1, keepdim=True)
 
 
 def solid_angles(resolution: int, device: torch.device | str = "cpu") -> Tensor:

@@ -1,87 +1,149 @@
-"""Integrals of reflection lobes over the nodes of a cubemap's texel pyramid.
+"""Averages of a light under reflection lobes, as sparse rows over a few averages of its texels.
 
-The prefiltered radiance of direction d at roughness r is the average of the light under the lobe
+The prefiltered radiance of direction d at roughness r is the mean of the light under the lobe
 
     D(h) max(n.l, 0),  with v = n = d, h the half vector, D = GGX of alpha = r^2.
 
 With t the chord |l - d|: (n.h)^2 = cos^2(angle / 2) = 1 - t^2/4 and n.l = 1 - t^2/2, so the lobe depends on t alone:
 
-    lobe(t) = (1 - t^2/2)+ / (alpha^2 + (1 - alpha^2) t^2/4)^2        (half width about 2 alpha; alpha = 1 is a cosine)
+    lobe(t) = max(1 - t^2/2, 0) / (alpha^2 + (1 - alpha^2) t^2/4)^2    (half width about 2 alpha; a cosine if alpha = 1)
 
-A lobe has a narrow core and a long tail. Each row therefore refers to a *pyramid* of area averages of the light
-(2 x 2 texels per face, 4 x 4, ... R x R): fine nodes under the core, coarse ones in the tail, chosen so that averaging
-the light over a node misplaces little of the row's weight. Under lobes narrower than a texel the refinement
-goes on below the texel, which integrates the lobe exactly, and the parts are added up in that texel.
+Rows over the light's own texels would be nearly full. They go over *nodes* instead, in one of two ways:
+
+- Narrow lobes have a sharp core and a long faint tail. Nodes are area averages over the squares of a pyramid (2 x 2
+  per face, 4 x 4, ... the texels): fine under the core, coarse in the tail, so that averaging the light over a node
+  misplaces little of the row's weight. Under a lobe narrower than a texel the squares go on below the texel, which
+  integrates the lobe properly; their weights add up in that texel.
+- Wide lobes are smooth. Nodes are the light's moments with the tent functions of one coarse grid, and the weights are
+  the least-squares fit of the lobe by these tents. Under a sun this is several times as exact as as many squares.
 """
 
+import functools
 import math
+from dataclasses import dataclass
 
+import numba
+import numpy as np
+import scipy.linalg
 import scipy.sparse
 import torch
-from torch import Tensor
 
+from lightprobe.kernels.numba.jit import compiled, threads
 from lightprobe.light import cubemap
 
-ROOT = 2  # texels along a face edge at the top of the pyramid
-TOLERANCE = 5e-3  # share of a row's weight that one node may misplace by its own size
-_CHUNK = 4096  # rows refined together: bounds the memory
+ROOT = 2  # squares along a face edge at the top of the pyramid
 _GAUSS = 1.0 / math.sqrt(3.0)
+_FRAMES = np.stack(
+    [frame.numpy() for frame in cubemap.frames(torch.device("cpu"))], axis=1
+)  # (face, major|along|down, xyz)
+_NEGLIGIBLE = 1e-4  # weights below this part of a row's largest are left out of tent rows
 
 
-def pyramid_offsets(resolution: int) -> dict[int, int]:
-    """Return the first row of each level in the stacked pyramid, by the level's resolution; key 0 is the total."""
-    offsets, size, total = {}, ROOT, 0
-    while size <= resolution:
-        offsets[size] = total
-        total += 6 * size * size
-        size *= 2
-    return {**offsets, 0: total}
+@dataclass(frozen=True)
+class Nodes:
+    """The averages of a light (6, R, R) that rows refer to: the pyramid's squares, then the coarse grid's tents."""
+
+    resolution: int  # R
+    tent_resolution: int
+
+    @property
+    def squares(self) -> int:
+        """Number of the pyramid's squares: 6 (2^2 + 4^2 + ... + R^2)."""
+        return _pyramid_offset(2 * self.resolution)
+
+    @property
+    def total(self) -> int:
+        """Number of all nodes."""
+        return self.squares + 6 * self.tent_resolution**2
+
+    def matrix(self) -> scipy.sparse.csr_array:
+        """Return the matrix (total, 6 R^2) that averages a light over the nodes; rows sum to 1."""
+        solid_angle = cubemap.exact_solid_angles(self.resolution).numpy()
+        tents = _tents(self.resolution, self.tent_resolution).T.tocsr() * solid_angle.ravel()
+        moments = scipy.sparse.vstack([*self._square_moments(solid_angle), tents], format="csr")
+        return scipy.sparse.csr_array(scipy.sparse.diags_array(1.0 / moments.sum(axis=1)) @ moments)
+
+    def _square_moments(self, solid_angle: np.ndarray) -> list[scipy.sparse.csr_array]:
+        face, row, column = np.indices(solid_angle.shape)
+        texel = np.arange(solid_angle.size)
+        moments, size = [], ROOT
+        while size <= self.resolution:
+            ratio = self.resolution // size
+            square = ((face * size + row // ratio) * size + column // ratio).ravel()
+            shape = (6 * size * size, solid_angle.size)
+            moments.append(scipy.sparse.csr_array((solid_angle.ravel(), (square, texel)), shape=shape))
+            size *= 2
+        return moments
 
 
-def pyramid_matrix(resolution: int) -> scipy.sparse.csr_array:
-    """Return the matrix (pyramid nodes, 6 R^2) of area averages; its last 6 R^2 rows are the texels themselves."""
-    offsets = pyramid_offsets(resolution)
-    solid_angle = cubemap.exact_solid_angles(resolution)
-    face, row, column = torch.meshgrid(torch.arange(6), *[torch.arange(resolution)] * 2, indexing="ij")
-    rows, weights = [], []
-    for size, offset in offsets.items():
-        if size == 0:
-            continue
-        ratio = resolution // size
-        area = solid_angle.reshape(6, size, ratio, size, ratio).sum((2, 4))
-        node = (face * size + row // ratio) * size + column // ratio
-        rows.append((offset + node).flatten())
-        weights.append((solid_angle / area.flatten()[node]).flatten())
-    texel = torch.arange(6 * resolution**2).repeat(len(rows))
-    entries = (torch.cat(weights).numpy(), (torch.cat(rows).numpy(), texel.numpy()))
-    return scipy.sparse.csr_array(entries, shape=(offsets[0], 6 * resolution**2))
+def narrow_rows(directions: np.ndarray, alpha: float, nodes: Nodes, tolerance: float) -> scipy.sparse.csr_array:
+    """Return rows (N, nodes.total) over squares, for directions (N, 3) float64 unit; each is >= 0 and sums to 1.
 
-
-def lobe_matrix(
-    directions: Tensor, alpha: float, resolution: int, tolerance: float = TOLERANCE
-) -> scipy.sparse.csr_array:
-    """Return the matrix (N, pyramid nodes) that averages a light of `resolution` under the lobe of each direction.
-
-    directions: (N, 3) unit. Every row is non-negative and sums to 1.
+    tolerance: the share of a row's weight that one square may misplace by its own size.
     """
-    parts = [
-        _refine(directions[start : start + _CHUNK].double(), start, alpha, resolution, tolerance)
-        for start in range(0, len(directions), _CHUNK)
-    ]
-    row, node, weight = (torch.cat(column).numpy() for column in zip(*parts, strict=True))
-    shape = (len(directions), pyramid_offsets(resolution)[0])
-    matrix = scipy.sparse.csr_array((weight, (row, node)), shape=shape)
-    return scipy.sparse.csr_array(scipy.sparse.diags_array(1.0 / matrix.sum(axis=1)) @ matrix)
+    shape = (alpha, _lobe_integral(alpha), nodes.resolution, tolerance)
+    threads(10_000 * len(directions))
+    counts = np.zeros(len(directions), np.int64)
+    nothing = np.zeros(0, np.int32), np.zeros(0)
+    _refine(directions, _FRAMES, *shape, np.zeros_like(counts), counts, *nothing, False)
+    start = np.concatenate([[0], np.cumsum(counts)])
+    index, weight = np.empty(start[-1], np.int32), np.empty(start[-1])
+    _refine(directions, _FRAMES, *shape, start[:-1], counts, index, weight, True)
+    return _normalised(scipy.sparse.csr_array((weight, index, start), shape=(len(directions), nodes.total)))
 
 
-def _lobe(chord: Tensor, alpha: float) -> Tensor:
-    """Return the lobe at a chord length, unnormalised."""
-    quarter = 0.25 * chord * chord
-    return (1.0 - 2.0 * quarter).clamp(min=0.0) / (alpha**2 + (1.0 - alpha**2) * quarter) ** 2
+def wide_rows(directions: np.ndarray, alpha: float, nodes: Nodes) -> scipy.sparse.csr_array:
+    """Return rows (N, nodes.total) over tents, for directions (N, 3) float64 unit; each is >= 0 and sums to 1."""
+    fit = _tent_fit(nodes.tent_resolution, min(nodes.resolution, 2 * nodes.tent_resolution))
+    cosine = directions @ fit.directions.T
+    projected = (_lobe_of_cosine(cosine, alpha) * fit.solid_angles) @ fit.tents
+    height = scipy.linalg.cho_solve(fit.gram, projected.T).T
+    weight = height.clip(min=0.0) * fit.mass
+    weight[weight < _NEGLIGIBLE * weight.max(axis=1, keepdims=True)] = 0.0
+    rows = scipy.sparse.csr_array(weight)
+    nothing = scipy.sparse.csr_array((len(directions), nodes.squares))
+    return _normalised(scipy.sparse.csr_array(scipy.sparse.hstack([nothing, rows], format="csr")))
+
+
+@dataclass(frozen=True)
+class _TentFit:
+    """What the least-squares fit by tents needs: a dense grid of n points and K tents."""
+
+    directions: np.ndarray  # (n, 3)
+    solid_angles: np.ndarray  # (n,)
+    tents: scipy.sparse.csr_array  # (n, K)
+    gram: tuple[np.ndarray, bool]  # Cholesky factor of the tents' inner products
+    mass: np.ndarray  # (K,) integral of each tent
+
+
+@functools.lru_cache(maxsize=4)
+def _tent_fit(tent_resolution: int, resolution: int) -> _TentFit:
+    solid_angles = cubemap.exact_solid_angles(resolution).numpy().ravel()
+    tents = _tents(resolution, tent_resolution)
+    gram = (tents.T @ scipy.sparse.diags_array(solid_angles) @ tents).toarray()
+    directions = cubemap.exact_directions(resolution).reshape(-1, 3).numpy()
+    return _TentFit(directions, solid_angles, tents, scipy.linalg.cho_factor(gram), tents.T @ solid_angles)
+
+
+def _tents(resolution: int, tent_resolution: int) -> scipy.sparse.csr_array:
+    """Return the values (6 R^2, K) of the coarse grid's tents, bilinear and seamless, at the texel centres."""
+    points = cubemap.exact_directions(resolution).reshape(-1, 3)
+    index, weight = (taps.numpy() for taps in cubemap.bilinear_taps(points, tent_resolution))
+    start = np.arange(0, index.size + 1, index.shape[1])
+    return scipy.sparse.csr_array((weight.ravel(), index.ravel(), start), shape=(len(points), 6 * tent_resolution**2))
+
+
+def _normalised(rows: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
+    return scipy.sparse.csr_array(scipy.sparse.diags_array(1.0 / rows.sum(axis=1)) @ rows)
+
+
+def _lobe_of_cosine(cosine: np.ndarray, alpha: float) -> np.ndarray:
+    """Return the lobe at n.l = cosine; only for wide lobes, as 1 - cosine loses the digits of small chords."""
+    return cosine.clip(min=0.0) / (alpha**2 + (1.0 - alpha**2) * 0.5 * (1.0 - cosine)) ** 2
 
 
 def _lobe_integral(alpha: float) -> float:
-    """Return the integral of `_lobe` over the sphere: with q = t^2/4, dw = 4 pi dq and q runs from 0 to 1/2."""
+    """Return the integral of the lobe over the sphere: with q = t^2/4, dl = 4 pi dq and q runs from 0 to 1/2."""
     a2, k = alpha**2, 1.0 - alpha**2
     if k < 1e-4:
         return math.pi
@@ -89,52 +151,84 @@ def _lobe_integral(alpha: float) -> float:
     return 4.0 * math.pi / k * ((1.0 + 2.0 * a2 / k) * (1.0 / low - 1.0 / high) - 2.0 / k * math.log(high / low))
 
 
+@compiled()
+def _lobe(chord2: float, alpha: float) -> float:
+    quarter = 0.25 * chord2
+    denominator = alpha * alpha + (1.0 - alpha * alpha) * quarter
+    return max(1.0 - 2.0 * quarter, 0.0) / (denominator * denominator)
+
+
+@compiled()
+def _pyramid_offset(size: int) -> int:
+    """Return the number of squares in the pyramid's levels above the one with `size` squares along an edge."""
+    return 2 * (size * size - ROOT * ROOT)
+
+
+@compiled()
+def _chord2(frame: np.ndarray, direction: np.ndarray, a: float, b: float) -> tuple[float, float]:
+    """Return the squared chord from `direction` to the face point (a, b), and that point's distance from the origin."""
+    length = math.sqrt(1.0 + a * a + b * b)
+    chord2 = 0.0
+    for axis in range(3):
+        step = (frame[0, axis] + a * frame[1, axis] + b * frame[2, axis]) / length - direction[axis]
+        chord2 += step * step
+    return chord2, length
+
+
+@compiled()
+def _square_weight(frame: np.ndarray, direction: np.ndarray, x: int, y: int, size: int, alpha: float) -> float:
+    """Return the integral of the lobe over a square by 2 x 2 Gauss points on the face plane."""
+    weight = 0.0
+    for corner in range(4):
+        a = (2.0 * x + 1.0 + (_GAUSS if corner & 1 else -_GAUSS)) / size - 1.0
+        b = (2.0 * y + 1.0 + (_GAUSS if corner & 2 else -_GAUSS)) / size - 1.0
+        chord2, length = _chord2(frame, direction, a, b)
+        weight += _lobe(chord2, alpha) / (length * length * length)
+    return weight / (size * size)
+
+
+@compiled(parallel=True)
 def _refine(
-    directions: Tensor, first_row: int, alpha: float, resolution: int, tolerance: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return (row, node, weight) of the rows of `directions`, refining the pyramid from its top."""
-    offsets, total, width = pyramid_offsets(resolution), _lobe_integral(alpha), 2.0 * alpha
-    size = ROOT
-    node = torch.arange(6 * size * size).repeat(len(directions))
-    row = torch.arange(len(directions)).repeat_interleave(6 * size * size)
-    emitted = []
-    while row.numel():
-        face, y, x = node // (size * size), node // size % size, node % size
-        point = cubemap.face_points(face, (2.0 * x.double() + 1.0) / size - 1.0, (2.0 * y.double() + 1.0) / size - 1.0)
-        length = point.norm(dim=-1)
-        area = 4.0 / size**2 / length**3
-        extent = area.sqrt()
-        chord = (point / length[:, None] - directions[row]).norm(dim=-1)
-        near = (chord - 0.75 * extent).clamp(min=0.0)  # about the closest point of the node
-        share = (area * _lobe(near, alpha) / total).clamp(max=1.0)
-        split = share * extent > tolerance * torch.sqrt(width**2 + near**2)
-        done = ~split & (share > 0.0)
-        if done.any():
-            weight = _node_weight(directions[row[done]], face[done], y[done], x[done], size, alpha)
-            emitted.append((first_row + row[done], _stored(face[done], y[done], x[done], size, offsets), weight))
-        row = row[split].repeat_interleave(4)
-        face, y, x = (v[split, None] for v in (face, 2 * y, 2 * x))
-        quad_y, quad_x = torch.tensor([0, 0, 1, 1]), torch.tensor([0, 1, 0, 1])
-        node = ((face * 2 * size + y + quad_y) * 2 * size + x + quad_x).flatten()
-        size *= 2
-    rows, nodes, weights = (torch.cat(column) for column in zip(*emitted, strict=True))
-    return rows, nodes, weights
+    directions: np.ndarray, frames: np.ndarray, alpha: float, total: float, resolution: int, tolerance: float,
+    start: np.ndarray, counts: np.ndarray, index: np.ndarray, weight: np.ndarray, write: bool,
+) -> None:  # fmt: skip
+    """Refine each row's pyramid from the top, depth first; count its entries or write them from `start`.
 
-
-def _node_weight(direction: Tensor, face: Tensor, y: Tensor, x: Tensor, size: int, alpha: float) -> Tensor:
-    """Return the integral of the lobe over each node, by 2 x 2 Gauss points on the face plane."""
-    weight = torch.zeros(len(face), dtype=torch.float64)
-    for dy in (-_GAUSS, _GAUSS):
-        for dx in (-_GAUSS, _GAUSS):
-            point = cubemap.face_points(face, (2.0 * x + 1.0 + dx) / size - 1.0, (2.0 * y + 1.0 + dy) / size - 1.0)
-            length = point.norm(dim=-1)
-            weight += _lobe((point / length[:, None] - direction).norm(dim=-1), alpha) / length**3
-    return weight / size**2
-
-
-def _stored(face: Tensor, y: Tensor, x: Tensor, size: int, offsets: dict[int, int]) -> Tensor:
-    """Return the stacked pyramid index of nodes; below the finest level, that of the texel that contains them."""
-    finest = max(offsets)
-    ratio = max(size // finest, 1)
-    level = min(size, finest)
-    return offsets[level] + (face * level + y // ratio) * level + x // ratio
+    All parts of a texel follow one another in this order, so they add up in the entry written last.
+    """
+    for row in numba.prange(len(directions)):
+        direction = directions[row]
+        stack = np.empty((160, 4), np.int64)
+        top, count, last = 0, 0, -1
+        for root in range(6 * ROOT * ROOT):
+            stack[top] = (ROOT, root // (ROOT * ROOT), root // ROOT % ROOT, root % ROOT)
+            top += 1
+        while top > 0:
+            top -= 1
+            size, face, y, x = stack[top]
+            chord2, length = _chord2(
+                frames[face], direction, (2.0 * x + 1.0) / size - 1.0, (2.0 * y + 1.0) / size - 1.0
+            )
+            area = 4.0 / (size * size * length * length * length)
+            extent = math.sqrt(area)
+            near = max(math.sqrt(chord2) - 0.75 * extent, 0.0)  # about the closest point of the square
+            share = min(area * _lobe(near * near, alpha) / total, 1.0)
+            if share <= 0.0:
+                continue
+            if share * extent > tolerance * math.sqrt(4.0 * alpha * alpha + near * near):
+                for quarter in range(4):
+                    stack[top] = (2 * size, face, 2 * y + quarter // 2, 2 * x + quarter % 2)
+                    top += 1
+                continue
+            ratio = max(size // resolution, 1)
+            level = size // ratio
+            node = _pyramid_offset(level) + (face * level + y // ratio) * level + x // ratio
+            if node != last:
+                last = node
+                count += 1
+                if write:
+                    index[start[row] + count - 1] = node
+                    weight[start[row] + count - 1] = 0.0
+            if write:
+                weight[start[row] + count - 1] += _square_weight(frames[face], direction, x, y, size, alpha)
+        counts[row] = count

@@ -13,8 +13,10 @@ import scipy.sparse
 import torch
 from torch import Tensor
 
+from lightprobe.kernels.numba.jit import compiled, threads
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+
+@compiled(parallel=True)
 def _multiply(start: np.ndarray, column: np.ndarray, value: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
     for i in numba.prange(start.size - 1):
         red = green = blue = out.dtype.type(0)
@@ -43,6 +45,7 @@ class CompressedRows:
             shape = (rows, self.columns)
             return torch.sparse_csr_tensor(self.start, self.column, self.value.to(x.dtype), shape) @ x
         out = torch.empty((rows, 3), dtype=x.dtype)
+        threads(2 * self.value.numel())
         _multiply(self.start.numpy(), self.column.numpy(), self.value.numpy(), x.numpy(), out.numpy())
         return out
 
