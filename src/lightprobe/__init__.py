@@ -16,12 +16,11 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lightprobe.decompose import decompose as decompose
-    from lightprobe.distill import distill as distill
-    from lightprobe.evaluate import evaluate as evaluate
-    from lightprobe.evaluate import relight as relight
-    from lightprobe.predict import Predictor as Predictor
-    from lightprobe.scene import load_scene as load_scene
+    from lightprobe.decompose import decompose
+    from lightprobe.distill import distill
+    from lightprobe.evaluate import evaluate, relight
+    from lightprobe.predict import Predictor
+    from lightprobe.scene import load_scene
 
 __all__ = ["Predictor", "decompose", "distill", "evaluate", "load_scene", "relight"]
 

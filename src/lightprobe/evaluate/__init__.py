@@ -3,7 +3,7 @@
 from lightprobe.evaluate.evaluation import Evaluation, ViewResult, evaluate, methods_for
 from lightprobe.evaluate.pictures import view_pictures
 from lightprobe.evaluate.prediction_files import panorama, write_confidence, write_map, write_prediction
-from lightprobe.evaluate.relight import load_environment, relight
+from lightprobe.evaluate.relighting import load_environment, relight
 from lightprobe.evaluate.report import spread, write_report
 from lightprobe.evaluate.viewpoints import turntable
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from lightprobe.evaluate.evaluation import ViewResult
 from lightprobe.evaluate.prediction_files import exposure, panorama, tone_mapped
-from lightprobe.evaluate.relight import load_environment
+from lightprobe.evaluate.relighting import load_environment
 from lightprobe.imaging import resize_area, srgb_encode
 
 _SIDE = 256

@@ -21,7 +21,7 @@ from lightprobe.evaluate.metrics import (
     on_white,
     psnr,
 )
-from lightprobe.evaluate.relight import load_environment, relight
+from lightprobe.evaluate.relighting import load_environment, relight
 from lightprobe.evaluate.views import TestView
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
 from lightprobe.predict import Prediction

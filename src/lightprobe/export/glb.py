@@ -48,7 +48,7 @@ class _Binary:
     def array(self, values: np.ndarray, kind: str, *, bounds: bool = False) -> int:
         """Append float vertex attributes (N, C) and return the index of their accessor."""
         little = np.ascontiguousarray(values, "<f4")
-        entry = {"bufferView": self.view(little.tobytes(), _ARRAY_BUFFER), "componentType": _FLOAT}
+        entry: dict[str, Any] = {"bufferView": self.view(little.tobytes(), _ARRAY_BUFFER), "componentType": _FLOAT}
         entry |= {"count": len(little), "type": kind}
         if bounds:
             entry |= {"min": little.min(0).tolist(), "max": little.max(0).tolist()}

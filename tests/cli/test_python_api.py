@@ -1,0 +1,40 @@
+"""The names of the package itself, in whatever order parts of it were imported before."""
+
+import subprocess
+import sys
+
+import pytest
+
+PHASES = ("decompose", "distill", "evaluate")
+
+
+def python(code: str) -> None:
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    python("import sys, lightprobe; assert not {'torch', 'numba', 'numpy'} & set(sys.modules)")
+
+
+@pytest.mark.parametrize("first", ["", "import lightprobe.evaluate", "from lightprobe.distill import ProbeModel"])
+def test_phases_are_both_packages_and_functions(first):
+    python(
+        f"{first}\n"
+        "import lightprobe\n"
+        "from lightprobe import Predictor, decompose, distill, evaluate, load_scene, relight\n"
+        "assert all(callable(getattr(lightprobe, name)) for name in lightprobe.__all__)\n"
+        "assert decompose.Decomposition and distill.ProbeModel and evaluate.evaluate\n"
+        "try: lightprobe.decompose()\n"
+        "except TypeError as error: assert 'scene' in str(error)\n"
+        "else: raise SystemExit('decompose() needs a scene')"
+    )
+
+
+def test_unknown_names_are_refused():
+    python(
+        "import lightprobe\n"
+        "try: lightprobe.nothing\n"
+        "except AttributeError as error: assert 'nothing' in str(error)\n"
+        "else: raise SystemExit('no error')"
+    )

@@ -1,0 +1,150 @@
+"""Photos rendered from a known asset: an evaluation against it must find it perfect, and a wrong one not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tests.shapes import camera_at, sphere_mesh
+
+from lightprobe.core.errors import InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.decompose import Decomposition
+from lightprobe.evaluate import evaluate, load_environment, methods_for, relight, view_pictures
+from lightprobe.imaging import write_exr, write_png
+from lightprobe.material.textures import Textures
+from lightprobe.predict import Method
+from lightprobe.render.asset import Asset, rasterize_asset
+from lightprobe.scene.camera import Similarity
+from lightprobe.scene.photo import Photo, Scene, Truth
+
+CPU = torch.device("cpu")
+SIMILARITY = Similarity(np.array([0.2, -0.1, 0.3]), 2.0)
+
+
+def known_decomposition() -> Decomposition:
+    size = 64
+    ramp = torch.linspace(0, 1, size)
+    down, across = torch.meshgrid(ramp, ramp, indexing="ij")
+    color = torch.stack([0.2 + 0.5 * down, 0.6 - 0.3 * across, torch.full_like(down, 0.3)], -1)
+    up = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, 3)
+    textures = Textures(color, 0.3 + 0.4 * down, 0.2 * across, up)
+    return Decomposition(Asset(sphere_mesh(3), textures), {"light": torch.ones(6, 16, 16, 3)}, SIMILARITY)
+
+
+def soft_sky(seed: int) -> np.ndarray:
+    """A smooth equirectangular light (32, 64, 3) with a warm lamp somewhere."""
+    y, x = np.mgrid[:32, :64]
+    theta, phi = np.pi * (y + 0.5) / 32, np.pi - 2 * np.pi * (x + 0.5) / 64
+    directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    lamp = np.random.default_rng(seed).normal(size=3)
+    glow = np.exp(4 * (directions @ lamp / np.linalg.norm(lamp) - 1))[..., None]
+    return (0.25 + 0.15 * directions[..., 2:] + glow * [1.6, 1.2, 0.8]).astype(np.float32)
+
+
+def write_photo(folder, name: str, decomposition: Decomposition, position) -> Photo:
+    """Render a photo with all of its truth into files."""
+    camera = camera_at(2.0 * np.asarray(position), size=56, focal=70)
+    camera = dataclasses.replace(camera, camera_to_world=camera.camera_to_world.copy())
+    camera.camera_to_world[:3, 3] += SIMILARITY.center
+    files = {key: folder / f"{name}_{key}.exr" for key in ("environment", "linear", "normal")}
+    files |= {key: folder / f"{name}_{key}.png" for key in ("base_color", "orm")}
+    write_exr(files["environment"], soft_sky(len(name)))
+    image, cover = (t.numpy() for t in relight(decomposition, load_environment(files["environment"], CPU), camera))
+    write_exr(files["linear"], np.concatenate([image, cover[..., None]], -1))
+    write_png(folder / f"{name}.png", image / np.maximum(cover, 1e-6)[..., None], cover, bits=16)
+    g = rasterize_asset(decomposition.asset, camera.normalised(SIMILARITY), CPU)
+    maps = {key: np.zeros((56 * 56, 3), np.float32) for key in ("base_color", "orm", "normal")}
+    maps["base_color"][g.pixel], maps["normal"][g.pixel] = g.base_color, g.normal
+    maps["orm"][g.pixel, 1], maps["orm"][g.pixel, 2] = g.roughness, g.metallic
+    write_png(files["base_color"], maps["base_color"].reshape(56, 56, 3), bits=16)
+    write_png(files["orm"], maps["orm"].reshape(56, 56, 3), srgb=False, bits=16)
+    write_exr(files["normal"], maps["normal"].reshape(56, 56, 3))
+    return Photo(name, camera, folder / f"{name}.png", truth=Truth(**files))
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """The decomposition, and a scene of its own renders."""
+    folder = tmp_path_factory.mktemp("known")
+    decomposition = known_decomposition()
+    test = tuple(write_photo(folder, n, decomposition, p) for n, p in (("a", (3, 1, 1)), ("bb", (-1, 3, 0.5))))
+    relit = (write_photo(folder, "ccc", decomposition, (1, -3, 0)),)
+    vertices = SIMILARITY.invert(decomposition.asset.mesh.vertices.numpy())
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in decomposition.asset.mesh.faces.tolist()]
+    (folder / "mesh.obj").write_text("\n".join(lines))
+    return decomposition, Scene(folder, "transforms", test[:1], test, relit, SIMILARITY)
+
+
+@pytest.fixture(scope="module")
+def evaluated(known, tmp_path_factory):
+    decomposition, scene = known
+    run, views = RunFolder(tmp_path_factory.mktemp("run")), []
+    methods = (Method.SOLVE, Method.CONSTANT)
+    result = evaluate(decomposition, None, scene, methods=methods, device=CPU, run=run, on_view=views.append)
+    return result, run, views
+
+
+def test_the_true_asset_has_no_error(evaluated):
+    truth = evaluated[0].truth
+    assert truth["base_color_psnr"] > 60
+    assert truth["roughness_mae"] < 1e-4
+    assert truth["metallic_mae"] < 1e-4
+    assert truth["normal_degrees"] < 0.05
+    assert truth["chamfer"] < 0.02
+    assert truth["relight_psnr"] > 60
+    assert truth["relight_psnr_scaled"] == pytest.approx(truth["relight_psnr"], abs=1)
+
+
+def test_solving_for_the_light_beats_a_constant_and_loses_on_unseen_pixels(evaluated):
+    means = evaluated[0].to_json()["methods"]
+    assert means["solve"]["psnr_masked"] > 34
+    assert means["solve"]["psnr_masked"] > means["constant"]["psnr_masked"] + 5
+    assert means["solve"]["light_log_rmse"] < means["constant"]["light_log_rmse"]
+    assert means["solve"]["psnr_unseen"] < means["solve"]["psnr_masked"]
+    assert means["solve"]["seconds"] > 0
+
+
+def test_the_first_method_is_the_default_one(evaluated):
+    result, run, views = evaluated
+    metrics = result.to_json()
+    assert metrics["default_method"] == "solve"
+    assert metrics["photos"]["a"]["psnr"] == metrics["photos"]["a"]["methods"]["solve"]["psnr"]
+    assert [view.view.photo.name for view in views] == ["a", "bb"]
+    default, named = run.prediction_file("a", ".exr"), run.prediction_file("a", ".exr", "solve")
+    assert default.read_bytes() == named.read_bytes()
+
+
+def test_pictures_of_a_view_are_complete(evaluated):
+    titles = list(view_pictures(evaluated[2][0]))
+    assert titles == [
+        "photo", "render", "difference ×3", "base colour", "roughness", "metallic", "normal", "predicted light",
+        "true light", "confidence",
+    ]  # fmt: skip
+
+
+def test_a_wrong_material_is_found_out(known):
+    decomposition, scene = known
+    t = decomposition.asset.textures
+    tinted = Textures(t.base_color * torch.tensor([0.5, 0.8, 1.0]), t.roughness + 0.1, t.metallic, t.normal)
+    wrong = dataclasses.replace(decomposition, asset=Asset(decomposition.asset.mesh, tinted))
+    truth = evaluate(wrong, None, scene, methods=(Method.CONSTANT,), device=CPU, unseen=False).truth
+    assert truth["base_color_psnr"] < 20
+    assert truth["base_color_psnr_scaled"] > 60
+    assert truth["roughness_mae"] == pytest.approx(0.1, abs=0.001)
+    assert truth["relight_psnr_scaled"] > truth["relight_psnr"] + 5
+
+
+def test_a_shrunken_surface_is_found_out(known):
+    decomposition, scene = known
+    mesh = dataclasses.replace(decomposition.asset.mesh, vertices=decomposition.asset.mesh.vertices * 0.9)
+    wrong = dataclasses.replace(decomposition, asset=Asset(mesh, decomposition.asset.textures))
+    truth = evaluate(wrong, None, scene, methods=(Method.CONSTANT,), device=CPU, unseen=False).truth
+    assert truth["chamfer"] == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_scene_without_test_photos_says_so(known):
+    decomposition, scene = known
+    with pytest.raises(InputError, match="no test photos"):
+        evaluate(decomposition, None, dataclasses.replace(scene, test=()), methods=methods_for(None), device=CPU)
