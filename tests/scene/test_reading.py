@@ -65,6 +65,17 @@ def test_downscaling_averages_premultiplied_linear_light(tmp_path):
     assert load_pixels(photo, 500)[1] == photo.camera
 
 
+def test_downscaling_weighs_colour_by_coverage(tmp_path):
+    """A half covered red pixel beside a fully covered green one: a third red, two thirds green."""
+    root = write_nerd(tmp_path / "scene", views(COUNT), masks=None)
+    samples = np.zeros((60, 72, 4), np.uint8)
+    samples[:, 0::2], samples[:, 1::2] = (255, 0, 0, 127), (0, 255, 0, 254)
+    Image.fromarray(samples).save(root / "images" / "view_00.png")
+    pixels, _ = load_pixels(photos(root)[0], 36)
+    np.testing.assert_allclose(pixels.color, np.broadcast_to([1 / 3, 2 / 3, 0], (30, 36, 3)), atol=1e-5)
+    np.testing.assert_allclose(pixels.alpha, 0.75 * 254 / 255, atol=1e-5)
+
+
 def test_scaled_photos_scale_their_cameras(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     for folder in ("images", "masks"):

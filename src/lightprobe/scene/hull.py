@@ -169,10 +169,11 @@ def _hits(distance: np.ndarray, ox: float, oy: float, oz: float, dx: float, dy: 
         if gap > 1:
             t += (gap - 1) / longest
         else:
-            t += min((i + (dx > 0) - x) / dx, (j + (dy > 0) - y) / dy, (k + (dz > 0) - z) / dz) + nudge
+            wall = min((i + (dx > 0) - x) / dx, (j + (dy > 0) - y) / dy, (k + (dz > 0) - z) / dz)
+            t += max(wall, 0.0) + nudge
     return False
 
 
 @compiled()
 def _nonzero(value: float) -> float:
-    return value if abs(value) > 1e-12 else 1e-12
+    return value if abs(value) > 1e-9 else 1e-9
