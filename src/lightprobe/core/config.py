@@ -71,7 +71,7 @@ class DecomposeConfig:
     """Pixels a light solve looks at."""
     light_solve_iterations: int = 8
     """Iterations of a light solve, warm-started from the previous visit."""
-    light_regularisation: float = 0.02
+    light_regularisation: float = 0.1
     """Pull of a light towards its own mean in places the photo does not pin down."""
     learning_rate_geometry: float = 0.015
     """Adam step of lattice distances, offsets and vertices, in units of the object's radius per unit gradient sign."""
@@ -85,8 +85,12 @@ class DecomposeConfig:
     """Weight of the material's change under a small displacement."""
     smoothness_texture: float = 0.1
     """Weight of the texture's difference between neighbouring texels in the second pass."""
-    metallic_prior: float = 0.01
-    """Pull of metallic towards plain dielectric or plain metal."""
+    metallic_prior: float = 0.025
+    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
+    roughness_prior: float = 0.01
+    """Pull of roughness towards matte, for the same reason."""
+    normal_prior: float = 0.5
+    """Weight of the squared normal offset of the material field."""
     light_grey: float = 0.005
     """Weight of the deviation of a light from grey (gradient update only)."""
     laplacian: float = 0.5
@@ -149,6 +153,6 @@ def paper() -> DecomposeConfig:
     """The paper's settings (section 4.2): MLP distances, gradient lights of 6x128x128, 40 k steps at 512 pixels."""
     return replace(
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass1_side=512, pass2_side=512,
-        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, metallic_prior=0.0,
+        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, metallic_prior=0.0, roughness_prior=0.0,
         checkpoint_every=1000,
     )  # fmt: skip

@@ -124,7 +124,7 @@ class LatticeModel(nn.Module):
         return Seen(gbuffer, screen, faces, edge_faces(faces), loss)
 
     def _material_loss(self, position: Tensor, material: Tensor, step: int) -> Tensor:
-        """Smoothness under a small random displacement, a pull of metallic to 0 or 1, and small normal offsets."""
+        """Smoothness under a small random displacement, and the priors of metallic, roughness and normal offset."""
         count = min(4096, len(position))
         random = generator(self.seed, "jitter", step)
         rows = torch.randint(0, max(len(position), 1), (count,), generator=random).to(position.device)
@@ -134,8 +134,9 @@ class LatticeModel(nn.Module):
         m = material[:, 4]
         return (
             self.config.smoothness * (here - there).abs().mean()
-            + self.config.metallic_prior * (m * (1 - m)).mean()
-            + 0.01 * material[:, 5:].square().mean()
+            + self.config.metallic_prior * m.mean()
+            + self.config.roughness_prior * (1 - material[:, 3]).mean()
+            + self.config.normal_prior * material[:, 5:].square().mean()
         )
 
     def project(self) -> None:

@@ -62,13 +62,16 @@ class SurfaceModel(nn.Module):
         return laplacian.square().sum(1).mean()
 
     def _texture_loss(self) -> Tensor:
-        """Return the weighted mean absolute difference of neighbouring texels plus the pull of metallic to 0 or 1."""
+        """Return the weighted mean absolute difference of neighbouring texels plus the priors of metallic and roughness."""
         size = round(self.texels.shape[0] ** 0.5)
         maps = self.texels.view(size, size, -1)
         across = (maps[:, 1:, :5] - maps[:, :-1, :5]).abs().mean()
         down = (maps[1:, :, :5] - maps[:-1, :, :5]).abs().mean()
-        m = self.texels[:, 4]
-        return self.config.smoothness_texture * (across + down) + self.config.metallic_prior * (m * (1 - m)).mean()
+        priors = (
+            self.config.metallic_prior * self.texels[:, 4].mean()
+            + self.config.roughness_prior * (1 - self.texels[:, 3]).mean()
+        )
+        return self.config.smoothness_texture * (across + down) + priors
 
     @torch.no_grad()
     def project(self) -> None:

@@ -1,1 +1,5 @@
 """One photo, camera and mask in, an environment map with a confidence for every direction out."""
+
+from lightprobe.predict.predictor import Method, Prediction, Predictor
+
+__all__ = ["Method", "Prediction", "Predictor"]

@@ -1,0 +1,94 @@
+"""Phase II configuration and its presets: how the light predictor is distilled from the decomposition."""
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from lightprobe.core.errors import ConfigError
+
+
+class AlphaRule(StrEnum):
+    """How roughness r becomes the GGX lobe's alpha^2: r^4 as in the renderer, or r^2 as the paper prints it."""
+
+    R4 = "r4"
+    R2 = "r2"
+
+
+class LossSpace(StrEnum):
+    """Where Equation 6 takes its difference: radiance as printed, or log(1 + radiance), in which no sun rules."""
+
+    LINEAR = "linear"
+    LOG = "log"
+
+
+@dataclass(frozen=True)
+class DistillConfig:
+    """Phase II: train the illumination MLP against the environments of Phase I."""
+
+    steps: int = 4000
+    """Training steps, each on one photo."""
+    learning_rate: float = 5e-4
+    """Adam step."""
+    samples: int = 1024
+    """Pixels stacked in a step."""
+    light_resolution: int = 16
+    """Texels along each cubemap edge of the environments compared while training."""
+    max_side: int = 256
+    """Longer side in pixels of the photos; larger ones are reduced by area averaging."""
+    pixels_per_photo: int = 8192
+    """Object pixels kept of each photo."""
+    width: int = 128
+    """Units of each hidden layer."""
+    depth: int = 3
+    """Hidden layers."""
+    frequencies: int = 3
+    """Octaves of the Fourier encoding of directions."""
+    alpha_rule: AlphaRule = AlphaRule.R4
+    """Width of the GGX lobe a pixel is spread by."""
+    loss_space: LossSpace = LossSpace.LOG
+    """Space of the squared difference."""
+    sample_weight: bool = True
+    """Weigh each direction by how much of it the sampled pixels saw (Equation 6, first weight)."""
+    intensity_weight: bool = True
+    """Weigh bright and dark directions above middling ones (Equation 6, second weight)."""
+    checkpoint_every: int = 1000
+    """Steps between checkpoints."""
+
+    def __post_init__(self) -> None:
+        """Refuse values no run could use."""
+        positive = (
+            "steps", "samples", "light_resolution", "max_side", "pixels_per_photo", "width", "depth", "frequencies",
+            "checkpoint_every",
+        )  # fmt: skip
+        for name in positive:
+            if getattr(self, name) < 1:
+                raise ConfigError(f"distill.{name} must be at least 1, not {getattr(self, name)}.")
+        if not self.learning_rate > 0:
+            raise ConfigError(f"distill.learning_rate must be positive, not {self.learning_rate}.")
+
+    @staticmethod
+    def from_json(value: dict[str, Any]) -> "DistillConfig":
+        """Return the configuration written as JSON."""
+        enums = {"alpha_rule": AlphaRule, "loss_space": LossSpace}
+        try:
+            return DistillConfig(**{k: enums[k](v) if k in enums else v for k, v in value.items()})
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"The stored Phase II configuration cannot be used: {error}.") from error
+
+
+def quick() -> DistillConfig:
+    """About a minute on two CPU cores."""
+    return DistillConfig()
+
+
+def standard() -> DistillConfig:
+    """Minutes on one GPU."""
+    return replace(quick(), steps=15_000, light_resolution=32, max_side=512, pixels_per_photo=16_384)
+
+
+def paper() -> DistillConfig:
+    """The paper's settings (sections 3.2 and 4.2): 30 k steps against 6x128x128 maps, the loss as printed."""
+    return replace(
+        standard(), steps=30_000, light_resolution=128, max_side=1024, pixels_per_photo=65_536,
+        loss_space=LossSpace.LINEAR,
+    )  # fmt: skip

@@ -1,0 +1,39 @@
+"""The weighted loss of Phase II (Equation 6).
+
+Notation: E teacher, P prediction, both (M, 3) radiance relative to the photo's light level (so their mean is near 1);
+dw solid angles of the M texels; D_s, D_t the mean distribution of the sampled and of all object pixels, (M,).
+
+    loss = sum_w dw/4pi  (D_s/D_t)(w)  Y(E(w))  |g(E) - g(P)|^2
+
+Y is the paper's |luma - .5| + .5 on the teacher's luma, where the photo's average light counts as .5 and twice that or
+more as white: the paper's maps live in [0, 1], ours do not, and unclamped a sun would own the loss twice over.
+g is the identity (the paper) or log(1 + x). Texels count by solid angle, since those of a cubemap differ by a factor
+of five.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config_distill import LossSpace
+from lightprobe.distill.probe_pixels import luma
+
+
+def sample_weight(sampled: Tensor, total: Tensor) -> Tensor:
+    """Return D_s/D_t (M,), and 0 where no pixel of the object looks."""
+    return torch.where(total > 0, sampled / total.clamp_min(1e-12), torch.zeros_like(total))
+
+
+def intensity_weight(teacher: Tensor) -> Tensor:
+    """Return Y (M,) in [.5, 1] of relative radiance (M, 3)."""
+    brightness = (luma(teacher) / 2).clamp(0, 1)
+    return (brightness - 0.5).abs() + 0.5
+
+
+def weighted_l2(predicted: Tensor, teacher: Tensor, weight: Tensor, solid_angle: Tensor, space: LossSpace) -> Tensor:
+    """Return the loss () of `predicted` against `teacher` (M, 3), both relative; `weight`, solid angles (M,)."""
+    if space is LossSpace.LOG:
+        predicted, teacher = torch.log1p(predicted), torch.log1p(teacher)
+    squared = (predicted - teacher).square().sum(-1)
+    return (squared * weight * solid_angle).sum() / (4 * math.pi)

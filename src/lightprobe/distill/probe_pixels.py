@@ -1,0 +1,65 @@
+"""The pixels of one photo as light probes: what was seen, on which material, from where.
+
+Notation: c linear colour, k_d base colour, k_s = F0, n normal, r roughness, w_o view direction (surface -> camera);
+furnace: the pixel's colour under a constant environment of radiance 1, so c / furnace is the average light a pixel saw.
+"""
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from lightprobe.render.brdf import MIN_COS, base_reflectance, diffuse_fresnel, environment_brdf
+from lightprobe.render.gbuffer import GBuffer
+
+_LUMA = (0.299, 0.587, 0.114)  # the paper's weights (Equation 6)
+
+
+@dataclass(frozen=True)
+class ProbePixels:
+    """N pixels; all float32 on one device."""
+
+    color: Tensor  # (N, 3) linear, straight
+    base_color: Tensor  # (N, 3) linear
+    specular: Tensor  # (N, 3) F0
+    normal: Tensor  # (N, 3) unit
+    view: Tensor  # (N, 3) unit, surface -> camera
+    roughness: Tensor  # (N,)
+    furnace: Tensor  # (N, 3)
+
+    def __len__(self) -> int:
+        return len(self.color)
+
+    def take(self, index: Tensor) -> "ProbePixels":
+        """Return the pixels at `index` (K,) int64."""
+        return ProbePixels(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
+
+    def to(self, device: torch.device) -> "ProbePixels":
+        """Return the pixels on `device`."""
+        return ProbePixels(**{field.name: getattr(self, field.name).to(device) for field in fields(self)})
+
+    def light_level(self) -> Tensor:
+        """Return the grey radiance () that, from everywhere, would give the pixels their summed luma; at least 1e-6.
+
+        It carries the photo's exposure: everything learned is relative to it.
+        """
+        return (luma(self.color).sum() / luma(self.furnace).sum().clamp_min(1e-6)).clamp_min(1e-6)
+
+
+def luma(rgb: Tensor) -> Tensor:
+    """Return .299 R + .587 G + .114 B of (..., 3)."""
+    return (rgb * rgb.new_tensor(_LUMA)).sum(-1)
+
+
+def probe_pixels(gbuffer: GBuffer, rows: Tensor, color: Tensor) -> ProbePixels:
+    """Return the pixels at `rows` (N,) int64 of a G-buffer, photographed as `color` (N, 3); no gradients."""
+    with torch.no_grad():
+        normal, view = gbuffer.normal[rows], gbuffer.view[rows]
+        base_color, roughness = gbuffer.base_color[rows], gbuffer.roughness[rows]
+        metallic = gbuffer.metallic[rows]
+        specular = base_reflectance(base_color, metallic)
+        cosine = (normal * view).sum(-1).clamp(MIN_COS, 1)
+        scale, bias = environment_brdf(cosine, roughness)
+        transmitted = (1 - metallic) * (1 - diffuse_fresnel(cosine))
+        furnace = specular * scale[:, None] + bias[:, None] + base_color * (1 - specular) * transmitted[:, None]
+        return ProbePixels(color, base_color, specular, normal, view, roughness, furnace)

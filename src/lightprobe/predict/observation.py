@@ -1,0 +1,83 @@
+"""What one photo tells about its light: its trusted pixels on the known object.
+
+A pixel is trusted when the object covers it in the photo (mask) and in the rasterised asset. Large photos are reduced
+by area averaging first, so that the cost of a prediction is bounded; the average of linear light is what a coarser
+camera would have seen.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.core.errors import InputError
+from lightprobe.distill.probe_pixels import ProbePixels, probe_pixels
+from lightprobe.imaging import resize_area
+from lightprobe.render.asset import Asset, rasterize_asset
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Pixels
+
+_OPAQUE = 0.9
+_FEWEST_PIXELS = 16
+_CLIPPED = 0.98  # linear; half of the last code below 255 of an 8-bit sRGB photo is .989
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One photo on the asset; K trusted pixels, on one device."""
+
+    gbuffer: GBuffer
+    rows: Tensor  # (K,) int64 rows of the G-buffer
+    pixels: ProbePixels  # (K) linear colours in the photo's exposure
+    clipped: Tensor  # (K, 3) bool: the photo's white hides how bright the pixel was
+    light_level: Tensor  # () radiance of the constant light that explains the photo's total luma
+
+
+def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, max_pixels: int) -> Observation:
+    """Return what `pixels` shows of the asset seen by a normalised-frame `camera`.
+
+    The photo is reduced until about `max_pixels` of its pixels lie in the mask. Raises `InputError` when the photo and
+    camera differ in size, the mask is empty, or the asset is out of view.
+    """
+    height, width = pixels.alpha.shape
+    if (camera.width, camera.height) != (width, height):
+        raise InputError(
+            f"The photo has {width} x {height} pixels but its camera {camera.width} x {camera.height}; "
+            "give the camera of this photo."
+        )
+    color, alpha, clipped = _reduced(pixels, max_pixels)
+    camera = camera.resized(alpha.shape[1], alpha.shape[0])
+    gbuffer = rasterize_asset(asset, camera, device)
+    trusted = torch.from_numpy(alpha).to(device).reshape(-1)[gbuffer.pixel] >= _OPAQUE
+    rows = trusted.nonzero()[:, 0]
+    if len(rows) < _FEWEST_PIXELS:
+        raise InputError(
+            f"Only {len(rows)} pixels of the mask show the object as seen by this camera; check the pose and the mask."
+        )
+    at = gbuffer.pixel[rows]
+    seen = probe_pixels(gbuffer, rows, torch.from_numpy(color).to(device).reshape(-1, 3)[at])
+    hidden = torch.from_numpy(clipped).to(device).reshape(-1, 3)[at]
+    return Observation(gbuffer, rows, seen, hidden, seen.light_level())
+
+
+def _reduced(pixels: Pixels, max_pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return colour (H, W, 3) straight, alpha (H, W) and clipped (H, W, 3) bool at a bounded size.
+
+    A reduced pixel with any clipped source pixel is at least as bright as its average: it counts as clipped. A photo
+    with values well above 1 comes from a format without a white to clip at.
+    """
+    color, alpha = pixels.color, pixels.alpha
+    has_white = float(color.max(initial=0.0)) <= 1.01
+    clipped = (color >= _CLIPPED) & (alpha[..., None] > 0) & has_white
+    masked = float((alpha >= _OPAQUE).sum())
+    if masked <= max_pixels:
+        return color, alpha, clipped
+    shrink = math.sqrt(max_pixels / masked)
+    size = tuple(max(1, round(side * shrink)) for side in alpha.shape)
+    small = resize_area(alpha, *size)
+    premultiplied = resize_area(color * alpha[..., None], *size)
+    straight = premultiplied / np.maximum(small, 1e-6)[..., None]
+    return straight, small, resize_area(clipped.astype(np.float32), *size) > 0

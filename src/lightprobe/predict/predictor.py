@@ -1,0 +1,143 @@
+"""One photo in, the environment around the object out: the predictors behind one interface.
+
+    photo, camera -> observe (rasterise the asset) -> prior map (constant, or stacked probes) -> solve -> Prediction
+
+Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.decompose import Decomposition
+from lightprobe.distill.probe_model import ProbeModel
+from lightprobe.distill.probe_pixels import ProbePixels
+from lightprobe.predict.observation import Observation, observe
+from lightprobe.predict.prior import confidence, constant_light, coverage, sampled_probes, stacked_light
+from lightprobe.predict.solve import SolveConfig, solve_environment
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Pixels
+
+
+class Method(StrEnum):
+    """How the light is found."""
+
+    CONSTANT = "constant"
+    """A grey map at the photo's light level: the floor."""
+    PROBE_MLP = "probe-mlp"
+    """The paper's method: the illumination MLP's probes, stacked."""
+    SOLVE = "solve"
+    """Least squares against the photo, towards the grey map."""
+    PROBE_MLP_SOLVE = "probe-mlp+solve"
+    """Least squares against the photo, towards the paper's map."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The light around the object in one photo, in the input frame's axes and the photo's exposure."""
+
+    environment: Tensor  # (6, R, R, 3) linear radiance >= 0
+    confidence: Tensor  # (6, R, R) in [0, 1): how much of each direction the object showed
+    seconds: dict[str, float]  # wall time of "rasterise", "network", "stack", "solve" and "total"
+
+
+class Predictor:
+    """Predicts light for photos of one object; holds its asset, and the model when the learned methods are wanted."""
+
+    def __init__(
+        self,
+        decomposition: Decomposition,
+        model: ProbeModel | None = None,
+        device: torch.device | None = None,
+        *,
+        light_resolution: int = 32,
+        max_pixels: int = 65_536,
+        solve: SolveConfig | None = None,
+        seed: int = 0,
+    ):
+        """Move asset and model to `device` (default: the CPU).
+
+        light_resolution: texels along each edge of the predicted cubemaps, a power of two.
+        max_pixels: photos with more object pixels are reduced by area averaging.
+        """
+        self.device = device or torch.device("cpu")
+        self.asset = decomposition.asset.to(self.device)
+        self.similarity = decomposition.similarity
+        self.model = None if model is None else model.to(self.device)
+        self.light_resolution = light_resolution
+        self.max_pixels = max_pixels
+        self.solve = solve or SolveConfig()
+        self.seed = seed
+
+    @staticmethod
+    def of(
+        decomposition: Decomposition, model: ProbeModel | None = None, device: torch.device | None = None
+    ) -> "Predictor":
+        """Return `Predictor(decomposition, model, device)`."""
+        return Predictor(decomposition, model, device)
+
+    @torch.no_grad()
+    def predict(self, pixels: Pixels, camera: Camera, method: Method = Method.PROBE_MLP_SOLVE) -> Prediction:
+        """Return the light in the photo `pixels` taken by the input-frame `camera`; the same call gives the same bits.
+
+        Raises `InputError` when the camera does not fit the photo or the object is not in it, and `ConfigError` when a
+        learned method is asked of a predictor without a model.
+        """
+        clock = _Clock()
+        with clock.part("rasterise"):
+            camera = camera.normalised(self.similarity)
+            observation = observe(self.asset, pixels, camera, self.device, self.max_pixels)
+            probes = sampled_probes(observation, self.light_resolution, self.seed)
+        environment, weight = _PRIORS[method](self, observation, probes, clock)
+        if method in _SOLVED:
+            with clock.part("solve"):
+                environment = solve_environment(observation, environment, self.solve, self.seed)
+        return Prediction(environment, confidence(weight), clock.finish())
+
+    def _constant(self, observation: Observation, probes: ProbePixels, clock: "_Clock") -> tuple[Tensor, Tensor]:
+        with clock.part("stack"):
+            weight = coverage(probes, self.light_resolution)
+        return constant_light(observation, self.light_resolution), weight
+
+    def _stacked(self, observation: Observation, probes: ProbePixels, clock: "_Clock") -> tuple[Tensor, Tensor]:
+        if self.model is None:
+            raise ConfigError("This run has no trained model; run `lightprobe distill` on it, or use --method solve.")
+        level = observation.light_level
+        with clock.part("network"):
+            colors = self.model.network(probes, level)
+        with clock.part("stack"):
+            return stacked_light(self.model, colors, probes, level, self.light_resolution)
+
+
+_PRIORS = {
+    Method.CONSTANT: Predictor._constant,
+    Method.SOLVE: Predictor._constant,
+    Method.PROBE_MLP: Predictor._stacked,
+    Method.PROBE_MLP_SOLVE: Predictor._stacked,
+}
+_SOLVED = {Method.SOLVE, Method.PROBE_MLP_SOLVE}
+
+
+class _Clock:
+    """Wall time of the parts of a prediction."""
+
+    def __init__(self) -> None:
+        self._begin = time.perf_counter()
+        self._seconds = {"rasterise": 0.0, "network": 0.0, "stack": 0.0, "solve": 0.0}
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        if torch.cuda.is_available():
+            torch.cuda.synchronize()
+        self._seconds[name] += time.perf_counter() - begin
+
+    def finish(self) -> dict[str, float]:
+        return {**self._seconds, "total": time.perf_counter() - self._begin}

@@ -1,0 +1,136 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.config_distill import AlphaRule, DistillConfig, LossSpace
+from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
+from lightprobe.distill import ProbeModel
+from lightprobe.distill.lessons import resize_light
+from lightprobe.distill.probe_distribution import alpha2, mean_distribution, stack
+from lightprobe.distill.probe_model import new_network
+from lightprobe.distill.training import train
+from lightprobe.light import cubemap
+from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
+
+CONFIG = DistillConfig(steps=40, samples=256, width=32, depth=2, checkpoint_every=20)
+DIRECTIONS = cubemap.directions(16).reshape(-1, 3)
+
+
+@pytest.fixture(scope="module")
+def photos():
+    return lessons(glossy_sphere())
+
+
+def predicted(model, lesson):
+    colors = model.network(lesson.pixels, lesson.light_level)
+    radiance, _ = stack(lesson.pixels, colors, DIRECTIONS, model.config.alpha_rule)
+    return radiance / lesson.light_level
+
+
+def log_error(model, lesson):
+    """Root mean square of the log difference where the photo looks."""
+    seen = lesson.distribution > lesson.distribution.mean()
+    return float((torch.log1p(predicted(model, lesson)) - torch.log1p(lesson.teacher))[seen].square().mean().sqrt())
+
+
+def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
+    untrained = ProbeModel(new_network(CONFIG).requires_grad_(False), torch.ones(6, 16, 16, 3), CONFIG)
+    model = train(photos, replace(CONFIG, steps=250, width=64, learning_rate=2e-3), CPU, seed=0)
+    before, after = (sum(log_error(m, photo) for photo in photos) for m in (untrained, model))
+    assert after < 0.6 * before
+    for patch, photo in zip(PATCHES, photos, strict=True):
+        axis = torch.nn.functional.normalize(torch.tensor(patch), dim=0)
+        excess = (predicted(model, photo).mean(-1) - 1.0).clamp(min=0)[:, None]
+        centre = torch.nn.functional.normalize((DIRECTIONS * excess).sum(0), dim=0)
+        assert float(centre @ axis) > 0.9, f"{photo.name}: bright towards {centre.tolist()}, truth {patch}"
+
+
+def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
+    first, second, other = (train(photos, CONFIG, CPU, seed=s).network.state_dict() for s in (1, 1, 2))
+    assert all(torch.equal(first[k], second[k]) for k in first)
+    assert not torch.equal(first["layers.0.weight"], other["layers.0.weight"])
+
+
+def test_resuming_gives_the_bits_of_an_uninterrupted_run(photos, tmp_path):
+    class Killed(Exception):
+        pass
+
+    def kill_at_30(step, loss):
+        if step == 30:
+            raise Killed
+
+    whole = train(photos, CONFIG, CPU, seed=4).network.state_dict()
+    with pytest.raises(Killed):
+        train(photos, CONFIG, CPU, 4, Checkpoints(tmp_path), kill_at_30)
+    steps = []
+    resumed = train(photos, CONFIG, CPU, 4, Checkpoints(tmp_path), lambda step, loss: steps.append(step))
+    assert steps == list(range(21, 41))
+    assert all(torch.equal(whole[k], value) for k, value in resumed.network.state_dict().items())
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(photos, tmp_path):
+    train(photos, replace(CONFIG, steps=1), CPU, 0, Checkpoints(tmp_path))
+    with pytest.raises(ConfigError, match="another Phase II configuration"):
+        train(photos, CONFIG, CPU, 0, Checkpoints(tmp_path))
+
+
+def test_a_loss_that_is_not_a_number_stops_the_training(photos):
+    broken = replace(photos[0], teacher=torch.full_like(photos[0].teacher, float("nan")))
+    with pytest.raises(ConvergenceError, match="photo0"):
+        train([broken], CONFIG, CPU, 0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"sample_weight": False}, {"intensity_weight": False}, {"alpha_rule": AlphaRule.R2}, {"loss_space": LossSpace.LINEAR}],
+)  # fmt: skip
+def test_every_option_changes_what_is_learned(photos, options):
+    config = replace(CONFIG, steps=2)
+    plain, changed = (train(photos[:1], c, CPU, 0).network.state_dict() for c in (config, replace(config, **options)))
+    assert not torch.equal(plain["layers.0.weight"], changed["layers.0.weight"])
+
+
+def test_the_network_follows_exposure_and_starts_at_the_average_light_a_pixel_saw(photos):
+    network = new_network(CONFIG)
+    pixels, level = photos[0].pixels, photos[0].light_level
+    brighter = replace(pixels, color=4 * pixels.color)
+    torch.testing.assert_close(network(brighter, brighter.light_level()), 4 * network(pixels, level))
+    grey = replace(pixels, color=3 * pixels.furnace)  # as under a constant light of 3
+    torch.testing.assert_close(network(grey, grey.light_level()), torch.full_like(grey.color, 3.0), rtol=0.5, atol=0)
+
+
+def test_printed_roughness_gives_wider_lobes(photos):
+    roughness = torch.tensor([0.02, 0.3, 1.0])
+    torch.testing.assert_close(alpha2(roughness, AlphaRule.R4), torch.tensor([0.08**4, 0.3**4, 1.0]))
+    torch.testing.assert_close(alpha2(roughness, AlphaRule.R2), torch.tensor([0.08**2, 0.3**2, 1.0]))
+    pixels = photos[0].pixels.take(torch.tensor([600]))
+    narrow, wide = (mean_distribution(pixels, DIRECTIONS, rule) for rule in (AlphaRule.R4, AlphaRule.R2))
+    assert wide.max() / wide.mean() < narrow.max() / narrow.mean()
+
+
+def test_a_model_survives_the_disk(photos, tmp_path):
+    model = train(photos, replace(CONFIG, steps=3), CPU, 0)
+    model.save(tmp_path)
+    loaded = ProbeModel.load(tmp_path)
+    assert loaded.config == model.config
+    assert torch.equal(loaded.mean_light, model.mean_light)
+    assert torch.equal(predicted(loaded, photos[0]), predicted(model, photos[0]))
+
+
+def test_weights_of_another_size_are_refused(photos, tmp_path):
+    train(photos, replace(CONFIG, steps=1), CPU, 0).save(tmp_path)
+    config = (tmp_path / "config.json").read_text()
+    (tmp_path / "config.json").write_text(config.replace('"width": 32', '"width": 48'))
+    with pytest.raises(InputError, match="does not fit"):
+        ProbeModel.load(tmp_path)
+
+
+def test_resized_lights_keep_their_power():
+    light = torch.rand(6, 16, 16, 3, generator=torch.Generator().manual_seed(0))
+    power = (light * cubemap.solid_angles(16)[..., None]).sum((0, 1, 2))
+    for resolution in (8, 32):
+        resized = resize_light(light, resolution)
+        total = (resized * cubemap.solid_angles(resolution)[..., None]).sum((0, 1, 2))
+        torch.testing.assert_close(total, power, rtol=2e-3 if resolution > 16 else 1e-5, atol=0)
