@@ -35,6 +35,7 @@ class Reading:
     root: Path
     format: str
     photos: dict[Split, tuple[Photo, ...]]
+    files: frozenset[Path]  # the image files that have a camera, sound or not
 
     def all_photos(self) -> list[tuple[Split, Photo]]:
         """Return every photo with its split."""
@@ -71,7 +72,8 @@ def read_folder(path: Path, problems: Problems) -> Reading:
             photos[frame.split or by_rule].append(_photo(frame, name, masks))
     if len(photos[Split.TRAIN]) < 2 and not problems.messages:
         raise InputError(f"{root} holds {len(frames)} photos with cameras; two or more are needed for training.")
-    return Reading(root, layout, {split: tuple(found) for split, found in photos.items()})
+    files = frozenset(frame.image for frame in frames)
+    return Reading(root, layout, {split: tuple(found) for split, found in photos.items()}, files)
 
 
 def load_masks(photos: Iterable[Photo], max_side: int, problems: Problems) -> dict[str, np.ndarray]:
@@ -98,8 +100,7 @@ def in_parallel(work: Callable[[Photo], T], photos: Iterable[Photo]) -> Iterator
 def unposed_images(reading: Reading) -> list[Path]:
     """Return the files of `images/` that no camera belongs to."""
     folder = reading.root / "images"
-    used = {photo.image_path for _, photo in reading.all_photos()}
-    return [path for path in list_images(folder) if path not in used] if folder.is_dir() else []
+    return [path for path in list_images(folder) if path not in reading.files] if folder.is_dir() else []
 
 
 def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]]:
