@@ -85,9 +85,9 @@ class DecomposeConfig:
     """Weight of the material's change under a small displacement."""
     smoothness_texture: float = 0.1
     """Weight of the texture's difference between neighbouring texels in the second pass."""
-    metallic_prior: float = 0.025
+    metallic_prior: float = 0.02
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
-    roughness_prior: float = 0.01
+    roughness_prior: float = 0.002
     """Pull of roughness towards matte, for the same reason."""
     normal_prior: float = 0.5
     """Weight of the squared normal offset of the material field."""
