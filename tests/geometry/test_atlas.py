@@ -1,14 +1,12 @@
 import numpy as np
 import torch
+from tests.shapes import sphere
 
 from lightprobe.geometry import atlas
 from lightprobe.geometry.mesh import clean, decimate, edge_faces, uv_tangents, vertex_normals
-from tests.shapes import sphere
 
 
 def uv_overlap(uvs, uv_faces, size=256):
-    from lightprobe.kernels.reference.rasterize import rasterize as _  # the reference exists for this device
-
     counts = np.zeros((size, size), int)
     y, x = np.mgrid[:size, :size] + 0.5
     for tri in uvs[uv_faces] * size:

@@ -128,9 +128,10 @@ class DecomposeConfig:
     @staticmethod
     def from_json(value: dict[str, Any]) -> "DecomposeConfig":
         """Return the configuration written as JSON."""
-        enums = {"sdf": SdfMode, "light_update": LightUpdate}
+        enums: dict[str, Any] = {"sdf": SdfMode, "light_update": LightUpdate}
         try:
-            return DecomposeConfig(**{k: enums[k](v) if k in enums else v for k, v in value.items()})
+            values: dict[str, Any] = {k: enums[k](v) if k in enums else v for k, v in value.items()}
+            return DecomposeConfig(**values)
         except (TypeError, ValueError) as error:
             raise ConfigError(f"The stored Phase I configuration cannot be used: {error}.") from error
 

@@ -33,6 +33,8 @@ class Seen:
 class DistanceMlp(nn.Module):
     """Signed distance as an MLP of encoded position: three hidden layers of 64."""
 
+    scales: Tensor
+
     def __init__(self, random: torch.Generator):
         super().__init__()
         self.register_buffer("scales", 2.0 ** torch.arange(6) * torch.pi)

@@ -54,12 +54,13 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     """
     job = Job(scene, config or DecomposeConfig(), device or torch.device("cpu"), seed, progress or Progress())
     found = job.progress.checkpoints.latest() if job.progress.checkpoints else None
-    tensors, state = (found[1], found[2]) if found else (None, {"stage": "pass1", "iteration": 0})
     fitted, held_out = split_validation(scene.train, job.config.validation_photos)
-    if state["stage"] == "pass1":
-        tensors = _first_pass(job, fitted, tensors, state["iteration"])
-        state = {"stage": "pass2", "iteration": 0}
-    asset, lights = _second_pass(job, fitted, held_out, tensors, state["iteration"])
+    if found is None or found[2]["stage"] == "pass1":
+        tensors = _first_pass(job, fitted, found[1] if found else None, found[2]["iteration"] if found else 0)
+        done = 0
+    else:
+        tensors, done = found[1], found[2]["iteration"]
+    asset, lights = _second_pass(job, fitted, held_out, tensors, done)
     return Decomposition(asset, _final_lights(job, asset, lights), scene.similarity)
 
 

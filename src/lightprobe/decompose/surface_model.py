@@ -62,7 +62,7 @@ class SurfaceModel(nn.Module):
         return laplacian.square().sum(1).mean()
 
     def _texture_loss(self) -> Tensor:
-        """Return the weighted mean absolute difference of neighbouring texels plus the priors of metallic and roughness."""
+        """Return the weighted mean difference of neighbouring texels plus the priors of metallic and roughness."""
         size = round(self.texels.shape[0] ** 0.5)
         maps = self.texels.view(size, size, -1)
         across = (maps[:, 1:, :5] - maps[:, :-1, :5]).abs().mean()

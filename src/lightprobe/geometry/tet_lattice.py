@@ -7,7 +7,7 @@ Notation: V lattice vertices, T tetrahedra, E edges; `cell` is the grid spacing 
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -27,8 +27,10 @@ class TetLattice:
 
     def to(self, device: torch.device) -> "TetLattice":
         """Return the lattice on another device."""
-        tensors = (self.vertices, self.edges, self.tets, self.tet_edges, self.boundary)
-        return TetLattice(*(t.to(device) for t in tensors), cell=self.cell)
+        moved = {
+            name: getattr(self, name).to(device) for name in ("vertices", "edges", "tets", "tet_edges", "boundary")
+        }
+        return replace(self, **moved)
 
 
 TET_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))

@@ -35,6 +35,8 @@ def level_resolutions(levels: int, coarsest: int, finest: int) -> Tensor:
 class MaterialField(nn.Module):
     """Hash grid and MLP (two hidden layers of 32) from points to materials."""
 
+    resolutions: Tensor
+
     def __init__(
         self, *, levels: int, features: int, log2_size: int, finest: int, extent: float, generator: torch.Generator
     ) -> None:
@@ -45,8 +47,7 @@ class MaterialField(nn.Module):
         self.table = nn.Parameter(torch.rand(levels, 2**log2_size, features, generator=generator) * 2e-4 - 1e-4)
         widths = (levels * features + 3, 32, 32, CHANNELS)
         self.weights = nn.ParameterList(
-            torch.randn(a, b, generator=generator) * (2 / a) ** 0.5
-            for a, b in itertools.pairwise(widths)
+            torch.randn(a, b, generator=generator) * (2 / a) ** 0.5 for a, b in itertools.pairwise(widths)
         )
         self.biases = nn.ParameterList(torch.zeros(b) for b in widths[1:])
         with torch.no_grad():
