@@ -7,12 +7,16 @@ How far the asset and with it A can be trusted differs from object to object, so
 the light is solved from a part of the object and scored on parts it has not seen.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from lightprobe import kernels
 from lightprobe.core.device import generator
+from lightprobe.distill.lessons import resize_light
+from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
 from lightprobe.predict.observation import Observation
 from lightprobe.render.transport import Transport, solve_light
@@ -28,12 +32,12 @@ class SolveConfig:
 
     pixels: int = 12_288
     """Pixels the light is solved from."""
-    iterations: int = 24
+    iterations: int = 10
     """Iterations of the final solve."""
-    trial_pixels: int = 4096
-    """Pixels with which the strength is chosen."""
-    trial_iterations: int = 12
-    """Iterations per strength tried."""
+    trial_resolution: int = 16
+    """Texels along each cubemap edge while the strength is chosen."""
+    trial_iterations: int = 6
+    """Iterations per strength tried; each starts from the one before."""
 
 
 @dataclass(frozen=True)
@@ -73,29 +77,35 @@ def tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
 
 
 def solve_environment(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> Tensor:
-    """Return the light (6, R, R, 3) that explains the photo best while staying near `prior` where it says little."""
-    strength = choose_strength(observation, prior, config, seed)
-    chosen = _subset(len(observation.rows), config.pixels, seed, "solve")
-    evidence = Evidence.of(observation, chosen, prior.shape[1])
-    return evidence.solve(prior, strength, config.iterations)
+    """Return the light (6, R, R, 3) that explains the photo best while staying near `prior` where it says little.
+
+    The strength is chosen and most of the way is gone on a coarser light, whose steps cost a fraction.
+    """
+    resolution = prior.shape[1]
+    coarse_prior = resize_light(prior, min(config.trial_resolution, resolution))
+    strength, coarse = choose_strength(observation, coarse_prior, config, seed)
+    start = (prior + _magnify(coarse - coarse_prior, resolution)).clamp(min=0)
+    chosen = _subset(torch.arange(len(observation.rows)), config.pixels, seed, "all")
+    evidence = Evidence.of(observation, chosen.to(prior.device), resolution)
+    return evidence.solve(prior, strength, config.iterations, start)
 
 
-def choose_strength(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> float:
-    """Return the strength whose light, solved from four fifths of the photo's tiles, predicts the last fifth best."""
+def choose_strength(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> tuple[float, Tensor]:
+    """Return the strength whose light, solved from four fifths of the photo's tiles, predicts the last fifth best.
+
+    Comes with that light (6, R, R, 3) at the resolution of `prior`.
+    """
     fitted, held_out = _tile_split(observation, seed)
     if len(fitted) == 0 or len(held_out) == 0:
-        return STRENGTHS[len(STRENGTHS) // 2]
-    count = config.trial_pixels
-    fitted = fitted[_subset(len(fitted), count, seed, "fitted").to(fitted.device)]
-    held_out = held_out[_subset(len(held_out), count // 4, seed, "held-out").to(held_out.device)]
-    resolution = prior.shape[1]
-    given, judge = (Evidence.of(observation, part, resolution) for part in (fitted, held_out))
-    errors = []
+        return STRENGTHS[len(STRENGTHS) // 2], prior
+    given = Evidence.of(observation, _subset(fitted, config.pixels, seed, "fitted"), prior.shape[1])
+    judge = Evidence.of(observation, _subset(held_out, config.pixels, seed, "held-out"), prior.shape[1])
+    best = (math.inf, STRENGTHS[0], prior)
     light = prior
     for strength in STRENGTHS:
-        light = given.solve(prior, strength, config.trial_iterations, start=light)
-        errors.append(judge.error(light))
-    return STRENGTHS[min(range(len(errors)), key=errors.__getitem__)]
+        light = given.solve(prior, strength, config.trial_iterations, light)
+        best = min(best, (judge.error(light), strength, light), key=lambda trial: trial[0])
+    return best[1], best[2]
 
 
 def _tile_split(observation: Observation, seed: int) -> tuple[Tensor, Tensor]:
@@ -111,7 +121,18 @@ def _tile_split(observation: Observation, seed: int) -> tuple[Tensor, Tensor]:
     return (~held).nonzero()[:, 0], held.nonzero()[:, 0]
 
 
-def _subset(total: int, count: int, seed: int, name: str) -> Tensor:
-    if total <= count:
-        return torch.arange(total)
-    return torch.randperm(total, generator=generator(seed, f"solve-{name}"))[:count].sort().values
+def _subset(indices: Tensor, count: int, seed: int, name: str) -> Tensor:
+    """Return at most `count` of the indices (N,), chosen at random, in their order."""
+    if len(indices) <= count:
+        return indices
+    order = torch.randperm(len(indices), generator=generator(seed, f"solve-{name}"))
+    return indices[order[:count].sort().values.to(indices.device)]
+
+
+def _magnify(light: Tensor, resolution: int) -> Tensor:
+    """Return the light (6, r, r, 3) smoothly interpolated at a finer resolution."""
+    if light.shape[1] == resolution:
+        return light
+    directions = cubemap.directions(resolution, light.device).reshape(-1, 3)
+    taps = cubemap.bilinear_taps(directions, light.shape[1])
+    return kernels.weighted_gather(light.reshape(-1, 3), *taps).reshape(6, resolution, resolution, 3)
