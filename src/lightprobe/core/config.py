@@ -154,6 +154,6 @@ def paper() -> DecomposeConfig:
     """The paper's settings (section 4.2): MLP distances, gradient lights of 6x128x128, 40 k steps at 512 pixels."""
     return replace(
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass1_side=512, pass2_side=512,
-        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, metallic_prior=0.0, roughness_prior=0.0,
-        checkpoint_every=1000,
+        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000,
+        metallic_prior=0.0, roughness_prior=0.0,
     )  # fmt: skip

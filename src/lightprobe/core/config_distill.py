@@ -69,9 +69,10 @@ class DistillConfig:
     @staticmethod
     def from_json(value: dict[str, Any]) -> "DistillConfig":
         """Return the configuration written as JSON."""
-        enums = {"alpha_rule": AlphaRule, "loss_space": LossSpace}
+        enums: dict[str, Any] = {"alpha_rule": AlphaRule, "loss_space": LossSpace}
         try:
-            return DistillConfig(**{k: enums[k](v) if k in enums else v for k, v in value.items()})
+            values: dict[str, Any] = {k: enums[k](v) if k in enums else v for k, v in value.items()}
+            return DistillConfig(**values)
         except (TypeError, ValueError) as error:
             raise ConfigError(f"The stored Phase II configuration cannot be used: {error}.") from error
 

@@ -39,9 +39,10 @@ class IlluminationMlp(nn.Module):
         relative = pixels.color / light_level + _BLACK
         start = relative / (pixels.furnace + _BLACK)
         hidden = self._encode(pixels, relative.log(), start.log())
-        for layer in self.layers[:-1]:
+        *inner, last = self._linear()
+        for layer in inner:
             hidden = torch.relu(layer(hidden))
-        correction = _LOG_RANGE * torch.tanh(self.layers[-1](hidden) / _LOG_RANGE)
+        correction = _LOG_RANGE * torch.tanh(last(hidden) / _LOG_RANGE)
         return light_level * start * correction.exp()
 
     def _encode(self, pixels: ProbePixels, log_color: Tensor, log_start: Tensor) -> Tensor:
@@ -55,13 +56,16 @@ class IlluminationMlp(nn.Module):
         plain = [log_color, log_start, pixels.base_color, pixels.specular, pixels.roughness[:, None], cosine]
         return torch.cat(plain + waves, -1)
 
+    def _linear(self) -> list[nn.Linear]:
+        return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
+
     def _initialise(self, seed: int) -> None:
         """He initialisation from our own stream; the last layer starts small, so the correction starts near none."""
         random = generator(seed, "illumination-mlp")
-        for layer in self.layers:
+        for layer in self._linear():
             bound = math.sqrt(6 / layer.in_features)
             with torch.no_grad():
                 layer.weight.uniform_(-bound, bound, generator=random)
                 layer.bias.zero_()
         with torch.no_grad():
-            self.layers[-1].weight.mul_(0.05)
+            self._linear()[-1].weight.mul_(0.05)
