@@ -14,7 +14,7 @@ from lightprobe.cli.failures import writing
 from lightprobe.cli.options import Device, Restart, RunArg, RunOut, SceneArg, Seed
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import open_scene, restart_decompose, restart_distill, run_decompose, run_distill
-from lightprobe.core import config_distill
+from lightprobe.core import config, config_distill
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset
 from lightprobe.core.device import resolve_device
 from lightprobe.core.run import RunFolder
@@ -95,7 +95,7 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
       lightprobe demo -o /tmp/demo
     """
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
-        _train(scene, output, device, seed, False, DecomposeConfig(), DistillConfig(), next_step=False)
+        _train(scene, output, device, seed, False, config.demo(), DistillConfig(), next_step=False)
         evaluate_run(RunFolder.open(output), resolve_device(device), scene_folder=scene)
 
 

@@ -141,6 +141,11 @@ def quick() -> DecomposeConfig:
     return DecomposeConfig()
 
 
+def demo() -> DecomposeConfig:
+    """The bundled scene, whose photos are small, within a few minutes on two CPU cores."""
+    return replace(quick(), pass1_iterations=1000, pass2_iterations=500, max_faces=16000)
+
+
 def standard() -> DecomposeConfig:
     """One GPU, about the quality of `paper` in a fraction of its steps."""
     return replace(
