@@ -68,10 +68,12 @@ def test_predict_writes_map_picture_and_confidence(trained, tmp_path, capsys):
     assert light.shape[1] == 2 * light.shape[0]
     assert light.min() >= 0
     assert light.max() > 0
-    assert read_ldr(out.with_suffix(".png"))[0].shape == light.shape
+    assert run.prediction_file("test_00", ".exr").read_bytes() == out.read_bytes()
+    assert read_ldr(run.prediction_file("test_00", ".png"))[0].shape == light.shape
     confidence = read_hdr(tmp_path / "c.exr")
     assert confidence.min() >= 0
     assert confidence.max() <= 1
+    assert run.prediction_file("test_00", ".confidence.exr").read_bytes() == (tmp_path / "c.exr").read_bytes()
     assert str(out) in capsys.readouterr().out
 
 

@@ -36,6 +36,8 @@ def explained(log: Path | None = None) -> Iterator[None]:
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise ResourceError("The disk is full; free some space and run the same command again.") from error
+        if error.filename:
+            raise ResourceError(f"{error.filename}: {error.strerror or error}.") from error
         raise _unexpected(error, log) from error
     except Exception as error:
         if type(error).__name__ == "OutOfMemoryError" or "not enough memory" in str(error):

@@ -16,7 +16,15 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
-from lightprobe.evaluate import load_environment, methods_for, turntable, write_confidence, write_prediction
+from lightprobe.evaluate import (
+    load_environment,
+    methods_for,
+    panorama,
+    turntable,
+    write_confidence,
+    write_map,
+    write_prediction,
+)
 from lightprobe.evaluate import relight as relight_image
 from lightprobe.export import export as export_files
 from lightprobe.imaging import image_size, write_exr, write_png
@@ -39,29 +47,34 @@ def predict(
     image: Annotated[Positional[Path], arg(metavar="IMAGE", help="Photo of the object.")],
     *,
     camera: CameraArg,
-    output: Annotated[Path, arg(aliases=["-o"], metavar="ENV.exr", help="Environment map to write, EXR or HDR.")],
+    output: Annotated[Path | None, arg(aliases=["-o"], metavar="ENV.exr", help="Also write the map here.")] = None,
     mask: Annotated[Path | None, arg(metavar="M", help="White object on black; else the photo's alpha.")] = None,
     method: MethodArg = None,
-    confidence: Annotated[Path | None, arg(metavar="C.exr", help="Also write how sure each direction is.")] = None,
+    confidence: Annotated[Path | None, arg(metavar="C.exr", help="Also write the confidence here.")] = None,
     device: Device = "auto",
 ) -> None:
     """Predict the environment around the object from one photo.
 
+    The map, a picture of it and the confidence of each direction go to RUN/predictions.
+
     Examples:
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
-      lightprobe predict runs/cup test/r_003.png --camera transforms_test.json -o light.exr
+      lightprobe predict runs/cup test/r_003.png --camera transforms_test.json
     """
     where, folder = resolve_device(device), RunFolder.open(run)
     view = fit_camera(read_camera(camera, image, image_size(image)), image, str(camera))
     pixels, view = load_pixels(Photo(image.stem, view, image, mask))
     decomposition, model = Decomposition.load(folder, where), load_model(folder, where)
-    chosen = method or methods_for(model)[0]
-    prediction = Predictor.of(decomposition, model, where).predict(pixels, view, chosen)
-    write_prediction(prediction, output)
+    predictor = Predictor.of(decomposition, model, where)
+    prediction = predictor.predict(pixels, view, method or methods_for(model)[0])
+    stored = folder.prediction_file(image.stem, ".exr", method.value if method else None)
+    write_prediction(prediction, stored)
+    if output is not None:
+        write_map(output, panorama(prediction.environment))
     if confidence is not None:
         write_confidence(prediction, confidence)
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in prediction.seconds.items())
-    print(f"Environment: {output} ({parts})")
+    print(f"Environment: {output or stored} ({parts})")
 
 
 def render(
