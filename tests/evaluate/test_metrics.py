@@ -69,9 +69,16 @@ def test_white_is_composited_in_linear_light():
 
 
 def test_channel_scale_undoes_a_tint():
-    values = torch.rand(100, 3, generator=torch.Generator().manual_seed(0))
-    scale = channel_scale(values, values * torch.tensor([2.0, 0.5, 1.25]))
-    assert scale.tolist() == pytest.approx([2.0, 0.5, 1.25], rel=1e-5)
+    values = 0.4 * torch.rand(100, 3, generator=torch.Generator().manual_seed(0))
+    scale = channel_scale(values, values * torch.tensor([2.0, 0.3, 1.25]))
+    assert scale.tolist() == pytest.approx([2.0, 0.3, 1.25], rel=1e-3)
+
+
+def test_channel_scale_is_not_led_by_highlights_nobody_sees():
+    values = 0.4 * torch.rand(100, 1, generator=torch.Generator().manual_seed(0))
+    reference = 1.5 * values
+    reference[:3] = 900.0
+    assert channel_scale(values, reference).item() == pytest.approx(1.5, rel=0.1)
 
 
 def test_environment_error_of_a_factor_is_its_logarithm():

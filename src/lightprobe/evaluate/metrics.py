@@ -66,12 +66,26 @@ def psnr(values: Tensor, reference: Tensor) -> float:
 
 
 def channel_scale(values: Tensor, reference: Tensor) -> Tensor:
-    """Return the factor per channel (C,) that brings linear `values` (N, C) closest to `reference` in least squares.
+    """Return the factor per channel (C,) that brings linear `values` (N, C) closest to `reference` once displayed.
 
-    Light times c and albedo over c look alike; scores after this scale leave that freedom out.
+    Light times c and albedo over c look alike; scores after this scale leave that freedom out. Closest means the
+    least squared error of the clipped sRGB values, as in the scores: a fit to linear values would follow a few
+    highlights far above white. Factors from 1/16 to 16 are searched, first on a grid, then by bisection.
     """
-    v, r = values.double(), reference.double()
-    return ((v * r).sum(0) / (v * v).sum(0).clamp_min(1e-12)).to(values.dtype)
+    return torch.stack([_best_factor(v, r) for v, r in zip(values.unbind(1), reference.unbind(1), strict=True)])
+
+
+def _best_factor(values: Tensor, reference: Tensor) -> Tensor:
+    target = srgb_encode(reference.double().clamp(0, 1))
+
+    def error(exponent: float) -> float:
+        return float((srgb_encode((values.double() * 2**exponent).clamp(0, 1)) - target).square().sum())
+
+    best, step = min(np.arange(-4, 4.5, 0.5).tolist(), key=error), 0.5
+    while step > 1e-4:
+        step /= 2
+        best = min((best - step, best, best + step), key=error)
+    return values.new_tensor(2**best)
 
 
 def environment_log_rmse(environment: Tensor, truth: Tensor, weight: Tensor | None = None) -> float:

@@ -75,7 +75,7 @@ class MaterialScores:
             self._normals.append((view.gbuffer.normal[chosen].cpu().numpy()[known], normal[known]))
 
     def result(self) -> Scores:
-        """Return base colour PSNR (sRGB; raw and with one linear factor per channel), errors and normal angle."""
+        """Return base colour PSNR (sRGB; raw, and with one linear factor per channel), errors and normal angle."""
         scores: Scores = {}
         if self._colors:
             mine, true = (torch.cat(parts) for parts in zip(*self._colors, strict=True))
@@ -99,7 +99,9 @@ def relight_scores(decomposition: Decomposition, scene: Scene, device: torch.dev
     if not pairs:
         return {}
     inside = [(image[mask], true[mask]) for image, true, mask in pairs]
-    scale = channel_scale(torch.cat([i for i, _ in inside]), torch.cat([t for _, t in inside]))
+    # Scores look at displayed values, so the scale does too: in linear light one highlight would decide it.
+    mine, theirs = (torch.cat(parts).clamp(0, 1) for parts in zip(*inside, strict=True))
+    scale = channel_scale(mine, theirs)
     scores: Scores = {}
     for suffix, factor in (("", torch.ones_like(scale)), ("_scaled", scale)):
         each = [_relit_scores(image * factor, true, mask) for image, true, mask in pairs]
