@@ -1,9 +1,9 @@
 import torch
-from tests.shapes import camera_at, sphere
 
 from lightprobe.geometry.mesh import edge_faces
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.surface import View, visible_surface
+from tests.shapes import camera_at, sphere
 
 
 def covered_area(vertices, faces, view):
