@@ -1,0 +1,151 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.decompose import Decomposition
+from lightprobe.distill import ProbeModel
+from lightprobe.distill.probe_model import new_network
+from lightprobe.light import cubemap
+from lightprobe.predict import Method, Predictor
+from lightprobe.scene.camera import Similarity
+from lightprobe.scene.photo import Pixels
+from tests.lit_sphere import glossy_sphere, patch_light, photograph
+from tests.shapes import camera_at
+
+CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
+PATCH = (0.2, 1.0, 0.5)
+METHODS = list(Method)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return glossy_sphere()
+
+
+@pytest.fixture(scope="module")
+def photo(sphere):
+    return photograph(sphere, CAMERA, patch_light(PATCH))
+
+
+@pytest.fixture(scope="module")
+def model():
+    config = DistillConfig(width=16, depth=1)
+    return ProbeModel(new_network(config).requires_grad_(False), torch.ones(6, 16, 16, 3), config)
+
+
+@pytest.fixture(scope="module")
+def predictor(sphere, model):
+    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+    return Predictor(decomposition, model, light_resolution=16)
+
+
+def rerender_error(predictor, photo, light):
+    again = photograph(predictor.asset, CAMERA, light)
+    return float(np.abs(again.color - photo.color)[photo.alpha > 0.5].mean())
+
+
+def brightest(light):
+    """Return the direction of the mean of what exceeds the map's average."""
+    luma = light.mean(-1, keepdim=True)
+    excess = (luma - 2 * luma.mean()).clamp(min=0) * cubemap.solid_angles(light.shape[1])[..., None]
+    return torch.nn.functional.normalize((excess * cubemap.directions(light.shape[1])).sum((0, 1, 2)), dim=0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, method):
+    prediction = predictor.predict(photo, CAMERA, method)
+    assert prediction.environment.shape == (6, 16, 16, 3)
+    assert prediction.environment.isfinite().all()
+    assert float(prediction.environment.min()) >= 0
+    assert prediction.confidence.shape == (6, 16, 16)
+    assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
+    assert set(prediction.seconds) == {"rasterise", "network", "stack", "solve", "total"}
+    parts = sum(seconds for part, seconds in prediction.seconds.items() if part != "total")
+    assert parts <= prediction.seconds["total"] * 1.001
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_equal_calls_give_equal_bits(predictor, photo, method):
+    first, second = (predictor.predict(photo, CAMERA, method) for _ in range(2))
+    assert torch.equal(first.environment, second.environment)
+    assert torch.equal(first.confidence, second.confidence)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, method):
+    dim = Pixels(photo.color / photo.color.max() * 0.9, photo.alpha)
+    dimmer = Pixels(dim.color / 2, photo.alpha)
+    full, half = (predictor.predict(p, CAMERA, method).environment for p in (dim, dimmer))
+    torch.testing.assert_close(2 * half, full, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("method", [Method.SOLVE, Method.PROBE_MLP_SOLVE])
+def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo, method):
+    light = predictor.predict(photo, CAMERA, method).environment
+    constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment
+    assert rerender_error(predictor, photo, light) < 0.15 * rerender_error(predictor, photo, constant)
+    axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
+    assert float(brightest(light) @ axis) > 0.97
+
+
+def test_an_untrained_network_sees_the_constant_light(predictor, sphere):
+    grey = photograph(sphere, CAMERA, torch.full((6, 16, 16, 3), 0.7))
+    for method in (Method.CONSTANT, Method.PROBE_MLP):
+        light = predictor.predict(grey, CAMERA, method).environment
+        assert float((light - 0.7).abs().mean()) < (0.01 if method is Method.CONSTANT else 0.2)
+
+
+def test_unseen_directions_take_the_usual_light(predictor, model, photo):
+    """A camera that sees only a corner of the object says nothing about the far side."""
+    mask = np.zeros_like(photo.alpha)
+    mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
+    usual = replace(model, mean_light=torch.full((6, 16, 16, 3), 3.0))
+    asked = Predictor(Decomposition(predictor.asset, {}, predictor.similarity), usual, light_resolution=16)
+    prediction = asked.predict(Pixels(photo.color, mask), CAMERA, Method.PROBE_MLP)
+    least = prediction.confidence.argmin()
+    unseen = prediction.environment.reshape(-1, 3)[least] / prediction.environment.reshape(-1, 3).mean(0)
+    level = float(photo.color[mask > 0].mean())
+    assert float(prediction.confidence.min()) < 1e-3
+    assert float(unseen.min()) > 0.5, f"black where nothing was seen (photo level {level})"
+    camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
+    behind = prediction.confidence[(cubemap.directions(16) @ camera) > 0.8]
+    front = prediction.confidence[(cubemap.directions(16) @ camera) < -0.8]
+    assert float(behind.mean()) < 0.1 * float(front.mean())
+
+
+def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
+    camera = camera_at((2.6, 1.4, 1.2), size=160, focal=212.0)
+    photo = photograph(sphere, camera, patch_light(PATCH))
+    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+    whole, reduced = (
+        Predictor(decomposition, model, light_resolution=16, max_pixels=count).predict(photo, camera, Method.PROBE_MLP)
+        for count in (65_536, 2000)
+    )
+    difference = (whole.environment - reduced.environment).abs().mean() / whole.environment.mean()
+    assert float(difference) < 0.1
+
+
+def test_the_input_frame_is_respected(sphere, model, photo):
+    """The same photo described in a shifted and scaled frame gives the same light."""
+    similarity = Similarity(np.array([3.0, -2.0, 5.0]), 4.0)
+    pose = CAMERA.camera_to_world.copy()
+    pose[:3, 3] = similarity.invert(pose[:3, 3])
+    moved = Predictor(Decomposition(sphere, {}, similarity), model, light_resolution=16)
+    plain = Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), model, light_resolution=16)
+    a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment
+    b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment
+    torch.testing.assert_close(a, b, rtol=1e-2, atol=1e-2)
+
+
+def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphere):
+    with pytest.raises(InputError, match="64 x 64 pixels but its camera 32 x 32"):
+        predictor.predict(photo, CAMERA.resized(32, 32))
+    with pytest.raises(InputError, match="Only 0 pixels"):
+        predictor.predict(Pixels(photo.color, np.zeros_like(photo.alpha)), CAMERA)
+    without = Predictor(Decomposition(sphere, {}, predictor.similarity), light_resolution=16)
+    with pytest.raises(ConfigError, match="no trained model"):
+        without.predict(photo, CAMERA, Method.PROBE_MLP)
