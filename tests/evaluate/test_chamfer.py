@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from tests.shapes import sphere
 
 from lightprobe.evaluate.chamfer import chamfer_distance, mesh_chamfer, outer_faces, sample_surface
+from tests.shapes import sphere
 
 SQUARE = (np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
 

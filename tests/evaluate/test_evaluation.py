@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from tests.shapes import camera_at, sphere_mesh
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
@@ -17,6 +16,7 @@ from lightprobe.predict import Method
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Photo, Scene, Truth
+from tests.shapes import camera_at, sphere_mesh
 
 CPU = torch.device("cpu")
 SIMILARITY = Similarity(np.array([0.2, -0.1, 0.3]), 2.0)

@@ -2,7 +2,7 @@ import html.parser
 
 import numpy as np
 
-from lightprobe.evaluate.pictures import data_uri
+from lightprobe.evaluate.pictures import data_uri, object_box
 from lightprobe.evaluate.report import report_page, spread, write_report
 
 METRICS = {
@@ -56,6 +56,14 @@ def test_pictures_are_small(tmp_path):
     assert len(data_uri(noise)) < 80_000
     write_report(tmp_path / "r" / "index.html", METRICS, {}, {}, "t")
     assert (tmp_path / "r" / "index.html").read_text().startswith("<!doctype html>")
+
+
+def test_pictures_are_cut_to_the_object():
+    mask = np.zeros((100, 60), bool)
+    mask[20:80, 0:10] = True
+    assert mask[object_box(mask)].sum() == mask.sum()
+    assert mask[object_box(mask)].shape == (70, 12)
+    assert mask[object_box(~mask | mask)].shape == mask.shape
 
 
 def test_spread_takes_evenly():

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from tests.shapes import camera_at
 
 from lightprobe.evaluate.viewpoints import look_at, surrounding, turntable
 from lightprobe.scene.camera import Camera
+from tests.shapes import camera_at
 
 UP = np.array([0.0, 0.0, 1.0])
 

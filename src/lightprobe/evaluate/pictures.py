@@ -38,8 +38,20 @@ def view_pictures(result: ViewResult) -> dict[str, str]:
         f"difference ×{_DIFFERENCE_GAIN:.0f}": np.abs(photo - render) * _DIFFERENCE_GAIN,
         **_material_pictures(result),
     }
-    uris = {title: data_uri(picture) for title, picture in pictures.items()}
+    box = object_box(view.mask.cpu().numpy())
+    uris = {title: data_uri(picture[box]) for title, picture in pictures.items()}
     return uris | {title: data_uri(picture) for title, picture in _light_pictures(result).items()}
+
+
+def object_box(mask: np.ndarray) -> tuple[slice, slice]:
+    """Return the rows and columns around the object of a mask (H, W) bool, with a margin; all when it is empty."""
+    slices = []
+    for axis in (1, 0):
+        used = np.nonzero(mask.any(axis=axis))[0]
+        first, last = (int(used[0]), int(used[-1]) + 1) if len(used) else (0, mask.shape[1 - axis])
+        margin = max(2, (last - first) // 12)
+        slices.append(slice(max(0, first - margin), last + margin))
+    return slices[0], slices[1]
 
 
 def _material_pictures(result: ViewResult) -> dict[str, np.ndarray]:
