@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.toy_scene import write_toy_scene
 
 from lightprobe.cli.main import main
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import write_png
+from tests.toy_scene import write_toy_scene
 
 
 @pytest.fixture

@@ -7,12 +7,12 @@ import sys
 
 import numpy as np
 import pytest
-from tests.toy_scene import SIZE, TINY, TINY_DISTILL, write_toy_scene
 
 from lightprobe.cli.main import COMMANDS, main
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.scene.camera import Camera
+from tests.toy_scene import SIZE, TINY, TINY_DISTILL, write_toy_scene
 
 
 def succeed(*arguments) -> None:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
 KILLS = 6

@@ -8,8 +8,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.export.glb_reader import Glb
-from tests.shapes import sphere_mesh
 
 from lightprobe.evaluate import load_environment
 from lightprobe.export import write_environment, write_mesh
@@ -19,6 +17,8 @@ from lightprobe.light import cubemap
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
+from tests.export.glb_reader import Glb
+from tests.shapes import sphere_mesh
 
 # Where the light of each colour comes from, in the user's z-up frame; all values are exact in both file formats.
 COLORS = {

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from tests.export.glb_reader import Glb
-from tests.shapes import sphere_mesh
 
 from lightprobe.export import write_mesh
 from lightprobe.geometry.mesh import Mesh, vertex_normals
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
+from tests.export.glb_reader import Glb
+from tests.shapes import sphere_mesh
 
 ROOT = Path(__file__).parents[2]
 SIMILARITY = Similarity(np.array([2.0, -1.0, 5.0]), 0.5)

@@ -1,9 +1,9 @@
 import numpy as np
 import torch
-from tests.shapes import sphere
 
 from lightprobe.geometry import atlas
 from lightprobe.geometry.mesh import clean, decimate, edge_faces, uv_tangents, vertex_normals
+from tests.shapes import sphere
 
 
 def uv_overlap(uvs, uv_faces, size=256):

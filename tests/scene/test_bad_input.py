@@ -8,6 +8,10 @@ import zlib
 import numpy as np
 import pytest
 from PIL import Image
+
+from lightprobe.core.errors import InputError
+from lightprobe.scene import load_pixels, load_scene
+from lightprobe.scene.inspect import inspect
 from tests.scene.worlds import (
     names,
     picture,
@@ -18,10 +22,6 @@ from tests.scene.worlds import (
     write_nerd,
     write_nerfstudio,
 )
-
-from lightprobe.core.errors import InputError
-from lightprobe.scene import load_pixels, load_scene
-from lightprobe.scene.inspect import inspect
 
 COUNT = 4
 

@@ -2,10 +2,10 @@ import json
 
 import numpy as np
 import pytest
-from tests.scene.worlds import expected_camera, views
 
 from lightprobe.core.errors import InputError
 from lightprobe.scene import Camera, Similarity
+from tests.scene.worlds import expected_camera, views
 
 POINTS = np.random.default_rng(1).normal((3.3, 1.0, 2.2), 1.0, (9, 3))
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from tests.scene.worlds import BALLS, MIDDLE, expected_camera, picture, views
-from tests.shapes import camera_at
 
 from lightprobe.core.errors import InputError
 from lightprobe.scene import visual_hull
 from lightprobe.scene.hull import Hull, projection_matrix
 from lightprobe.scene.normalise import find_similarity, first_guess
+from tests.scene.worlds import BALLS, MIDDLE, expected_camera, picture, views
+from tests.shapes import camera_at
 
 DIRECTIONS = [(1, 0, 0.2), (-1, 0.3, 0), (0, 1, -0.2), (0.1, -1, 0.1), (0.7, 0.7, 1), (-0.6, 0.5, -1), (0.5, -0.6, 1.2)]
 

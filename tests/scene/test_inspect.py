@@ -3,12 +3,12 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from tests.scene.worlds import expected_camera, names, picture, views, write_blender, write_nerd, write_nerfstudio
 
 from lightprobe.core.errors import InputError
 from lightprobe.scene.consistency import explain, overlap
 from lightprobe.scene.inspect import Inspection, inspect
 from lightprobe.scene.overlay import HULL_COLOR, MASK_COLOR, write_overlay_sheet
+from tests.scene.worlds import expected_camera, names, picture, views, write_blender, write_nerd, write_nerfstudio
 
 COUNT = 18
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.scene.worlds import BALLS, LAYOUTS, MIDDLE, expected_camera
 
 from lightprobe.scene import load_pixels, load_scene
+from tests.scene.worlds import BALLS, LAYOUTS, MIDDLE, expected_camera
 
 
 @pytest.fixture(scope="module", params=LAYOUTS)

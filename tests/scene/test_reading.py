@@ -5,6 +5,12 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import resize_area, srgb_decode
+from lightprobe.scene import load_alpha, load_pixels, load_scene
+from lightprobe.scene.frame import Problems, Split, unique_names
+from lightprobe.scene.loading import read_folder, unposed_images
 from tests.scene.worlds import (
     names,
     picture,
@@ -14,12 +20,6 @@ from tests.scene.worlds import (
     write_nerd,
     write_nerfstudio,
 )
-
-from lightprobe.core.errors import InputError
-from lightprobe.imaging import resize_area, srgb_decode
-from lightprobe.scene import load_alpha, load_pixels, load_scene
-from lightprobe.scene.frame import Problems, Split, unique_names
-from lightprobe.scene.loading import read_folder, unposed_images
 
 COUNT = 4
 
