@@ -24,7 +24,7 @@ from lightprobe.scene.photo import Scene
 _TABLE = {"psnr": 2, "ssim": 3, "psnr_masked": 2, "ssim_masked": 3, "psnr_unseen": 2, "light_log_rmse": 3, "seconds": 2}
 
 
-def eval(  # noqa: A001: the command's name
+def eval(  # the name of the command
     run: RunArg,
     *,
     methods: Annotated[tuple[Method, ...], arg(help="Methods to compare, the default one first.")] = (),
