@@ -5,7 +5,7 @@ from typing import Annotated
 
 import torch
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from tyro.conf import arg
 
 from lightprobe.cli.failures import writing
@@ -21,7 +21,16 @@ from lightprobe.evaluate import Evaluation, ViewResult, evaluate, methods_for, s
 from lightprobe.predict import Method
 from lightprobe.scene.photo import Scene
 
-_TABLE = {"psnr": 2, "ssim": 3, "psnr_masked": 2, "ssim_masked": 3, "psnr_unseen": 2, "light_log_rmse": 3, "seconds": 2}
+# score -> (heading, decimals); "object": the object's pixels only, "unseen": the half the light was not predicted from
+_TABLE = {
+    "psnr": ("PSNR", 2),
+    "ssim": ("SSIM", 3),
+    "psnr_masked": ("PSNR object", 2),
+    "ssim_masked": ("SSIM object", 3),
+    "psnr_unseen": ("PSNR unseen", 2),
+    "light_log_rmse": ("light error", 3),
+    "seconds": ("seconds", 2),
+}
 
 
 def eval(  # the name of the command
@@ -77,9 +86,9 @@ def print_table(evaluation: Evaluation) -> None:
     """Print the means of every method to standard output."""
     rows = evaluation.to_json()["methods"]
     columns = [name for name in _TABLE if any(name in row for row in rows.values())]
-    table = Table("method", *columns)
+    table = Table(Column("method", no_wrap=True), *(_TABLE[name][0] for name in columns))
     for method, row in rows.items():
-        table.add_row(method, *(f"{row[name]:.{_TABLE[name]}f}" if name in row else "-" for name in columns))
+        table.add_row(method, *(f"{row[name]:.{_TABLE[name][1]}f}" if name in row else "-" for name in columns))
     Console().print(table)
     for name, value in evaluation.truth.items():
         print(f"{name}: {value:.4f}")
