@@ -7,11 +7,11 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config_distill import AlphaRule, DistillConfig, LossSpace
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.distill import ProbeModel
-from lightprobe.distill.lessons import resize_light
 from lightprobe.distill.probe_distribution import alpha2, mean_distribution, stack
 from lightprobe.distill.probe_model import new_network
 from lightprobe.distill.training import train
 from lightprobe.light import cubemap
+from lightprobe.light.resize import resize_light
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
 
 CONFIG = DistillConfig(steps=40, samples=256, width=32, depth=2, checkpoint_every=20)

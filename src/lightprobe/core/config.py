@@ -73,6 +73,8 @@ class DecomposeConfig:
     """Iterations of a light solve, warm-started from the previous visit."""
     light_regularisation: float = 0.1
     """Pull of a light towards its own mean in places the photo does not pin down."""
+    shadows: bool = True
+    """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
     learning_rate_geometry: float = 0.015
     """Adam step of lattice distances, offsets and vertices, in units of the object's radius per unit gradient sign."""
     learning_rate_material: float = 0.005
@@ -87,8 +89,12 @@ class DecomposeConfig:
     """Weight of the texture's difference between neighbouring texels in the second pass."""
     metallic_prior: float = 0.02
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
-    roughness_prior: float = 0.002
-    """Pull of roughness towards matte, for the same reason."""
+    roughness_prior: float = 0.03
+    """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
+    brightness_prior: float = 0.01
+    """Weight of the squared log of the mean base colour over a usual one: fixes what light and albedo share."""
+    color_gauge: float = 0.01
+    """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 0.5
     """Weight of the squared normal offset of the material field."""
     light_grey: float = 0.005
@@ -159,6 +165,6 @@ def paper() -> DecomposeConfig:
     """The paper's settings (section 4.2): MLP distances, gradient lights of 6x128x128, 40 k steps at 512 pixels."""
     return replace(
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass1_side=512, pass2_side=512,
-        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000,
-        metallic_prior=0.0, roughness_prior=0.0,
+        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000, shadows=False,
+        metallic_prior=0.0, roughness_prior=0.0, brightness_prior=0.0, color_gauge=0.0,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from lightprobe.geometry.mesh import Mesh, clean, decimate, uv_tangents, vertex_
 from lightprobe.kernels import rasterize
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, uv_handedness
+from lightprobe.render.openness import openness_table
 
 
 def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> Asset:
@@ -22,7 +23,8 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> 
         raise ConvergenceError("The reconstructed surface is only crumbs; check masks and cameras with `inspect`.")
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
     mesh = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds).to(device)
-    return Asset(mesh, bake_textures(model, mesh, config.texture_size))
+    openness = openness_table(mesh.vertices, mesh.faces) if config.shadows else None
+    return Asset(mesh, bake_textures(model, mesh, config.texture_size), openness)
 
 
 @torch.no_grad()

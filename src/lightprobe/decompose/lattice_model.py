@@ -10,6 +10,8 @@ from torch import Tensor, nn
 from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
+from lightprobe.decompose.losses import material_prior
+from lightprobe.decompose.moving_shadows import MovingShadows
 from lightprobe.decompose.start import Start
 from lightprobe.geometry.marching_tetrahedra import marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
@@ -77,6 +79,7 @@ class LatticeModel(nn.Module):
         else:
             self.distance = nn.Parameter(initial)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
+        self.shadows: MovingShadows | None = None
         self.field = MaterialField(
             levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
             finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
@@ -113,6 +116,7 @@ class LatticeModel(nn.Module):
         vertices, faces = self.surface(distance)
         screen = view.project(vertices)
         surface = visible_surface(vertices, faces, view, screen)
+        openness = None if self.shadows is None else self.shadows.at(vertices, faces, surface)
         material = self.field(surface.position)
         normal = surface.interpolate(vertex_normals(vertices, faces), faces)
         # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
@@ -120,7 +124,7 @@ class LatticeModel(nn.Module):
             torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * min(1.0, 2 * progress),
             surface.view,
         )
-        gbuffer = gbuffer_of(surface, view, normal, material)
+        gbuffer = gbuffer_of(surface, view, normal, material, openness)
         weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
         loss = weight * sign_change_loss(self.lattice, distance) + self._material_loss(surface.position, material, step)
         return Seen(gbuffer, screen, faces, edge_faces(faces), loss)
@@ -133,13 +137,17 @@ class LatticeModel(nn.Module):
         jitter = 0.01 * torch.randn(count, 3, generator=random).to(position.device)
         here = material.index_select(0, rows)
         there = self.field(position.detach()[rows] + jitter)
-        m = material[:, 4]
         return (
             self.config.smoothness * (here - there).abs().mean()
-            + self.config.metallic_prior * m.mean()
-            + self.config.roughness_prior * (1 - material[:, 3]).mean()
+            + material_prior(material, self.config)
             + self.config.normal_prior * material[:, 5:].square().mean()
         )
+
+    @torch.no_grad()
+    def renew(self) -> None:
+        """Find anew which directions the present surface blocks."""
+        if self.config.shadows:
+            self.shadows = MovingShadows.of(*self.surface(self.distances()))
 
     def project(self) -> None:
         """Do nothing: every quantity is valid by construction."""

@@ -69,6 +69,11 @@ class Lights:
         levels = self.prefilter.apply(self.maps[row])
         return levels, levels.new_zeros(())
 
+    def cast(self) -> Tensor:
+        """Return by how much the lights are brighter in each channel than on the average, (3,), in logarithms."""
+        means = torch.stack([light.detach().mean((0, 1, 2)) for light in self.maps]).clamp(min=1e-4).log().mean(0)
+        return means - means.mean()
+
     def clamp(self) -> None:
         """Keep gradient-fitted lights non-negative."""
         if self.gradient:

@@ -3,11 +3,17 @@
 Tone mapping T(x) = sRGB(log(1 + x)) keeps highlights from owning the sum (Munkberg et al. 2022, section 3.4).
 """
 
+import math
+
 import torch
 from torch import Tensor
 
+from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.photos import CLIPPED
 from lightprobe.imaging import srgb_encode
+
+USUAL_BASE = 0.25  # linear base colour of common materials, geometric mean of the channels
+USUAL_ROUGHNESS = 0.4
 
 
 def tone_map(linear: Tensor) -> Tensor:
@@ -44,3 +50,28 @@ def image_loss(
     theirs = tone_map(photo + (1 - alpha)[:, None] * background)
     area = alpha.sum().clamp(min=1)
     return (ours - theirs).abs().sum() / (3 * area) + weight * (cover - alpha).square().sum() / area
+
+
+def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:
+    """Return what materials (N, >= 5), channels as in `material.field`, cost for being unusual.
+
+    Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, a
+    sharp lobe under a blurred light a wide lobe under a sharp one, and a bright surface in dim light a dark one in
+    bright light.
+    """
+    base, roughness, metallic = material[:, :3], material[:, 3], material[:, 4]
+    brightness = base.mean(0).clamp(min=1e-3).log().mean() - math.log(USUAL_BASE)
+    return (
+        config.metallic_prior * metallic.mean()
+        + config.roughness_prior * (roughness - USUAL_ROUGHNESS).square().mean()
+        + config.brightness_prior * brightness.square()
+    )
+
+
+def color_gauge(base_color: Tensor, cast: Tensor) -> Tensor:
+    """Return a loss that moves the mean of base colours (N, 3) along `cast` (3,).
+
+    `cast` is by how much (in logarithms, mean 0) the photos' lights are brighter in a channel than in the mean. A light
+    too red is a surface not red enough; over many photos lights are grey (the grey-world assumption).
+    """
+    return -(cast * base_color.mean(0).clamp(min=1e-3).log()).sum()

@@ -124,7 +124,8 @@ def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:
             continue
         (target,) = job.targets([photo], job.config.pass1_side)
         resolution = job.config.light_resolution if lights.gradient else job.config.teacher_resolution
-        final[photo.name] = explain(asset, target, resolution, job.config, job.seed)[1]
+        start = lights.maps[lights.index[photo.name]] if photo.name in lights.index and not lights.gradient else None
+        final[photo.name] = explain(asset, target, resolution, job.config, job.seed, start)[1]
         job.progress.step("lights", len(final), len(job.scene.train), 0.0)
     return final
 

@@ -5,11 +5,13 @@ from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.lattice_model import Seen
+from lightprobe.decompose.losses import material_prior
 from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
 from lightprobe.kernels import gather_rows, scatter_rows
 from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, textured_gbuffer
+from lightprobe.render.openness import openness_table
 from lightprobe.render.surface import View, visible_surface
 
 
@@ -27,6 +29,7 @@ class SurfaceModel(nn.Module):
         self.displacement = nn.Parameter(torch.zeros_like(asset.mesh.vertices))
         self.texels = nn.Parameter(asset.textures.flat().clone())
         self.tangents = uv_tangents(asset.mesh)
+        self.openness = asset.openness
         count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
         self.degree = count.index_add(
             0, self.edges.vertices.reshape(-1), torch.ones_like(count[:1]).expand(2 * len(ends), 1)
@@ -49,7 +52,7 @@ class SurfaceModel(nn.Module):
         mesh = self.mesh()
         screen = view.project(mesh.vertices)
         surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
-        gbuffer = textured_gbuffer(surface, view, mesh, self.texels, self.tangents)
+        gbuffer = textured_gbuffer(surface, view, mesh, self.texels, self.tangents, self.openness)
         loss = self.config.laplacian * self._laplacian_change() + self._texture_loss()
         return Seen(gbuffer, screen, mesh.faces, self.edges, loss)
 
@@ -67,11 +70,13 @@ class SurfaceModel(nn.Module):
         maps = self.texels.view(size, size, -1)
         across = (maps[:, 1:, :5] - maps[:, :-1, :5]).abs().mean()
         down = (maps[1:, :, :5] - maps[:-1, :, :5]).abs().mean()
-        priors = (
-            self.config.metallic_prior * self.texels[:, 4].mean()
-            + self.config.roughness_prior * (1 - self.texels[:, 3]).mean()
-        )
-        return self.config.smoothness_texture * (across + down) + priors
+        return self.config.smoothness_texture * (across + down) + material_prior(self.texels, self.config)
+
+    @torch.no_grad()
+    def renew(self) -> None:
+        """Find anew which directions the present surface blocks."""
+        if self.config.shadows:
+            self.openness = openness_table(self.mesh().vertices, self.start.faces)
 
     @torch.no_grad()
     def project(self) -> None:
@@ -87,4 +92,5 @@ class SurfaceModel(nn.Module):
         """Return the present state as an asset, normals of unit length."""
         flat = self.texels.clone()
         flat[:, 5:] = torch.nn.functional.normalize(flat[:, 5:], dim=1)
-        return Asset(self.mesh(), Textures.from_flat(flat))
+        self.renew()
+        return Asset(self.mesh(), Textures.from_flat(flat), self.openness)

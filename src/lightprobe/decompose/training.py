@@ -14,7 +14,7 @@ from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
-from lightprobe.decompose.losses import image_loss
+from lightprobe.decompose.losses import color_gauge, image_loss
 from lightprobe.decompose.photos import Target
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
@@ -34,6 +34,9 @@ class Model(Protocol):
 
     def parameters(self):
         """Return the trainable tensors, as `torch.nn.Module` does."""
+
+    def renew(self) -> None:
+        """Update what follows the surface's shape only now and then: its shadows."""
 
     def project(self) -> None:
         """Bring parameters back into their valid ranges after a step."""
@@ -89,7 +92,8 @@ def step_loss(model: Model, target: Target, lights: Lights, step: int, progress:
     image = spread_color(radiance, seen.gbuffer.pixel, crossings, cover)
     background = torch.rand(3, generator=generator(seed, "background", step)).to(radiance.device)
     loss = image_loss(image, cover, target.color, target.alpha, background, config.coverage_weight)
-    return loss + light_loss + seen.regularisation
+    gauge = config.color_gauge * color_gauge(seen.gbuffer.base_color, lights.cast())
+    return loss + light_loss + seen.regularisation + gauge
 
 
 def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, config: DecomposeConfig, seed: int,
@@ -107,6 +111,8 @@ def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, 
     if restored is not None:
         _restore(optimiser, names, lights, restored)
     for iteration in range(done, stage.iterations):
+        if iteration % config.checkpoint_every == 0:
+            model.renew()  # at checkpoints, so that a run that went on from one sees the same shadows
         fraction = iteration / max(stage.iterations, 1)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * 10**-fraction

@@ -8,10 +8,10 @@ from lightprobe.core.device import generator
 from lightprobe.decompose.lights import solve_target_light
 from lightprobe.decompose.losses import one_sided
 from lightprobe.decompose.photos import Target
-from lightprobe.geometry.mesh import uv_tangents
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import prefilter as prefilters
-from lightprobe.render.asset import Asset, textured_gbuffer
+from lightprobe.light.resize import magnify_light
+from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import visible_surface
@@ -19,21 +19,26 @@ from lightprobe.render.surface import visible_surface
 
 @torch.no_grad()
 def explain(
-    asset: Asset, target: Target, resolution: int, config: DecomposeConfig, seed: int
+    asset: Asset, target: Target, resolution: int, config: DecomposeConfig, seed: int, start: Tensor | None = None
 ) -> tuple[GBuffer, Tensor]:
-    """Return the G-buffer of the asset in a photo and the light (6, R, R, 3) solved for it from scratch."""
-    mesh = asset.mesh
-    surface = visible_surface(mesh.vertices, mesh.faces, target.view)
-    gbuffer = textured_gbuffer(surface, target.view, mesh, asset.textures.flat(), uv_tangents(mesh))
+    """Return the G-buffer of the asset in a photo and the light (6, R, R, 3) solved for it.
+
+    From scratch, or from a light `start` (6, r, r, 3) that needs only a few more steps.
+    """
+    surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
+    gbuffer = asset_gbuffer(asset, surface, target.view)
     inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
     draw = torch.randperm(len(inside), generator=generator(seed, f"explain/{target.name}"))
     rows = inside[draw[: 2 * config.light_solve_pixels].to(inside.device)]
-    start = torch.full((6, resolution, resolution, 3), 0.5, device=gbuffer.normal.device)
+    iterations = config.light_solve_iterations * (3 if start is None else 1)
+    if start is None:
+        start = torch.full((6, resolution, resolution, 3), 0.5, device=gbuffer.normal.device)
+    start = magnify_light(start, resolution)
     if len(rows) == 0:
         return gbuffer, start
     light = solve_target_light(
         target, gbuffer, start, rows, regularisation=config.light_regularisation,
-        iterations=3 * config.light_solve_iterations,
+        iterations=iterations,
     )  # fmt: skip
     return gbuffer, light
 

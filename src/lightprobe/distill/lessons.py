@@ -16,6 +16,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.distill.probe_distribution import mean_distribution
 from lightprobe.distill.probe_pixels import ProbePixels, probe_pixels
 from lightprobe.light import cubemap
+from lightprobe.light.resize import resize_light
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.scene import load_pixels
 from lightprobe.scene.photo import Photo, Scene
@@ -60,19 +61,6 @@ def collect_lessons(
             "look at the masks and poses with `lightprobe inspect`."
         )
     return lessons
-
-
-def resize_light(light: Tensor, resolution: int) -> Tensor:
-    """Return the light (6, R, R, 3) at another power-of-two `resolution`: area averages, or repeated texels."""
-    side = light.shape[1]
-    if resolution >= side:
-        factor = resolution // side
-        return light.repeat_interleave(factor, 1).repeat_interleave(factor, 2)
-    factor = side // resolution
-    angle = cubemap.solid_angles(side, light.device)[..., None]
-    blocks = (6, resolution, factor, resolution, factor)
-    weighted = (light * angle).reshape(*blocks, 3).sum((2, 4))
-    return weighted / angle.reshape(*blocks, 1).sum((2, 4))
 
 
 def _photo_pixels(

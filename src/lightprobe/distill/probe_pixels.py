@@ -9,8 +9,9 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from lightprobe.render.brdf import MIN_COS, base_reflectance, diffuse_fresnel, environment_brdf
+from lightprobe.render.brdf import base_reflectance
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import furnace
 
 _LUMA = (0.299, 0.587, 0.114)  # the paper's weights (Equation 6)
 
@@ -54,12 +55,6 @@ def luma(rgb: Tensor) -> Tensor:
 def probe_pixels(gbuffer: GBuffer, rows: Tensor, color: Tensor) -> ProbePixels:
     """Return the pixels at `rows` (N,) int64 of a G-buffer, photographed as `color` (N, 3); no gradients."""
     with torch.no_grad():
-        normal, view = gbuffer.normal[rows], gbuffer.view[rows]
-        base_color, roughness = gbuffer.base_color[rows], gbuffer.roughness[rows]
-        metallic = gbuffer.metallic[rows]
-        specular = base_reflectance(base_color, metallic)
-        cosine = (normal * view).sum(-1).clamp(MIN_COS, 1)
-        scale, bias = environment_brdf(cosine, roughness)
-        transmitted = (1 - metallic) * (1 - diffuse_fresnel(cosine))
-        furnace = specular * scale[:, None] + bias[:, None] + base_color * (1 - specular) * transmitted[:, None]
-        return ProbePixels(color, base_color, specular, normal, view, roughness, furnace)
+        g = gbuffer.select(rows)
+        specular = base_reflectance(g.base_color, g.metallic)
+        return ProbePixels(color, g.base_color, specular, g.normal, g.view, g.roughness, furnace(g))

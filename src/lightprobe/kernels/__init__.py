@@ -2,6 +2,7 @@
 
 from lightprobe.kernels.gather import gather_rows, scatter_rows, weighted_gather
 from lightprobe.kernels.hash_grid import hash_encode
+from lightprobe.kernels.occlusion import occluded_light, occluded_light_adjoint
 from lightprobe.kernels.rasterize import Visibility, rasterize
 from lightprobe.kernels.stacking import probe_weight, stack_probes
 
@@ -9,6 +10,8 @@ __all__ = [
     "Visibility",
     "gather_rows",
     "hash_encode",
+    "occluded_light",
+    "occluded_light_adjoint",
     "probe_weight",
     "rasterize",
     "scatter_rows",

@@ -6,6 +6,9 @@ constant, levels = L N env with N averages of the light over nodes and L the lob
 every row of the product sums to 1, so a constant light gives constant levels. At roughness 1 the lobe is a cosine: the
 last level also serves as irradiance / pi.
 
+Below the levels come the *blocks*: the light averaged over each of 6 x 8 x 8 parts of the sphere, for what depends on
+the direction in a coarse way, such as the object's shadows.
+
 Between two levels the lobe is interpolated linearly in 1 / alpha, which follows its peak. The roughnesses are a
 geometric ladder, because the lobe's width goes with alpha = r^2: in the L2 norm an interpolated lobe is at most 7 % off
 the true one. (Nine levels linear in r from 0.08 to 0.5 with a last one at 1, and look-ups linear in r, are the common
@@ -27,6 +30,7 @@ from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
 from lightprobe.light.sparse import SparseOperator
 
 MIN_ROUGHNESS = 0.08
+BLOCKS = 8  # blocks along each edge of the cubemap: about ten degrees
 ROUGHNESSES = (0.08, 0.11, 0.15, 0.206, 0.282, 0.387, 0.53, 0.728, 1.0)
 _TEXEL = 0.5 * math.pi  # mean extent of the texel of a cubemap with R = 1, in radians
 _TEXELS_PER_WIDTH = 1.8  # a level resolves the half width of its lobe by at least so many texels, where the light does
@@ -84,6 +88,17 @@ def _lobe_matrix(levels: tuple[Level, ...], nodes: Nodes, accuracy: Accuracy) ->
     return scipy.sparse.csr_array(scipy.sparse.vstack(rows, format="csr"))
 
 
+def _block_matrix(resolution: int) -> scipy.sparse.csr_array:
+    """Return the averages over blocks (384, 6 R^2) by solid angle; a coarser light is taken as constant in a texel."""
+    fine = max(resolution, BLOCKS)
+    centres = cubemap.exact_directions(fine).reshape(-1, 3)
+    block, texel = cubemap.nearest_texel(centres, BLOCKS), cubemap.nearest_texel(centres, resolution)
+    angle = cubemap.exact_solid_angles(fine).reshape(-1)
+    share = angle / torch.zeros(6 * BLOCKS**2, dtype=angle.dtype).index_add(0, block, angle)[block]
+    entries = (share.numpy(), (block.numpy(), texel.numpy()))
+    return scipy.sparse.coo_array(entries, shape=(6 * BLOCKS**2, 6 * resolution**2)).tocsr()
+
+
 def _stacked_index(level: Level, device: torch.device) -> Tensor:
     """Return the level's `cubemap.bordered_index` with indices into the whole stack."""
     index = cubemap.bordered_index(level.resolution, device)
@@ -91,12 +106,13 @@ def _stacked_index(level: Level, device: torch.device) -> Tensor:
 
 
 class _Apply(torch.autograd.Function):
-    """levels = L N env, whose gradient is the adjoint."""
+    """The levels L N env and the blocks of env, whose gradient is the adjoint."""
 
     @staticmethod
     def forward(ctx: Any, env: Tensor, prefilter: "Prefilter") -> Tensor:
         ctx.prefilter = prefilter
-        return prefilter.lobes.apply(prefilter.nodes.apply(env.reshape(-1, 3)))
+        texels = env.reshape(-1, 3)
+        return torch.cat([prefilter.lobes.apply(prefilter.nodes.apply(texels)), prefilter.blocks.apply(texels)])
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
@@ -111,11 +127,13 @@ class Prefilter:
             raise ConfigError(f"The light resolution must be a power of two from 4, not {resolution}.")
         self.resolution = resolution
         self.levels = plan_levels(resolution)
-        self.total = self.levels[-1].offset + 6 * self.levels[-1].resolution ** 2
+        self.first_block = self.levels[-1].offset + 6 * self.levels[-1].resolution ** 2
+        self.total = self.first_block + 6 * BLOCKS**2
         accuracy = accuracy or accuracy_for(resolution)
         nodes = Nodes(resolution, min(resolution, accuracy.tent_resolution))
         self.nodes = SparseOperator.build(nodes.matrix(), device)
         self.lobes = SparseOperator.build(_lobe_matrix(self.levels, nodes, accuracy), device)
+        self.blocks = SparseOperator.build(_block_matrix(resolution), device)
         self._sharpness = torch.tensor([level.roughness**-2 for level in self.levels], device=device)
         self._resolutions = torch.tensor([level.resolution for level in self.levels], device=device)
         tables = [_stacked_index(level, torch.device(device)) for level in self.levels]
@@ -123,13 +141,14 @@ class Prefilter:
         self._table = torch.cat(tables)
 
     def apply(self, env: Tensor) -> Tensor:
-        """Return the stacked levels (T, 3) of the cubemap env (6, R, R, 3); differentiable in env."""
+        """Return the stacked levels and blocks (T, 3) of the cubemap env (6, R, R, 3); differentiable in env."""
         self._check(env)
         return _Apply.apply(env, self)
 
     def adjoint(self, levels: Tensor) -> Tensor:
         """Return the transpose of `apply`, (6, R, R, 3), on levels (T, 3); no gradient of its own."""
-        gradient = self.nodes.adjoint(self.lobes.adjoint(levels))
+        gradient = self.nodes.adjoint(self.lobes.adjoint(levels[: self.first_block]))
+        gradient += self.blocks.adjoint(levels[self.first_block :])
         return gradient.reshape(6, self.resolution, self.resolution, 3)
 
     def specular_taps(self, direction: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:

@@ -9,12 +9,12 @@ import math
 from torch import Tensor
 
 from lightprobe.core.config_distill import AlphaRule
-from lightprobe.distill.lessons import resize_light
 from lightprobe.distill.probe_distribution import mean_distribution, stack
 from lightprobe.distill.probe_model import ProbeModel
 from lightprobe.distill.probe_pixels import ProbePixels
 from lightprobe.distill.sampling import sample_pixels
 from lightprobe.light import cubemap
+from lightprobe.light.resize import resize_light
 from lightprobe.predict.observation import Observation
 
 _PAIR_BUDGET = 100_000_000  # (pixel, texel) pairs stacked at most: bounds the time for large photos

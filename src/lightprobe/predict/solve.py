@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe import kernels
 from lightprobe.core.device import generator
-from lightprobe.distill.lessons import resize_light
-from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
 from lightprobe.render.transport import Transport, solve_light
 
@@ -84,7 +82,7 @@ def solve_environment(observation: Observation, prior: Tensor, config: SolveConf
     resolution = prior.shape[1]
     coarse_prior = resize_light(prior, min(config.trial_resolution, resolution))
     strength, coarse = choose_strength(observation, coarse_prior, config, seed)
-    start = (prior + _magnify(coarse - coarse_prior, resolution)).clamp(min=0)
+    start = (prior + magnify_light(coarse - coarse_prior, resolution)).clamp(min=0)
     chosen = _subset(torch.arange(len(observation.rows)), config.pixels, seed, "all")
     evidence = Evidence.of(observation, chosen.to(prior.device), resolution)
     return evidence.solve(prior, strength, config.iterations, start)
@@ -127,12 +125,3 @@ def _subset(indices: Tensor, count: int, seed: int, name: str) -> Tensor:
         return indices
     order = torch.randperm(len(indices), generator=generator(seed, f"solve-{name}"))
     return indices[order[:count].sort().values.to(indices.device)]
-
-
-def _magnify(light: Tensor, resolution: int) -> Tensor:
-    """Return the light (6, r, r, 3) smoothly interpolated at a finer resolution."""
-    if light.shape[1] == resolution:
-        return light
-    directions = cubemap.directions(resolution, light.device).reshape(-1, 3)
-    taps = cubemap.bilinear_taps(directions, light.shape[1])
-    return kernels.weighted_gather(light.reshape(-1, 3), *taps).reshape(6, resolution, resolution, 3)

@@ -12,6 +12,7 @@ from lightprobe.geometry.mesh import EdgeFaces, Mesh, edge_faces, uv_tangents, v
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.openness import Openness, blend
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
@@ -22,24 +23,27 @@ _FIELDS = ("vertices", "faces", "uvs", "uv_faces", "base_color", "roughness", "m
 
 @dataclass(frozen=True)
 class Asset:
-    """A mesh with its textures, in the normalised frame."""
+    """A mesh with its textures, in the normalised frame, and what of its surroundings each vertex sees."""
 
     mesh: Mesh
     textures: Textures
+    openness: Tensor | None = None  # (V, 384) uint8, see `render.openness`; None: the object casts no shadows
 
     def to(self, device: torch.device) -> "Asset":
         """Return the asset on another device."""
-        return Asset(self.mesh.to(device), self.textures.to(device))
+        openness = None if self.openness is None else self.openness.to(device)
+        return Asset(self.mesh.to(device), self.textures.to(device), openness)
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all tensors by name."""
-        return {**vars(self.mesh), **vars(self.textures)}
+        openness = {} if self.openness is None else {"openness": self.openness}
+        return {**vars(self.mesh), **vars(self.textures), **openness}
 
     @staticmethod
     def from_tensors(tensors: dict[str, Tensor]) -> "Asset":
         """Return the asset of `tensors`."""
         v = [tensors[name] for name in _FIELDS]
-        return Asset(Mesh(*v[:4]), Textures(*v[4:]))
+        return Asset(Mesh(*v[:4]), Textures(*v[4:]), tensors.get("openness"))
 
     def save(self, path: Path) -> None:
         """Write the asset as one safetensors file."""
@@ -76,27 +80,43 @@ def uv_handedness(mesh: Mesh) -> Tensor:
     return torch.where(u1 * v2 - u2 * v1 > 0, -1.0, 1.0)
 
 
-def gbuffer_of(surface: Surface, view: View, normal: Tensor, material: Tensor) -> GBuffer:
+def gbuffer_of(
+    surface: Surface, view: View, normal: Tensor, material: Tensor, openness: Openness | None = None
+) -> GBuffer:
     """Return the G-buffer of a visible surface with `normal` (P, 3) and `material` (P, >=5)."""
     return GBuffer(
         height=view.height, width=view.width, pixel=surface.pixel, face=surface.face, position=surface.position,
         normal=normal, view=surface.view, base_color=material[:, :3], roughness=material[:, 3],
-        metallic=material[:, 4],
+        metallic=material[:, 4], openness=openness,
     )  # fmt: skip
 
 
-def textured_gbuffer(surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor) -> GBuffer:
-    """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both."""
+def textured_gbuffer(
+    surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor, table: Tensor | None = None
+) -> GBuffer:
+    """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both.
+
+    table: the openness of the mesh's vertices, (V, 384) uint8.
+    """
     material = sample(flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
     normals = vertex_normals(mesh.vertices, mesh.faces)
-    return gbuffer_of(surface, view, shading_normals(surface, mesh, normals, tangents, material[:, 5:]), material)
+    shading = shading_normals(surface, mesh, normals, tangents, material[:, 5:])
+    openness = None if table is None else blend(table, mesh.faces, surface.face, surface.barycentric)
+    return gbuffer_of(surface, view, shading, material, openness)
 
 
 def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuffer:
     """Return the G-buffer of the asset seen by a normalised-frame camera."""
     view = View.of(camera, device)
     surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, view)
-    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh))
+    return asset_gbuffer(asset, surface, view)
+
+
+def asset_gbuffer(asset: Asset, surface: Surface, view: View) -> GBuffer:
+    """Return the G-buffer of the asset's visible surface."""
+    return textured_gbuffer(
+        surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.openness
+    )
 
 
 def composite(gbuffer: GBuffer, radiance: Tensor, vertices: Tensor, faces: Tensor, edges: EdgeFaces, view: View

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from lightprobe.render.openness import Openness
+
 
 @dataclass(frozen=True)
 class GBuffer:
@@ -22,3 +24,12 @@ class GBuffer:
     base_color: Tensor  # (P, 3) linear
     roughness: Tensor  # (P,) perceptual; alpha = roughness^2
     metallic: Tensor  # (P,)
+    openness: Openness | None = None  # the directions open at each pixel; None: all of them
+
+    def select(self, rows: Tensor) -> "GBuffer":
+        """Return the pixels at `rows` (K,) int64."""
+        openness = None if self.openness is None else self.openness.select(rows)
+        return GBuffer(
+            self.height, self.width, self.pixel[rows], self.face[rows], self.position[rows], self.normal[rows],
+            self.view[rows], self.base_color[rows], self.roughness[rows], self.metallic[rows], openness,
+        )  # fmt: skip

@@ -3,11 +3,14 @@
     L = c_diff (1 - F0) (1 - C) * irradiance(n) / pi  +  (F0 A + B) * S(reflect(v, n), r)
 
 with the symbols of `render.brdf` and S the prefiltered radiance of `light.prefilter`. Exact under a constant light.
-No occlusion and no inter-reflection.
+
+Where the object blocks its own view, `openness` tells: the diffuse light is the cosine average over what is open, the
+specular one is dimmed by the lobe's open share, and both get one bounce off the blocking surfaces in return.
 """
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from lightprobe.kernels import weighted_gather
@@ -17,19 +20,16 @@ from lightprobe.render.gbuffer import GBuffer
 
 
 @dataclass(frozen=True)
-class Response:
-    """How P pixels depend on the prefiltered levels: sum of taps times a factor, for the two lobes."""
+class Reflectance:
+    """How P pixels reflect: the factors of the two lobes, and where the specular one points."""
 
-    specular_index: Tensor  # (P, 8) int32
-    specular_weight: Tensor  # (P, 8)
-    specular_factor: Tensor  # (P, 3)
-    diffuse_index: Tensor  # (P, 4) int32
-    diffuse_weight: Tensor  # (P, 4)
-    diffuse_factor: Tensor  # (P, 3)
+    specular: Tensor  # (P, 3)
+    diffuse: Tensor  # (P, 3)
+    direction: Tensor  # (P, 3) unit
 
 
-def response(gbuffer: GBuffer, prefilter: Prefilter) -> Response:
-    """Return the taps and factors of every pixel; differentiable in the G-buffer's attributes."""
+def reflectance(gbuffer: GBuffer) -> Reflectance:
+    """Return the reflectance of every pixel; differentiable in the G-buffer's attributes."""
     normal, view = gbuffer.normal, gbuffer.view
     cosine = (normal * view).sum(-1)
     reflected = 2.0 * cosine[:, None] * normal - view
@@ -37,12 +37,8 @@ def response(gbuffer: GBuffer, prefilter: Prefilter) -> Response:
     f0 = brdf.base_reflectance(gbuffer.base_color, gbuffer.metallic)
     a, b = brdf.environment_brdf(cosine, gbuffer.roughness)
     transmitted = (1.0 - gbuffer.metallic) * (1.0 - brdf.diffuse_fresnel(cosine))
-    return Response(
-        *prefilter.specular_taps(reflected, gbuffer.roughness),
-        f0 * a[:, None] + b[:, None],
-        *prefilter.diffuse_taps(normal),
-        gbuffer.base_color * (1.0 - f0) * transmitted[:, None],
-    )
+    diffuse = gbuffer.base_color * (1.0 - f0) * transmitted[:, None]
+    return Reflectance(f0 * a[:, None] + b[:, None], diffuse, reflected)
 
 
 def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
@@ -50,7 +46,39 @@ def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
 
     Differentiable in the G-buffer's normal, view, base colour, roughness and metallic and in the levels.
     """
-    r = response(gbuffer, prefilter)
-    specular = weighted_gather(levels, r.specular_index, r.specular_weight)
-    diffuse = weighted_gather(levels, r.diffuse_index, r.diffuse_weight)
-    return r.specular_factor * specular + r.diffuse_factor * diffuse
+    r = reflectance(gbuffer)
+    specular = weighted_gather(levels, *prefilter.specular_taps(r.direction, gbuffer.roughness))
+    if gbuffer.openness is None:
+        diffuse = weighted_gather(levels, *prefilter.diffuse_taps(gbuffer.normal))
+        return r.specular * specular + r.diffuse * diffuse
+    arriving = gbuffer.openness.light(levels[prefilter.first_block :], gbuffer.normal)
+    diffuse, ambient, opened = arriving[:, :3], arriving[:, 3:6], arriving[:, 6]
+    lobe, bounce = occlude(gbuffer, r, opened)
+    return r.specular * lobe * specular + r.diffuse * diffuse + bounce * ambient
+
+
+def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the open share (P, 1) of the specular lobe, and what a pixel reflects (P, 3) of the light around it.
+
+    The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. The second is
+    what comes by way of the surfaces in the way: they are taken to have the pixel's own colour and to stand in the
+    mean light of its open directions.
+    """
+    if gbuffer.openness is None:
+        raise ValueError("The G-buffer has no openness.")
+    matte = gbuffer.roughness.detach().square()
+    axis = gbuffer.openness.towards(r.direction)
+    lobe = (axis + matte * (opened.detach() - axis))[:, None]
+    blocked = r.diffuse * (1.0 - opened[:, None]) + r.specular * (1.0 - lobe)
+    return lobe, gbuffer.base_color * blocked
+
+
+@torch.no_grad()
+def furnace(gbuffer: GBuffer) -> Tensor:
+    """Return the radiance (P, 3) under a constant environment of radiance 1."""
+    r = reflectance(gbuffer)
+    if gbuffer.openness is None:
+        return r.specular + r.diffuse
+    opened = gbuffer.openness.share(gbuffer.normal)
+    lobe, bounce = occlude(gbuffer, r, opened)
+    return r.specular * lobe + r.diffuse * opened[:, None] + bounce

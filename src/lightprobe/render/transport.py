@@ -6,7 +6,7 @@ All entries of A are non-negative.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
@@ -17,7 +17,8 @@ from lightprobe.light import cubemap
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.light.sparse import SparseOperator
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import Response, response
+from lightprobe.render.openness import OpenLight
+from lightprobe.render.split_sum import occlude, reflectance
 
 _TINY = 1e-30
 
@@ -29,44 +30,44 @@ class Transport:
     def __init__(self, gbuffer: GBuffer, prefilter: Prefilter, rows: Tensor | None = None):
         """Precompute taps and factors for the rows (P,) int64 of the G-buffer, or for all of them."""
         if rows is not None:
-            gbuffer = _select(gbuffer, rows)
+            gbuffer = gbuffer.select(rows)
         self.prefilter = prefilter
-        parts = response(gbuffer, prefilter)
-        self.pixels = len(parts.specular_factor)
-        self._factor = torch.cat([parts.specular_factor, parts.diffuse_factor])
-        self._taps = SparseOperator.build(_tap_matrix(parts, prefilter.total), gbuffer.normal.device)
+        r = reflectance(gbuffer)
+        taps = [prefilter.specular_taps(r.direction, gbuffer.roughness)]
+        factors = [r.specular, r.diffuse]
+        self._open = None
+        if gbuffer.openness is None:
+            taps.append(prefilter.diffuse_taps(gbuffer.normal))
+        else:
+            self._open = OpenLight(gbuffer.openness, gbuffer.normal)
+            lobe, bounce = occlude(gbuffer, r, gbuffer.openness.share(gbuffer.normal))
+            factors = [lobe * r.specular, r.diffuse, bounce]
+        self._factors = torch.stack(factors)  # (2 or 3, P, 3)
+        self._taps = SparseOperator.build(_tap_matrix(taps, prefilter.total), gbuffer.normal.device)
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
-        lobes = self._factor * self._taps.apply(self.prefilter.apply(env.detach()))
-        return lobes[: self.pixels] + lobes[self.pixels :]
+        levels = self.prefilter.apply(env.detach())
+        lobes = self._taps.apply(levels)
+        if self._open is not None:
+            lobes = torch.cat([lobes, *self._open.apply(levels[self.prefilter.first_block :])])
+        return (self._factors * lobes.reshape(self._factors.shape)).sum(0)
 
     def adjoint(self, radiance: Tensor) -> Tensor:
         """Return the transpose of `apply` on (P, 3): (6, R, R, 3)."""
-        return self.prefilter.adjoint(self._taps.adjoint(self._factor * radiance.repeat(2, 1)))
+        lobes = self._factors * radiance
+        if self._open is None:
+            return self.prefilter.adjoint(self._taps.adjoint(lobes.reshape(-1, 3)))
+        levels = self._taps.adjoint(lobes[0])
+        levels[self.prefilter.first_block :] += self._open.adjoint(lobes[1], lobes[2])
+        return self.prefilter.adjoint(levels)
 
 
-def _select(gbuffer: GBuffer, rows: Tensor) -> GBuffer:
-    """Return the G-buffer of these rows only."""
-    return replace(
-        gbuffer,
-        pixel=gbuffer.pixel[rows],
-        face=gbuffer.face[rows],
-        position=gbuffer.position[rows],
-        normal=gbuffer.normal[rows],
-        view=gbuffer.view[rows],
-        base_color=gbuffer.base_color[rows],
-        roughness=gbuffer.roughness[rows],
-        metallic=gbuffer.metallic[rows],
-    )
-
-
-def _tap_matrix(parts: Response, columns: int) -> scipy.sparse.csr_array:
-    """Return the taps as a matrix (2 P, T): the specular look-ups above the diffuse ones."""
-    pairs = [(parts.specular_index, parts.specular_weight), (parts.diffuse_index, parts.diffuse_weight)]
-    index = np.concatenate([index.cpu().numpy().ravel() for index, _ in pairs])
-    weight = np.concatenate([weight.cpu().numpy().ravel() for _, weight in pairs])
-    lengths = np.repeat([index.shape[1] for index, _ in pairs], [len(index) for index, _ in pairs])
+def _tap_matrix(taps: list[tuple[Tensor, Tensor]], columns: int) -> scipy.sparse.csr_array:
+    """Return look-ups, each of index (P, K) and weight (P, K), as a matrix (P per look-up, T), one below the other."""
+    index = np.concatenate([index.cpu().numpy().ravel() for index, _ in taps])
+    weight = np.concatenate([weight.cpu().numpy().ravel() for _, weight in taps])
+    lengths = np.repeat([index.shape[1] for index, _ in taps], [len(index) for index, _ in taps])
     start = np.concatenate([[0], np.cumsum(lengths)])
     return scipy.sparse.csr_array((weight, index, start), shape=(len(lengths), columns))
 

@@ -1,0 +1,76 @@
+"""Light that reaches a surface past the object itself: cosine and uniform averages over the open directions.
+
+    w_k (K, 3) unit directions, dw_k their solid angles, L_k (K, 3) the light averaged over them
+    v_pk = sum over c of weight[p, c] openness[index[p, c], k] / 255, the share of direction k that pixel p has open
+    c_pk = max(n_p.w_k, 0) dw_k
+
+    diffuse_p = sum_k c v L / sum_k c      ambient_p = sum_k dw v L / sum_k dw v      open_p = sum_k c v / sum_k c
+
+With nothing in the way diffuse is irradiance / pi, and open is 1. The P x K matrices are never stored.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lightprobe.kernels import dispatch
+from lightprobe.kernels.numba import occlusion as numba_body
+from lightprobe.kernels.reference import occlusion as reference_body
+
+
+def occluded_light(
+    light: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+) -> Tensor:
+    """Return (P, 7): diffuse 3, ambient 3 and open, for each pixel; differentiable once, in `light` and `normals`.
+
+    light (K, 3), normals (P, 3) unit, weight (P, C), directions (K, 3), angles (K,): float32 (float64 goes to the
+    reference); openness (V, K) uint8; index (P, C) int32 or int64 in [0, V). Sums have a fixed order.
+    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
+    """
+    count = directions.shape[0]
+    dispatch.require_shape("light", light, count, 3)
+    dispatch.require_shape("normals", normals, weight.shape[0], 3)
+    dispatch.require_shape("openness", openness, None, count)
+    dispatch.require_shape("index", index, *weight.shape)
+    dispatch.require_shape("directions", directions, count, 3)
+    dispatch.require_shape("angles", angles, count)
+    dispatch.require_index("index", index, openness.shape[0])
+    if openness.dtype != torch.uint8:
+        raise ValueError(f"openness must be uint8, not {openness.dtype}.")
+    return _OccludedLight.apply(light, normals, openness, index, weight.detach(), directions, angles)
+
+
+def occluded_light_adjoint(arriving: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor,
+                           directions: Tensor, angles: Tensor) -> Tensor:  # fmt: skip
+    """Return the transpose of `occluded_light` in its light, (K, 3), on diffuse and ambient parts (P, 6).
+
+    Other arguments and errors as there; not differentiable.
+    """
+    dispatch.require_shape("arriving", arriving, normals.shape[0], 6)
+    dispatch.require_index("index", index, openness.shape[0])
+    grad = torch.nn.functional.pad(arriving, (0, 1))
+    rest = (normals, openness, index, weight, directions, angles)
+    body = dispatch.choose(numba_body, reference_body, grad, *rest)
+    return body.light_gradient(grad, *rest)
+
+
+class _OccludedLight(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, light: Tensor, normals: Tensor, openness: Tensor, *rest: Tensor) -> Tensor:
+        body = dispatch.choose(numba_body, reference_body, light, normals, openness, *rest)
+        out = body.occluded_light(light, normals, openness, *rest)
+        ctx.save_for_backward(out, light, normals, openness, *rest)
+        return out
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
+        out, *case = ctx.saved_tensors
+        body = dispatch.choose(numba_body, reference_body, grad, *case)
+        wants_light, wants_normals = ctx.needs_input_grad[:2]
+        return (
+            body.light_gradient(grad, *case[1:]) if wants_light else None,
+            body.normal_gradient(grad, out, *case) if wants_normals else None,
+            *([None] * 5),
+        )

@@ -1,0 +1,28 @@
+"""Environments at other resolutions."""
+
+from torch import Tensor
+
+from lightprobe.kernels import weighted_gather
+from lightprobe.light import cubemap
+
+
+def resize_light(light: Tensor, resolution: int) -> Tensor:
+    """Return the light (6, R, R, 3) at another power-of-two `resolution`: area averages, or repeated texels."""
+    side = light.shape[1]
+    if resolution >= side:
+        factor = resolution // side
+        return light.repeat_interleave(factor, 1).repeat_interleave(factor, 2)
+    factor = side // resolution
+    angle = cubemap.solid_angles(side, light.device)[..., None]
+    blocks = (6, resolution, factor, resolution, factor)
+    weighted = (light * angle).reshape(*blocks, 3).sum((2, 4))
+    return weighted / angle.reshape(*blocks, 1).sum((2, 4))
+
+
+def magnify_light(light: Tensor, resolution: int) -> Tensor:
+    """Return the light (6, r, r, 3) smoothly interpolated at a finer resolution."""
+    if light.shape[1] == resolution:
+        return light
+    directions = cubemap.directions(resolution, light.device).reshape(-1, 3)
+    taps = cubemap.bilinear_taps(directions, light.shape[1])
+    return weighted_gather(light.reshape(-1, 3), *taps).reshape(6, resolution, resolution, 3)

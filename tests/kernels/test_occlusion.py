@@ -1,0 +1,94 @@
+"""Occluded light: against the plain reference and a closed form, by gradcheck, and bit by bit."""
+
+import pytest
+import torch
+from torch.autograd import gradcheck
+
+from lightprobe.kernels import occluded_light, occluded_light_adjoint
+from lightprobe.kernels.reference import occlusion as reference
+from lightprobe.light import cubemap
+
+
+def problem(pixels=700, rows=50, corners=3, resolution=8, dtype=torch.float32, seed=0):
+    """Return light, normals, openness, index, weight, directions and solid angles."""
+    random = torch.Generator().manual_seed(seed)
+    directions = cubemap.exact_directions(resolution).reshape(-1, 3)
+    angles = cubemap.exact_solid_angles(resolution).reshape(-1)
+    light = torch.rand(len(directions), 3, generator=random, dtype=torch.float64) ** 4
+    normals = torch.nn.functional.normalize(torch.randn(pixels, 3, generator=random, dtype=torch.float64), dim=1)
+    openness = torch.randint(0, 256, (rows, len(directions)), generator=random, dtype=torch.uint8)
+    index = torch.randint(0, rows, (pixels, corners), generator=random)
+    weight = torch.rand(pixels, corners, generator=random, dtype=torch.float64)
+    weight = weight / weight.sum(1, keepdim=True)
+    light, normals, weight, directions, angles = (x.to(dtype) for x in (light, normals, weight, directions, angles))
+    return light, normals, openness, index, weight, directions, angles
+
+
+def value_and_gradients(case, grad):
+    light, normals = case[0].clone().requires_grad_(), case[1].clone().requires_grad_()
+    out = occluded_light(light, normals, *case[2:])
+    return out.detach(), *torch.autograd.grad(out, (light, normals), grad)
+
+
+@pytest.mark.parametrize(("pixels", "corners"), [(700, 3), (1, 1), (257, 2)])
+def test_matches_the_reference(pixels, corners):
+    case = problem(pixels, corners=corners)
+    grad = torch.randn(pixels, 7)
+    ours = value_and_gradients(case, grad)
+    exact = [x.double() if x.is_floating_point() else x for x in case]
+    theirs = value_and_gradients(exact, grad.double())
+    torch.testing.assert_close(ours[0].double(), theirs[0], rtol=1e-5, atol=1e-5)
+    for mine, true in zip(ours[1:], theirs[1:], strict=True):
+        torch.testing.assert_close(mine.double(), true, rtol=1e-4, atol=1e-4 * float(true.abs().max()))
+
+
+def test_gradients_in_float64():
+    light, normals, *rest = problem(4, 5, resolution=4, dtype=torch.float64)
+    assert gradcheck(lambda a, n: occluded_light(a, n, *rest), (light.requires_grad_(), normals.requires_grad_()))
+
+
+def test_open_sky_is_irradiance_over_pi():
+    _, _, openness, *rest = problem(50, dtype=torch.float64, resolution=32)
+    up = rest[2][:, 2:].clamp(min=0).expand(-1, 3)  # a light max(w_z, 0): irradiance / pi of n = z is 2 / 3
+    out = occluded_light(up.contiguous(), torch.tensor([[0.0, 0, 1]]).double().expand(50, 3),
+                         torch.full_like(openness, 255), *rest)  # fmt: skip
+    torch.testing.assert_close(out[:, 0], torch.full((50,), 2 / 3).double(), rtol=2e-3, atol=0)
+    torch.testing.assert_close(out[:, 3], torch.full((50,), 1 / 4).double(), rtol=2e-3, atol=0)
+    torch.testing.assert_close(out[:, 6], torch.ones(50).double())
+
+
+def test_adjoint_is_the_transpose():
+    case = problem(300)
+    arriving, light = torch.randn(300, 6), torch.randn(384, 3)
+    forward = occluded_light(light, *case[1:])[:, :6]
+    back = occluded_light_adjoint(arriving, *case[1:])
+    torch.testing.assert_close((forward * arriving).sum(), (back * light).sum(), rtol=1e-4, atol=1e-3)
+
+
+def test_the_reference_slabs_change_nothing(monkeypatch):
+    case = problem(40, dtype=torch.float64)
+    whole = reference.occluded_light(*case)
+    monkeypatch.setattr(reference, "PAIRS_AT_ONCE", 1000)
+    torch.testing.assert_close(reference.occluded_light(*case), whole)
+
+
+def test_bits_do_not_depend_on_threads():
+    case, grad = problem(3000), torch.randn(3000, 7)
+    before = torch.get_num_threads()
+    try:
+        results = []
+        for count in (1, 2):
+            torch.set_num_threads(count)
+            results.append(value_and_gradients(case, grad))
+    finally:
+        torch.set_num_threads(before)
+    for one, two in zip(*results, strict=True):
+        assert torch.equal(one, two)
+
+
+def test_refuses_what_cannot_be():
+    light, normals, openness, index, *rest = problem(5)
+    with pytest.raises(ValueError, match="openness must be uint8"):
+        occluded_light(light, normals, openness.float(), index, *rest)
+    with pytest.raises(IndexError, match="index"):
+        occluded_light(light, normals, openness, index + 50, *rest)

@@ -1,0 +1,82 @@
+"""The object's own shadows: openness in closed form, and what shading and the transport make of it."""
+
+import dataclasses
+
+import pytest
+import torch
+from tests.render.test_split_sum import R, sky, sphere_gbuffer
+from tests.shapes import sphere
+
+from lightprobe.light.prefilter import cached
+from lightprobe.render.openness import Openness, ambient_occlusion, blend, openness_table
+from lightprobe.render.split_sum import furnace, shade
+from lightprobe.render.transport import Transport
+
+
+def ball_over_floor(radius: float, height: float) -> tuple[torch.Tensor, torch.Tensor, int]:
+    """Return a fine square floor at z = 0 with a ball over its middle, and the index of the middle vertex."""
+    n = 41
+    line = torch.linspace(-0.7, 0.7, n)
+    floor = torch.stack([*torch.meshgrid(line, line, indexing="xy"), torch.zeros(n, n)], -1).reshape(-1, 3)
+    corner = (torch.arange(n - 1)[:, None] * n + torch.arange(n - 1)).reshape(-1)
+    faces = torch.cat([torch.stack([corner, corner + 1, corner + n], 1),
+                       torch.stack([corner + 1, corner + n + 1, corner + n], 1)])  # fmt: skip
+    vertices, ball = (torch.from_numpy(part) for part in sphere(3))
+    moved = radius * vertices + torch.tensor([0.0, 0.0, height])
+    return torch.cat([floor, moved]), torch.cat([faces, ball.long() + n * n]).int(), n * n // 2
+
+
+def shaded_gbuffer(**material):
+    """A sphere's pixels, each open in a half-random way."""
+    gbuffer = sphere_gbuffer(400, **material)
+    random = torch.Generator().manual_seed(1)
+    table = torch.randint(0, 256, (30, 384), generator=random, dtype=torch.uint8)
+    index = torch.randint(0, 30, (400, 3), generator=random)
+    weight = torch.rand(400, 3, generator=random)
+    return dataclasses.replace(gbuffer, openness=Openness(table, index, weight / weight.sum(1, keepdim=True)))
+
+
+def test_a_sphere_is_open_everywhere():
+    vertices, faces = (torch.from_numpy(part) for part in sphere(3))
+    assert float(ambient_occlusion(openness_table(vertices, faces), vertices).min()) > 0.95
+
+
+@pytest.mark.parametrize(("radius", "height"), [(0.3, 0.6), (0.2, 0.5), (0.4, 0.45)])
+def test_under_a_ball_a_cone_is_blocked(radius, height):
+    vertices, faces, middle = ball_over_floor(radius, height)
+    normals = torch.tensor([0.0, 0, 1]).expand(len(vertices), 3)
+    opened = float(ambient_occlusion(openness_table(vertices, faces), normals)[middle])
+    assert opened == pytest.approx(1 - (radius / height) ** 2, abs=0.05)  # one of 384 directions weighs up to .02
+
+
+def test_the_shadow_falls_away_from_the_light():
+    vertices, faces, _ = ball_over_floor(0.2, 0.4)
+    point = torch.tensor([[0.4, 0.0, 0.0]])
+    nearest = int((vertices[: 41 * 41] - point).norm(dim=1).argmin())
+    openness = blend(openness_table(vertices, faces), faces, torch.tensor([0]), torch.tensor([[1.0, 0, 0]]))
+    openness = dataclasses.replace(openness, index=torch.full((2, 3), nearest), weight=torch.tensor([[1.0, 0, 0]] * 2))
+    to_ball, away = openness.towards(torch.tensor([[-0.7, 0.0, 0.7], [0.7, 0.0, 0.7]]))
+    assert float(to_ball) < 0.1
+    assert float(away) > 0.9
+
+
+def test_transport_is_shading_and_its_transpose():
+    gbuffer, operator = shaded_gbuffer(roughness=0.35, metallic=0.3), cached(R)
+    light, radiance = sky(R), torch.randn(400, 3)
+    transport = Transport(gbuffer, operator)
+    expected = shade(gbuffer, operator, operator.apply(light))
+    torch.testing.assert_close(transport.apply(light), expected, rtol=1e-4, atol=1e-5)
+    product, transposed = (expected * radiance).sum(), (transport.adjoint(radiance) * light).sum()
+    torch.testing.assert_close(product, transposed, rtol=1e-4, atol=1e-2)
+
+
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
+def test_furnace(metallic):
+    gbuffer, operator = shaded_gbuffer(roughness=0.4, metallic=metallic), cached(R)
+    white = shade(gbuffer, operator, torch.ones(operator.total, 3))
+    torch.testing.assert_close(furnace(gbuffer), white, rtol=1e-4, atol=1e-5)
+    unshadowed = furnace(dataclasses.replace(gbuffer, openness=None))
+    assert bool((white <= unshadowed + 1e-5).all())
+    lossless = shaded_gbuffer(roughness=0.4, metallic=metallic, base=(1.0, 1.0, 1.0))
+    unshadowed = furnace(dataclasses.replace(lossless, openness=None))
+    torch.testing.assert_close(furnace(lossless), unshadowed, rtol=1e-4, atol=1e-5)
