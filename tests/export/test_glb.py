@@ -112,6 +112,18 @@ def test_pictures_hold_the_material(written, glb):
     assert material["pbrMetallicRoughness"]["baseColorTexture"]["index"] == 0
     assert material["pbrMetallicRoughness"]["metallicRoughnessTexture"]["index"] == 1
     assert material["normalTexture"]["index"] == 2
+    assert material["occlusionTexture"]["index"] == 1
+
+
+def test_occlusion_is_dark_where_the_object_blocks_the_light(tmp_path):
+    mesh = sphere_mesh(2)
+    table = torch.full((len(mesh.vertices), 384), 255, dtype=torch.uint8)
+    table[mesh.vertices[:, 2] > 0] = 0
+    write_mesh(Asset(mesh, toy_textures(128), table), SIMILARITY, tmp_path / "mesh.glb")
+    occlusion = Glb((tmp_path / "mesh.glb").read_bytes()).picture(1)[..., 0] / 255
+    assert occlusion.min() == 0
+    assert occlusion.max() == 1
+    assert 0.3 < occlusion.mean() < 0.7
 
 
 def test_loose_textures_are_the_embedded_ones(written, glb):

@@ -4,13 +4,13 @@ import dataclasses
 
 import pytest
 import torch
-from tests.render.test_split_sum import R, sky, sphere_gbuffer
-from tests.shapes import sphere
 
 from lightprobe.light.prefilter import cached
 from lightprobe.render.openness import Openness, ambient_occlusion, blend, openness_table
 from lightprobe.render.split_sum import furnace, shade
 from lightprobe.render.transport import Transport
+from tests.render.test_split_sum import R, sky, sphere_gbuffer
+from tests.shapes import sphere
 
 
 def ball_over_floor(radius: float, height: float) -> tuple[torch.Tensor, torch.Tensor, int]:

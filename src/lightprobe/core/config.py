@@ -91,9 +91,9 @@ class DecomposeConfig:
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
-    brightness_prior: float = 0.01
+    brightness_prior: float = 0.002
     """Weight of the squared log of the mean base colour over a usual one: fixes what light and albedo share."""
-    color_gauge: float = 0.01
+    color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 0.5
     """Weight of the squared normal offset of the material field."""

@@ -19,7 +19,7 @@ def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> None:
 
     Positions are in the user's frame and units, turned to glTF's y-up axes.
     """
-    pictures = write_pictures(asset.textures, glb.parent)
+    pictures = write_pictures(asset, glb.parent)
     write_glb(glb, gltf_mesh(asset.mesh, similarity), pictures)
 
 

@@ -25,7 +25,7 @@ class GltfPictures:
     """PNG files in memory; v = 0 is their top row."""
 
     base_color: bytes  # sRGB
-    orm: bytes  # linear; G roughness, B metallic
+    orm: bytes  # linear; R ambient occlusion, G roughness, B metallic
     normal: bytes  # linear; tangent space, green towards the top of the picture
 
 
@@ -102,6 +102,7 @@ def _material(name: str) -> dict[str, Any]:
         "name": name,
         "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1}},
         "normalTexture": {"index": 2},
+        "occlusionTexture": {"index": 1},
     }
 
 

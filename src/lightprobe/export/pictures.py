@@ -5,18 +5,31 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.export.glb import GltfPictures
+from lightprobe.geometry.mesh import vertex_normals
+from lightprobe.geometry.texels import bake_vertices
 from lightprobe.imaging import write_png
-from lightprobe.material.textures import Textures
+from lightprobe.render.asset import Asset
+from lightprobe.render.openness import ambient_occlusion
 
 NAMES = ("base_color", "orm", "normal")
 
 
-def write_pictures(textures: Textures, folder: Path) -> GltfPictures:
-    """Write base_color.png, orm.png (R occlusion = 1, G roughness, B metallic) and normal.png; return their bytes."""
+def write_pictures(asset: Asset, folder: Path) -> GltfPictures:
+    """Write base_color.png, orm.png (R occlusion, G roughness, B metallic) and normal.png; return their bytes."""
+    textures = asset.textures
     color, roughness, metallic, normal = (
         t.detach().cpu().numpy() for t in (textures.base_color, textures.roughness, textures.metallic, textures.normal)
     )
-    orm = np.stack([np.ones_like(roughness), roughness, metallic], axis=-1)
+    orm = np.stack([_occlusion(asset), roughness, metallic], axis=-1)
     for name, picture in zip(NAMES, (color, orm, 0.5 + 0.5 * normal), strict=True):
         write_png(folder / f"{name}.png", np.clip(picture, 0, 1), srgb=name == "base_color")
     return GltfPictures(*((folder / f"{name}.png").read_bytes() for name in NAMES))
+
+
+def _occlusion(asset: Asset) -> np.ndarray:
+    """Return the ambient occlusion (S, S), 1 for open; all 1 for an object that casts no shadows on itself."""
+    mesh, size = asset.mesh, asset.textures.size
+    if asset.openness is None:
+        return np.ones((size, size), np.float32)
+    opened = ambient_occlusion(asset.openness, vertex_normals(mesh.vertices, mesh.faces))
+    return bake_vertices(mesh, opened[:, None], size)[..., 0].cpu().numpy()
