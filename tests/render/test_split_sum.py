@@ -1,13 +1,14 @@
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
-from lightprobe.render.brdf import environment_brdf
+from lightprobe.render.brdf import base_reflectance, diffuse_fresnel, environment_brdf
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import shade
+from lightprobe.render.split_sum import reflectance, shade, specular_taps
 from lightprobe.render.transport import Transport, solve_light
 
 R = 16
@@ -82,13 +83,9 @@ def test_environment_brdf_matches_direct_integration():
             assert float(brute_force(g, torch.ones(6, 96, 96, 3))[0, 0]) == pytest.approx(float(expected), abs=0.012)
 
 
-# Split-sum looks the light up in one round lobe. For rough metal seen at a slant the true lobe is neither round nor
-# centred on the mirror direction; its error is stated here as it is, so that a change for the worse shows.
-BOUNDS = {(0.0, 0.2): 0.02, (0.0, 0.5): 0.02, (0.0, 1.0): 0.02, (1.0, 0.2): 0.05, (1.0, 0.35): 0.05, (1.0, 0.5): 0.10}
-
-
-@pytest.mark.parametrize(("metallic", "roughness"), BOUNDS)
-def test_split_sum_stays_near_the_integral(metallic, roughness):
+@pytest.mark.parametrize("roughness", [0.2, 0.3, 0.35, 0.5, 0.65, 0.8, 1.0])
+@pytest.mark.parametrize(("metallic", "bound"), [(0.0, 0.015), (1.0, 0.05)])
+def test_split_sum_stays_near_the_integral(metallic, bound, roughness):
     gbuffer = sphere_gbuffer(150, roughness=roughness, metallic=metallic)
     fine = sky(64)
     light = torch.nn.functional.avg_pool2d(fine.permute(0, 3, 1, 2), 2).permute(0, 2, 3, 1).contiguous()
@@ -96,7 +93,50 @@ def test_split_sum_stays_near_the_integral(metallic, roughness):
     ours = shade(gbuffer, operator, operator.apply(light)).double()
     truth = brute_force(gbuffer, fine)
     error = float((ours - truth).square().mean().sqrt() / truth.square().mean().sqrt())
-    assert error < BOUNDS[metallic, roughness]
+    assert error < bound
+
+
+def any_gbuffer(count: int, dtype: torch.dtype = torch.float32) -> GBuffer:
+    """Points of every material and view angle."""
+    random = torch.Generator().manual_seed(2)
+    normal, view = torch.nn.functional.normalize(torch.randn(2, count, 3, generator=random, dtype=dtype), dim=-1)
+    view = view * (normal * view).sum(-1, keepdim=True).sign()
+    material = torch.rand(count, 5, generator=random, dtype=dtype)
+    ids = torch.arange(count)
+    return GBuffer(
+        height=1, width=count, pixel=ids, face=ids, position=normal, normal=normal, view=view,
+        base_color=material[:, :3], roughness=0.08 + 0.92 * material[:, 3], metallic=material[:, 4],
+    )  # fmt: skip
+
+
+def test_a_constant_light_is_reflected_exactly():
+    gbuffer, operator = any_gbuffer(500), cached(R)
+    cosine = (gbuffer.normal * gbuffer.view).sum(-1)
+    f0 = base_reflectance(gbuffer.base_color, gbuffer.metallic)
+    a, b = environment_brdf(cosine, gbuffer.roughness)
+    passed = (1 - gbuffer.metallic) * (1 - diffuse_fresnel(cosine))
+    expected = f0 * a[:, None] + b[:, None] + gbuffer.base_color * (1 - f0) * passed[:, None]
+    assert torch.allclose(shade(gbuffer, operator, torch.full((operator.total, 3), 0.7)), 0.7 * expected, atol=1e-5)
+
+
+def test_no_light_counts_negative():
+    gbuffer, operator = any_gbuffer(5000), cached(R)
+    r = reflectance(gbuffer)
+    weights = specular_taps(r, gbuffer.normal, operator)[1], operator.diffuse_taps(gbuffer.normal)[1]
+    for values in (r.specular, r.share, r.diffuse, *weights):
+        assert values.min() >= 0
+
+
+def test_gradients_of_the_surface():
+    """In all attributes of the surface, against finite differences; points on the nodes of a table would have none."""
+    gbuffer, operator = any_gbuffer(12, torch.float64), cached(R)
+    levels = torch.rand(operator.total, 3, generator=torch.Generator().manual_seed(6), dtype=torch.float64)
+    names = ("normal", "view", "base_color", "roughness", "metallic")
+
+    def shaded(*values):
+        return shade(replace(gbuffer, **dict(zip(names, values, strict=True))), operator, levels)
+
+    assert torch.autograd.gradcheck(shaded, [getattr(gbuffer, name).clone().requires_grad_() for name in names])
 
 
 def test_transport_is_the_renderer_and_its_adjoint():

@@ -32,14 +32,22 @@ def face_points(face: Tensor, a: Tensor, b: Tensor) -> Tensor:
     return major + a[..., None] * along + b[..., None] * down
 
 
+@functools.lru_cache(maxsize=16)
+def _frame_parts(device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return the axes (6, 3) int64 that major, along and down of the faces run along, and their signs (6, 3)."""
+    frame = torch.stack(frames(device), dim=1)
+    return frame.abs().argmax(-1), frame.sum(-1)
+
+
 def face_coordinates(direction: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return (face int64, a, b), each (...,), of directions (..., 3) of any length; a and b are differentiable."""
-    axis = direction.detach().abs().argmax(-1)
-    major, along, down = (frame.to(direction.dtype) for frame in frames(direction.device))
-    negative = direction.detach().gather(-1, axis[..., None])[..., 0] < 0
-    face = 2 * axis + negative
-    scale = (direction * major[face]).sum(-1)
-    return face, (direction * along[face]).sum(-1) / scale, (direction * down[face]).sum(-1) / scale
+    x, y, z = direction.detach().unbind(-1)
+    size_x, size_y, size_z = x.abs(), y.abs(), z.abs()
+    face = torch.where(size_y >= size_z, 2 + (y < 0).long(), 4 + (z < 0).long())
+    face = torch.where((size_x >= size_y) & (size_x >= size_z), (x < 0).long(), face)
+    axes, signs = (part.index_select(0, face.flatten()).reshape(*face.shape, 3) for part in _frame_parts(face.device))
+    major, along, down = (direction.gather(-1, axes) * signs.to(direction.dtype)).unbind(-1)
+    return face, along / major, down / major
 
 
 def texel_grid(resolution: int, device: torch.device | str = "cpu") -> tuple[Tensor, Tensor, Tensor]:
@@ -84,11 +92,12 @@ def exact_solid_angles(resolution: int, device: torch.device | str = "cpu") -> T
 
 
 @functools.lru_cache(maxsize=64)
-def bordered_index(resolution: int, device: torch.device) -> Tensor:
-    """Return flat texel indices, 6 (R + 2)^2 int32: each face with a border of its neighbours, corners -1.
+def cells(resolution: int, device: torch.device) -> Tensor:
+    """Return the four texels around every point between texel centres: flat indices (6 (R + 1)^2, 4) int32.
 
-    A border texel is found by stepping a little over the edge at the height of its row: the texel on the other side
-    of the edge is the true neighbour, which continuing the face's plane by half a texel could miss.
+    Faces have a border of their neighbours. A border texel is found by stepping a little over the edge at the height of
+    its row: the texel on the other side of the edge is the true neighbour, which continuing the face's plane by half a
+    texel could miss. Where three faces meet there is no fourth texel: -1.
     """
     step = 1e-3 / resolution
     centres = (torch.arange(-1, resolution + 1, dtype=torch.float64) + 0.5) * (2.0 / resolution) - 1.0
@@ -98,7 +107,8 @@ def bordered_index(resolution: int, device: torch.device) -> Tensor:
     for row in (0, -1):
         for column in (0, -1):
             index[:, row, column] = -1
-    return index.flatten().to(device)
+    corners = (index[:, :-1, :-1], index[:, :-1, 1:], index[:, 1:, :-1], index[:, 1:, 1:])
+    return torch.stack(corners, dim=-1).reshape(-1, 4).to(device)
 
 
 def nearest_texel(direction: Tensor, resolution: int) -> Tensor:
@@ -116,34 +126,40 @@ def bilinear_taps(direction: Tensor, resolution: int) -> tuple[Tensor, Tensor]:
     direction's dtype. Weights are >= 0, sum to 1 and are differentiable in the direction; the index is not.
     Where three faces meet the fourth texel does not exist: the other three share its weight equally.
     """
-    return bordered_taps(face_coordinates(direction), resolution, 0, bordered_index(resolution, direction.device))
+    return cell_taps(face_coordinates(direction), resolution, 0, cells(resolution, direction.device))
 
 
-def bordered_taps(
-    coordinates: tuple[Tensor, Tensor, Tensor], resolution: Tensor | int, start: Tensor | int, table: Tensor
+def cell_taps(
+    coordinates: tuple[Tensor, Tensor, Tensor],
+    resolution: Tensor | int,
+    start: Tensor | int,
+    table: Tensor,
+    scale: Tensor | float = 1.0,
 ) -> tuple[Tensor, Tensor]:
-    """Return `bilinear_taps` of `face_coordinates` in cubemaps that may differ from row to row.
+    """Return `bilinear_taps`, times `scale`, of `face_coordinates` in cubemaps that may differ from row to row.
 
-    resolution and start: one for all rows or int64 (N,); `table` int32 holds the `bordered_index` of every cubemap
-    that occurs, that of a row beginning at its `start`.
+    resolution and start: one for all rows or int64 (N,); `table` int32 holds the `cells` of every cubemap that occurs,
+    those of a row's beginning at its `start`. scale: one or (N,), differentiable.
     """
     face, a, b = coordinates
     half = 0.5 * resolution
     x = (a + 1.0) * half - 0.5
     y = (b + 1.0) * half - 0.5
     x0, y0 = x.detach().floor(), y.detach().floor()
-    fx, fy = x - x0, y - y0
-    side = resolution + 2
-    column = (x0.long() + 1).clamp(min=0).minimum(torch.as_tensor(resolution, device=face.device))
-    row = (y0.long() + 1).clamp(min=0).minimum(torch.as_tensor(resolution, device=face.device))
-    first = start + (face * side + row) * side + column
-    index = table[torch.stack([first, first + 1, first + side, first + side + 1], dim=-1)]
-    gx, gy = 1.0 - fx, 1.0 - fy
+    last = torch.as_tensor(resolution, device=face.device)
+    column, row = ((low.long() + 1).clamp(min=0).minimum(last) for low in (x0, y0))
+    index = table.index_select(0, start + (face * (resolution + 1) + row) * (resolution + 1) + column)
+    fx, fy = x - x0, (y - y0) * scale
+    gx, gy = 1.0 - fx, scale - fy
     weight = torch.stack([gx * gy, fx * gy, gx * fy, fx * fy], dim=-1)
-    missing = index < 0
-    if bool(missing.any()):
-        kept = weight.masked_fill(missing, 0.0)
-        lost = (weight - kept).sum(-1, keepdim=True)
-        weight = (kept + lost / 3.0).masked_fill(missing, 0.0)
-        index = index.clamp(min=0)
-    return index, weight
+    corner = (((column == 0) | (column == last)) & ((row == 0) | (row == last))).nonzero()[:, 0]
+    return _three_texels(index, weight, corner) if len(corner) else (index, weight)
+
+
+def _three_texels(index: Tensor, weight: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
+    """Share the weight of the missing texel equally among the other three in the rows `corner` of (N, 4), in place."""
+    missing, whole = index[corner] < 0, weight[corner]
+    kept = whole.masked_fill(missing, 0.0)
+    lost = (whole - kept).sum(-1, keepdim=True)
+    shared = (kept + lost / 3.0).masked_fill(missing, 0.0)
+    return index.clamp_(min=0), weight.index_copy_(0, corner, shared)

@@ -3,16 +3,17 @@
 The light enters a render as its average under the lobe of a direction and a roughness (`light.lobes`). These averages
 are tabulated on *levels*: cubemaps of one roughness each, stacked flat into one tensor (T, 3). As the lobes are
 constant, levels = L N env with N averages of the light over nodes and L the lobes over the nodes, both sparse;
-every row of the product sums to 1, so a constant light gives constant levels. At roughness 1 the lobe is a cosine: the
-last level also serves as irradiance / pi.
+every row of the product sums to 1, so a constant light gives constant levels. At roughness 1 the lobe is a cosine:
+that level also serves as irradiance / pi. The last level goes on to lobes flatter than a cosine, as the roughest
+surfaces have them (`render.specular_lobes`).
 
 Below the levels come the *blocks*: the light averaged over each of 6 x 8 x 8 parts of the sphere, for what depends on
 the direction in a coarse way, such as the object's shadows.
 
-Between two levels the lobe is interpolated linearly in 1 / alpha, which follows its peak. The roughnesses are a
-geometric ladder, because the lobe's width goes with alpha = r^2: in the L2 norm an interpolated lobe is at most 7 % off
-the true one. (Nine levels linear in r from 0.08 to 0.5 with a last one at 1, and look-ups linear in r, are the common
-choice; there it is 38 % off below 0.14 and 31 % between 0.5 and 1.)
+Between two levels the lobe is interpolated linearly in 1 / alpha, which follows its peak. The roughnesses are a ladder
+on which, in the L2 norm, an interpolated lobe is at most 4 % off the true one, or 7 % below 0.15. (Nine levels linear
+in r from 0.08 to 0.5 with a last one at 1, and look-ups linear in r, are the common choice; there it is 38 % off below
+0.14 and 31 % between 0.5 and 1.)
 """
 
 import functools
@@ -29,9 +30,9 @@ from lightprobe.light import cubemap
 from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
 from lightprobe.light.sparse import SparseOperator
 
-MIN_ROUGHNESS = 0.08
+MIN_ROUGHNESS, MAX_ROUGHNESS = 0.08, 1.4
 BLOCKS = 8  # blocks along each edge of the cubemap: about ten degrees
-ROUGHNESSES = (0.08, 0.11, 0.15, 0.206, 0.282, 0.387, 0.53, 0.728, 1.0)
+ROUGHNESSES = (0.08, 0.11, 0.15, 0.19, 0.24, 0.305, 0.39, 0.5, 0.67, 1.0, MAX_ROUGHNESS)
 _TEXEL = 0.5 * math.pi  # mean extent of the texel of a cubemap with R = 1, in radians
 _TEXELS_PER_WIDTH = 1.8  # a level resolves the half width of its lobe by at least so many texels, where the light does
 _SMALLEST_WIDTH = 0.4  # levels of lobes narrower than so many texels of the light are left out, but for the first
@@ -99,9 +100,9 @@ def _block_matrix(resolution: int) -> scipy.sparse.csr_array:
     return scipy.sparse.coo_array(entries, shape=(6 * BLOCKS**2, 6 * resolution**2)).tocsr()
 
 
-def _stacked_index(level: Level, device: torch.device) -> Tensor:
-    """Return the level's `cubemap.bordered_index` with indices into the whole stack."""
-    index = cubemap.bordered_index(level.resolution, device)
+def _stacked_cells(level: Level, device: torch.device) -> Tensor:
+    """Return the level's `cubemap.cells` with indices into the whole stack."""
+    index = cubemap.cells(level.resolution, device)
     return torch.where(index < 0, index, index + level.offset)
 
 
@@ -129,15 +130,17 @@ class Prefilter:
         self.levels = plan_levels(resolution)
         self.first_block = self.levels[-1].offset + 6 * self.levels[-1].resolution ** 2
         self.total = self.first_block + 6 * BLOCKS**2
+        self._cosine = next(level for level in self.levels if level.roughness == 1.0)
         accuracy = accuracy or accuracy_for(resolution)
         nodes = Nodes(resolution, min(resolution, accuracy.tent_resolution))
         self.nodes = SparseOperator.build(nodes.matrix(), device)
         self.lobes = SparseOperator.build(_lobe_matrix(self.levels, nodes, accuracy), device)
         self.blocks = SparseOperator.build(_block_matrix(resolution), device)
         self._sharpness = torch.tensor([level.roughness**-2 for level in self.levels], device=device)
-        self._resolutions = torch.tensor([level.resolution for level in self.levels], device=device)
-        tables = [_stacked_index(level, torch.device(device)) for level in self.levels]
-        self._starts = torch.tensor([0, *(len(table) for table in tables[:-1])], device=device).cumsum(0)
+        tables = [_stacked_cells(level, torch.device(device)) for level in self.levels]
+        starts = torch.tensor([0, *(len(table) for table in tables[:-1])]).cumsum(0)
+        resolutions = torch.tensor([level.resolution for level in self.levels])
+        self._shapes = torch.stack([resolutions, starts]).to(device)
         self._table = torch.cat(tables)
 
     def apply(self, env: Tensor) -> Tensor:
@@ -151,33 +154,34 @@ class Prefilter:
         gradient += self.blocks.adjoint(levels[self.first_block :])
         return gradient.reshape(6, self.resolution, self.resolution, 3)
 
-    def specular_taps(self, direction: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
+    def specular_taps(self, direction: Tensor, roughness: Tensor, scale: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
         """Return index (N, 8) int32 into the levels and weight (N, 8) for lobes around `direction`.
 
         direction (N, 3), roughness (N,): bilinear within two levels, linear in 1 / alpha between them. Weights sum to
-        1 and are differentiable in both arguments; roughness is clamped to [0.08, 1].
+        `scale`, one or (N,), and are differentiable in all arguments; roughness is clamped to [0.08, 1.4].
         """
         level, fraction = self._level(roughness)
         coordinates = cubemap.face_coordinates(direction)
-        below, above = (
-            cubemap.bordered_taps(coordinates, self._resolutions[k], self._starts[k], self._table)
-            for k in (level, level + 1)
-        )
-        fraction = fraction[:, None]
-        return torch.cat([below[0], above[0]], -1), torch.cat([(1.0 - fraction) * below[1], fraction * above[1]], -1)
+        above, taps = fraction * scale, []
+        for k, part in ((level, scale - above), (level + 1, above)):
+            resolution, start = self._shapes.index_select(1, k)
+            taps.append(cubemap.cell_taps(coordinates, resolution, start, self._table, part))
+        index, weight = zip(*taps, strict=True)
+        return torch.cat(index, dim=-1), torch.cat(weight, dim=-1)
 
     def diffuse_taps(self, normal: Tensor) -> tuple[Tensor, Tensor]:
         """Return index (N, 4) int32 and weight (N, 4) that look up irradiance / pi around normals (N, 3)."""
-        level = self.levels[-1]
+        level = self._cosine
         index, weight = cubemap.bilinear_taps(normal, level.resolution)
         return index + level.offset, weight
 
     def _level(self, roughness: Tensor) -> tuple[Tensor, Tensor]:
         """Return the level below each roughness (int64) and the fraction (differentiable) towards the next."""
         known = self._sharpness.to(roughness.dtype)
-        sharpness = roughness.clamp(MIN_ROUGHNESS, 1.0) ** -2
+        sharpness = roughness.clamp(MIN_ROUGHNESS, MAX_ROUGHNESS) ** -2
         level = (torch.searchsorted(-known, -sharpness.detach(), right=True) - 1).clamp(0, len(known) - 2)
-        return level, (sharpness - known[level]) / (known[level + 1] - known[level])
+        below = known.index_select(0, level)
+        return level, (sharpness - below) / (known.index_select(0, level + 1) - below)
 
     def _check(self, env: Tensor) -> None:
         size = self.resolution

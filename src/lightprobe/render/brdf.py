@@ -24,20 +24,33 @@ from lightprobe.kernels import weighted_gather
 
 DIELECTRIC_F0 = 0.04
 MIN_COS = 1e-3  # views that graze more, or look from behind a shading normal, count as this
-_SIZE = 64  # table nodes per axis; cos_view is spaced by its square root, as A and B turn quickly where views graze
+SIZE = 64  # table nodes per axis; cos_view is spaced by its square root, as A and B turn quickly where views graze
 _SAMPLES = (64, 24)  # strata of the micro-normal's elevation and azimuth
 
 
 def environment_brdf(cos_view: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
     """Return A (N,) and B (N,) of the module's notation, differentiable in both arguments (N,)."""
-    table = _environment_table(cos_view.device, cos_view.dtype)
+    return integrals_at(view_taps(cos_view, roughness))[:2]
+
+
+def view_taps(cos_view: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
+    """Return index (N, 4) and weight (N, 4) that look up tables (64 * 64, C) over (roughness, sqrt(cos_view)).
+
+    Bilinear; the weight is differentiable in both arguments (N,).
+    """
     x, fx = _cell(cos_view.clamp(MIN_COS, 1.0).sqrt())
     y, fy = _cell(roughness)
-    first = y * _SIZE + x
-    index = torch.stack([first, first + 1, first + _SIZE, first + _SIZE + 1], dim=-1)
+    first = y * SIZE + x
+    index = torch.stack([first, first + 1, first + SIZE, first + SIZE + 1], dim=-1)
     gx, gy = 1.0 - fx, 1.0 - fy
-    pair = weighted_gather(table, index, torch.stack([gx * gy, fx * gy, gx * fy, fx * fy], dim=-1))
-    return pair[:, 0], pair[:, 1]
+    return index, torch.stack([gx * gy, fx * gy, gx * fy, fx * fy], dim=-1)
+
+
+def integrals_at(taps: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+    """Return A, B and C, each (N,), of the module's notation at `view_taps`."""
+    index, weight = taps
+    a, b, c = weighted_gather(_table(weight.device, weight.dtype), index, weight).unbind(-1)
+    return a, b, c
 
 
 def diffuse_fresnel(cos_view: Tensor) -> Tensor:
@@ -55,16 +68,17 @@ def base_reflectance(base_color: Tensor, metallic: Tensor) -> Tensor:
 
 def _cell(value: Tensor) -> tuple[Tensor, Tensor]:
     """Return the table node below each value in [0, 1] and the fraction, differentiable, towards the next."""
-    position = value.clamp(0.0, 1.0) * (_SIZE - 1)
-    node = position.detach().long().clamp(0, _SIZE - 2)
+    position = value.clamp(0.0, 1.0) * (SIZE - 1)
+    node = position.detach().long().clamp(0, SIZE - 2)
     return node, position - node
 
 
 @functools.lru_cache(maxsize=8)
-def _environment_table(device: torch.device, dtype: torch.dtype) -> Tensor:
-    """Return (A, B) as (64 * 64, 2): rows run over roughness, columns over cos_view."""
-    rows = [_integrate_row(roughness) for roughness in torch.linspace(0.0, 1.0, _SIZE, dtype=torch.float64)]
-    return torch.cat(rows).to(device, dtype)
+def _table(device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Return (A, B, C) as (64 * 64, 3): rows run over roughness, columns over cos_view."""
+    rows = [_integrate_row(roughness) for roughness in torch.linspace(0.0, 1.0, SIZE, dtype=torch.float64)]
+    diffuse = _diffuse_table(torch.device("cpu"), torch.float64).repeat(SIZE, 1)
+    return torch.cat([torch.cat(rows), diffuse], dim=-1).to(device, dtype)
 
 
 def _integrate_row(roughness: Tensor) -> Tensor:
@@ -75,7 +89,7 @@ def _integrate_row(roughness: Tensor) -> Tensor:
     The azimuth covers half a turn, as the other half is its mirror image.
     """
     alpha = max(float(roughness) ** 2, 1e-4)
-    cos_view = (torch.linspace(0.0, 1.0, _SIZE, dtype=torch.float64) ** 2).clamp(min=MIN_COS)[:, None]
+    cos_view = (torch.linspace(0.0, 1.0, SIZE, dtype=torch.float64) ** 2).clamp(min=MIN_COS)[:, None]
     sin_view = (1.0 - cos_view**2).clamp(min=0.0).sqrt()
     elevation, azimuth = (((torch.arange(n, dtype=torch.float64) + 0.5) / n) for n in _SAMPLES)
     u, phi = (grid.flatten() for grid in torch.meshgrid(elevation, math.pi * azimuth, indexing="ij"))
@@ -109,7 +123,7 @@ def _diffuse_table(device: torch.device, dtype: torch.dtype) -> Tensor:
     u = (torch.arange(n, dtype=torch.float64) + 0.5) / n
     radius2, phi = (grid.flatten() for grid in torch.meshgrid(u, math.pi * u, indexing="ij"))
     light_x, light_z = radius2.sqrt() * phi.cos(), (1.0 - radius2).sqrt()
-    cos_view = (torch.linspace(0.0, 1.0, _SIZE, dtype=torch.float64) ** 2)[:, None]
+    cos_view = (torch.linspace(0.0, 1.0, SIZE, dtype=torch.float64) ** 2)[:, None]
     cos_between = (1.0 - cos_view**2).sqrt() * light_x + cos_view * light_z
     cos_half = torch.sqrt((0.5 * (1.0 + cos_between)).clamp(min=0.0))  # v.h = cos(half the angle between v and l)
     return ((1.0 - cos_half) ** 5).mean(-1, keepdim=True).to(device, dtype)

@@ -1,8 +1,9 @@
 """Split-sum shading: the light's two averages, by lobe and by cosine, times what the surface reflects of them.
 
-    L = c_diff (1 - F0) (1 - C) * irradiance(n) / pi  +  (F0 A + B) * S(reflect(v, n), r)
+    L = c_diff (1 - F0) (1 - C) * irradiance(n) / pi  +  (F0 A + B) * S
 
-with the symbols of `render.brdf` and S the prefiltered radiance of `light.prefilter`. Exact under a constant light.
+with the symbols of `render.brdf` and S the light's average under the specular lobe, for which a mixture of prefiltered
+lobes stands (`render.specular_lobes`). Exact under a constant light.
 
 Where the object blocks its own view, `openness` tells: the diffuse light is the cosine average over what is open, the
 specular one is dimmed by the lobe's open share, and both get one bounce off the blocking surfaces in return.
@@ -17,28 +18,43 @@ from lightprobe.kernels import weighted_gather
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.render import brdf
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.specular_lobes import LOBES, SpecularLobes, dielectric_part, specular_lobes
 
 
 @dataclass(frozen=True)
 class Reflectance:
-    """How P pixels reflect: the factors of the two lobes, and where the specular one points."""
+    """How P pixels reflect. The diffuse factor also carries the cosine's share of the specular lobe; all are >= 0."""
 
-    specular: Tensor  # (P, 3)
+    specular: Tensor  # (P, 3) energy of the whole specular lobe
+    share: Tensor  # (P, 1) of it that the sharp lobes carry
     diffuse: Tensor  # (P, 3)
-    direction: Tensor  # (P, 3) unit
+    mirror: Tensor  # (P, 3) unit
+    lobes: SpecularLobes
 
 
 def reflectance(gbuffer: GBuffer) -> Reflectance:
     """Return the reflectance of every pixel; differentiable in the G-buffer's attributes."""
     normal, view = gbuffer.normal, gbuffer.view
     cosine = (normal * view).sum(-1)
-    reflected = 2.0 * cosine[:, None] * normal - view
+    mirror = 2.0 * cosine[:, None] * normal - view
     cosine = cosine.clamp(brdf.MIN_COS, 1.0)
     f0 = brdf.base_reflectance(gbuffer.base_color, gbuffer.metallic)
-    a, b = brdf.environment_brdf(cosine, gbuffer.roughness)
-    transmitted = (1.0 - gbuffer.metallic) * (1.0 - brdf.diffuse_fresnel(cosine))
-    diffuse = gbuffer.base_color * (1.0 - f0) * transmitted[:, None]
-    return Reflectance(f0 * a[:, None] + b[:, None], diffuse, reflected)
+    taps = brdf.view_taps(cosine, gbuffer.roughness)
+    a, b, c = brdf.integrals_at(taps)
+    reflected = f0 * a[:, None] + b[:, None]
+    transmitted = (1.0 - gbuffer.metallic) * (1.0 - c)
+    lobes = specular_lobes(taps, gbuffer.roughness, dielectric_part(f0.mean(-1), a, b))
+    cosine_share = (1.0 - lobes.share.sum(-1, keepdim=True)).clamp(min=0.0)  # rounding could bring it below
+    diffuse = gbuffer.base_color * (1.0 - f0) * transmitted[:, None] + reflected * cosine_share
+    return Reflectance(reflected, 1.0 - cosine_share, diffuse, mirror, lobes)
+
+
+def specular_taps(r: Reflectance, normal: Tensor, prefilter: Prefilter) -> tuple[Tensor, Tensor]:
+    """Return index (P, 16) int32 and weight (P, 16) of the look-ups of the sharp lobes; weights sum to their share."""
+    direction = [normal + bend[:, None] * (r.mirror - normal) for bend in r.lobes.bend.unbind(-1)]
+    roughness, share = r.lobes.roughness.T.flatten(), r.lobes.share.T.flatten()
+    index, weight = prefilter.specular_taps(torch.cat(direction), roughness, share)
+    return torch.cat(index.chunk(LOBES), dim=-1), torch.cat(weight.chunk(LOBES), dim=-1)
 
 
 def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
@@ -47,7 +63,7 @@ def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
     Differentiable in the G-buffer's normal, view, base colour, roughness and metallic and in the levels.
     """
     r = reflectance(gbuffer)
-    specular = weighted_gather(levels, *prefilter.specular_taps(r.direction, gbuffer.roughness))
+    specular = weighted_gather(levels, *specular_taps(r, gbuffer.normal, prefilter))
     if gbuffer.openness is None:
         diffuse = weighted_gather(levels, *prefilter.diffuse_taps(gbuffer.normal))
         return r.specular * specular + r.diffuse * diffuse
@@ -67,9 +83,9 @@ def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, T
     if gbuffer.openness is None:
         raise ValueError("The G-buffer has no openness.")
     matte = gbuffer.roughness.detach().square()
-    axis = gbuffer.openness.towards(r.direction)
+    axis = gbuffer.openness.towards(r.mirror)
     lobe = (axis + matte * (opened.detach() - axis))[:, None]
-    blocked = r.diffuse * (1.0 - opened[:, None]) + r.specular * (1.0 - lobe)
+    blocked = r.diffuse * (1.0 - opened[:, None]) + r.specular * r.share * (1.0 - lobe)
     return lobe, gbuffer.base_color * blocked
 
 
@@ -78,7 +94,7 @@ def furnace(gbuffer: GBuffer) -> Tensor:
     """Return the radiance (P, 3) under a constant environment of radiance 1."""
     r = reflectance(gbuffer)
     if gbuffer.openness is None:
-        return r.specular + r.diffuse
+        return r.specular * r.share + r.diffuse
     opened = gbuffer.openness.share(gbuffer.normal)
     lobe, bounce = occlude(gbuffer, r, opened)
-    return r.specular * lobe + r.diffuse * opened[:, None] + bounce
+    return r.specular * r.share * lobe + r.diffuse * opened[:, None] + bounce

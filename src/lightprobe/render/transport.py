@@ -18,7 +18,7 @@ from lightprobe.light.prefilter import Prefilter
 from lightprobe.light.sparse import SparseOperator
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.openness import OpenLight
-from lightprobe.render.split_sum import occlude, reflectance
+from lightprobe.render.split_sum import occlude, reflectance, specular_taps
 
 _TINY = 1e-30
 
@@ -33,7 +33,7 @@ class Transport:
             gbuffer = gbuffer.select(rows)
         self.prefilter = prefilter
         r = reflectance(gbuffer)
-        taps = [prefilter.specular_taps(r.direction, gbuffer.roughness)]
+        taps = [specular_taps(r, gbuffer.normal, prefilter)]
         factors = [r.specular, r.diffuse]
         self._open = None
         if gbuffer.openness is None:
