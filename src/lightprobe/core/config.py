@@ -47,7 +47,7 @@ class DecomposeConfig:
     """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""
     pass2_side: int = 400
     """The same for the second pass."""
-    lattice_cells: int = 64
+    lattice_cells: int = 96
     """Cells along each edge of the tetrahedral lattice."""
     hull_voxels: int = 128
     """Voxels along each edge of the visual hull the surface starts from."""
@@ -79,6 +79,8 @@ class DecomposeConfig:
     """Adam step of lattice distances, offsets and vertices, in units of the object's radius per unit gradient sign."""
     learning_rate_material: float = 0.005
     """Adam step of the material."""
+    learning_rate_finish: float = 0.001
+    """Adam step of roughness, metallic and normal map in the second pass, which only refines them."""
     learning_rate_light: float = 0.005
     """Adam step of the lights (gradient update only)."""
     sdf_regularisation: float = 0.2
@@ -103,7 +105,7 @@ class DecomposeConfig:
     """Weight of the change of the Laplacian against the start mesh in the second pass."""
     coverage_weight: float = 4.0
     """Weight of the squared coverage error beside the colour loss."""
-    max_faces: int = 24000
+    max_faces: int = 40000
     """The mesh is decimated to at most this many triangles before unwrapping."""
     texture_size: int = 512
     """Edge of the square textures in texels."""
@@ -149,13 +151,13 @@ def quick() -> DecomposeConfig:
 
 def demo() -> DecomposeConfig:
     """The bundled scene, whose photos are small, within a few minutes on two CPU cores."""
-    return replace(quick(), pass1_iterations=1000, pass2_iterations=500, max_faces=16000)
+    return replace(quick(), pass1_iterations=1000, pass2_iterations=500, lattice_cells=64, max_faces=16000)
 
 
 def standard() -> DecomposeConfig:
     """One GPU, about the quality of `paper` in a fraction of its steps."""
     return replace(
-        quick(), pass1_iterations=5000, pass2_iterations=5000, pass1_side=512, pass2_side=800, lattice_cells=96,
+        quick(), pass1_iterations=5000, pass2_iterations=5000, pass1_side=512, pass2_side=800, lattice_cells=128,
         hull_voxels=192, hash_levels=12, hash_log2_size=18, hash_finest=1024, light_resolution=32,
         teacher_resolution=128, light_solve_pixels=16384, max_faces=100_000, texture_size=1024, unwrap_seconds=300.0,
     )  # fmt: skip

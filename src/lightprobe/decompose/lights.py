@@ -13,6 +13,7 @@ from lightprobe.decompose.losses import tone_weight
 from lightprobe.decompose.photos import CLIPPED, Target
 from lightprobe.light import prefilter as prefilters
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
 
 
@@ -26,12 +27,13 @@ def solve_target_light(
     operator = prefilters.cached(start.shape[1], start.device)
     observed = target.color[gbuffer.pixel[rows]]
     prior = start.mean((0, 1, 2)).expand_as(start)
-    weight = tone_weight(observed.mean(1))
+    weight, clipped = tone_weight(observed.mean(1)), observed >= CLIPPED
     transport = Transport(gbuffer, operator, rows)
-    return solve_light(
-        transport, observed, weight, observed >= CLIPPED, prior,
+    light = solve_light(
+        transport, observed, weight, clipped, prior,
         regularisation=regularisation, iterations=iterations, start=start,
     )  # fmt: skip
+    return refit_contrast(transport, light, observed, clipped)
 
 
 class Lights:

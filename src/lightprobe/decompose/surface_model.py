@@ -27,7 +27,9 @@ class SurfaceModel(nn.Module):
         ends = asset.mesh.vertices[self.edges.vertices]
         self.unit = float((ends[:, 0] - ends[:, 1]).norm(dim=1).mean())
         self.displacement = nn.Parameter(torch.zeros_like(asset.mesh.vertices))
-        self.texels = nn.Parameter(asset.textures.flat().clone())
+        channels = asset.textures.flat()
+        self.color = nn.Parameter(channels[:, :3].clone())
+        self.finish = nn.Parameter(channels[:, 3:].clone())  # roughness, metallic, normal
         self.tangents = uv_tangents(asset.mesh)
         self.openness = asset.openness
         count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
@@ -39,8 +41,13 @@ class SurfaceModel(nn.Module):
         """Return the optimiser's parameter groups."""
         return [
             {"params": [self.displacement], "lr": self.config.learning_rate_geometry},
-            {"params": [self.texels], "lr": self.config.learning_rate_material},
+            {"params": [self.color], "lr": self.config.learning_rate_material},
+            {"params": [self.finish], "lr": self.config.learning_rate_finish},
         ]
+
+    def texels(self) -> Tensor:
+        """Return all channels (S * S, 8)."""
+        return torch.cat([self.color, self.finish], 1)
 
     def mesh(self) -> Mesh:
         """Return the present mesh."""
@@ -52,8 +59,9 @@ class SurfaceModel(nn.Module):
         mesh = self.mesh()
         screen = view.project(mesh.vertices)
         surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
-        gbuffer = textured_gbuffer(surface, view, mesh, self.texels, self.tangents, self.openness)
-        loss = self.config.laplacian * self._laplacian_change() + self._texture_loss()
+        texels = self.texels()
+        gbuffer = textured_gbuffer(surface, view, mesh, texels, self.tangents, self.openness)
+        loss = self.config.laplacian * self._laplacian_change() + self._texture_loss(texels)
         return Seen(gbuffer, screen, mesh.faces, self.edges, loss)
 
     def _laplacian_change(self) -> Tensor:
@@ -64,13 +72,16 @@ class SurfaceModel(nn.Module):
         laplacian = scatter_rows(pull, ends, len(self.displacement)) / self.degree.clamp(min=1)
         return laplacian.square().sum(1).mean()
 
-    def _texture_loss(self) -> Tensor:
-        """Return the weighted mean difference of neighbouring texels plus the priors of metallic and roughness."""
-        size = round(self.texels.shape[0] ** 0.5)
-        maps = self.texels.view(size, size, -1)
-        across = (maps[:, 1:, :5] - maps[:, :-1, :5]).abs().mean()
-        down = (maps[1:, :, :5] - maps[:-1, :, :5]).abs().mean()
-        return self.config.smoothness_texture * (across + down) + material_prior(self.texels, self.config)
+    def _texture_loss(self, texels: Tensor) -> Tensor:
+        """Return the weighted mean difference of neighbouring texels plus the priors of the material."""
+        size = round(len(texels) ** 0.5)
+        maps = texels.view(size, size, -1)
+        difference = (maps[:, 1:] - maps[:, :-1]).abs().mean() + (maps[1:] - maps[:-1]).abs().mean()
+        return (
+            self.config.smoothness_texture * difference
+            + self.config.normal_prior * texels[:, 5:7].square().mean()
+            + material_prior(texels, self.config)
+        )
 
     @torch.no_grad()
     def renew(self) -> None:
@@ -81,16 +92,16 @@ class SurfaceModel(nn.Module):
     @torch.no_grad()
     def project(self) -> None:
         """Bring texels back into their valid ranges after a step."""
-        self.texels[:, :3].clamp_(0, 1)
-        self.texels[:, 3].clamp_(MIN_ROUGHNESS, 1)
-        self.texels[:, 4].clamp_(0, 1)
-        self.texels[:, 5:7].clamp_(-0.7, 0.7)
-        self.texels[:, 7].clamp_(0.3, 1)
+        self.color.clamp_(0, 1)
+        self.finish[:, 0].clamp_(MIN_ROUGHNESS, 1)
+        self.finish[:, 1].clamp_(0, 1)
+        self.finish[:, 2:4].clamp_(-0.7, 0.7)
+        self.finish[:, 4].clamp_(0.3, 1)
 
     @torch.no_grad()
     def asset(self) -> Asset:
         """Return the present state as an asset, normals of unit length."""
-        flat = self.texels.clone()
+        flat = self.texels()
         flat[:, 5:] = torch.nn.functional.normalize(flat[:, 5:], dim=1)
         self.renew()
         return Asset(self.mesh(), Textures.from_flat(flat), self.openness)

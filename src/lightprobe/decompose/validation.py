@@ -16,6 +16,8 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import visible_surface
 
+_ROUNDS = 3  # solves from scratch, each pulled towards the mean of the one before
+
 
 @torch.no_grad()
 def explain(
@@ -30,16 +32,16 @@ def explain(
     inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
     draw = torch.randperm(len(inside), generator=generator(seed, f"explain/{target.name}"))
     rows = inside[draw[: 2 * config.light_solve_pixels].to(inside.device)]
-    iterations = config.light_solve_iterations * (3 if start is None else 1)
-    if start is None:
-        start = torch.full((6, resolution, resolution, 3), 0.5, device=gbuffer.normal.device)
-    start = magnify_light(start, resolution)
+    rounds = _ROUNDS if start is None else 1
+    grey = torch.full((6, resolution, resolution, 3), 0.5, device=gbuffer.normal.device)
+    light = grey if start is None else magnify_light(start, resolution)
     if len(rows) == 0:
-        return gbuffer, start
-    light = solve_target_light(
-        target, gbuffer, start, rows, regularisation=config.light_regularisation,
-        iterations=iterations,
-    )  # fmt: skip
+        return gbuffer, light
+    for _ in range(rounds):
+        light = solve_target_light(
+            target, gbuffer, light, rows, regularisation=config.light_regularisation,
+            iterations=config.light_solve_iterations,
+        )  # fmt: skip
     return gbuffer, light
 
 

@@ -17,6 +17,7 @@ from lightprobe.core.device import generator
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
+from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
 
 STRENGTHS = (1.0, 0.3, 0.1, 0.03, 0.01)  # lambda, from trusting the prior to trusting the photo
@@ -85,7 +86,8 @@ def solve_environment(observation: Observation, prior: Tensor, config: SolveConf
     start = (prior + magnify_light(coarse - coarse_prior, resolution)).clamp(min=0)
     chosen = _subset(torch.arange(len(observation.rows)), config.pixels, seed, "all")
     evidence = Evidence.of(observation, chosen.to(prior.device), resolution)
-    return evidence.solve(prior, strength, config.iterations, start)
+    light = evidence.solve(prior, strength, config.iterations, start)
+    return refit_contrast(evidence.transport, light, evidence.observed, evidence.clipped)
 
 
 def choose_strength(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> tuple[float, Tensor]:
