@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lightprobe.imaging.jit import compiled
+from lightprobe.core.jit import compiled
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type -> samples per pixel
@@ -117,7 +117,7 @@ def _fill(part: np.ndarray, raw: np.ndarray) -> np.ndarray:
     return raw[rows.size :]
 
 
-@compiled
+@compiled()
 def _unfilter(rows: np.ndarray, step: int) -> np.ndarray:
     """Undo the PNG row filters; `rows` (h, 1 + stride) start with their filter type, `step` is the bytes per pixel."""
     height, stride = rows.shape[0], rows.shape[1] - 1
@@ -141,7 +141,7 @@ def _unfilter(rows: np.ndarray, step: int) -> np.ndarray:
     return out
 
 
-@compiled
+@compiled()
 def _paeth(left: int, up: int, corner: int) -> int:
     """Return the neighbour closest to left + up - corner; ties prefer left, then up."""
     estimate = left + up - corner

@@ -11,7 +11,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
-from lightprobe.imaging.jit import compiled
+from lightprobe.core.jit import compiled
 from lightprobe.imaging.limits import check_pixels
 
 _BIAS = 136  # 128 of the exponent, 8 of the mantissa's bits
@@ -73,7 +73,7 @@ def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
     return int(found[2]), int(found[1]), exposure, found.end()
 
 
-@compiled
+@compiled()
 def _decode(data: np.ndarray, position: int, pixels: np.ndarray) -> bool:
     """Decode `data` from `position` into `pixels` (H, W, 4); return False when the data are damaged or too short."""
     height, width = pixels.shape[:2]
@@ -88,7 +88,7 @@ def _decode(data: np.ndarray, position: int, pixels: np.ndarray) -> bool:
     return True
 
 
-@compiled
+@compiled()
 def _decode_planes(data: np.ndarray, position: int, row: np.ndarray) -> int:
     """Decode one row stored as four run-length coded planes; return the next position or -1."""
     width = row.shape[0]
@@ -109,7 +109,7 @@ def _decode_planes(data: np.ndarray, position: int, row: np.ndarray) -> int:
     return position
 
 
-@compiled
+@compiled()
 def _decode_pixels(data: np.ndarray, position: int, row: np.ndarray) -> int:
     """Decode one row stored pixel by pixel, (1, 1, 1, n) repeating the last one; return the next position or -1."""
     x, shift = 0, 0
@@ -132,7 +132,7 @@ def _decode_pixels(data: np.ndarray, position: int, row: np.ndarray) -> int:
     return position
 
 
-@compiled
+@compiled()
 def _encode(pixels: np.ndarray) -> np.ndarray:
     """Return the bytes of `pixels` (H, W, 4) uint8 as run-length coded rows, or plain where the format has no runs."""
     height, width = pixels.shape[:2]
@@ -148,7 +148,7 @@ def _encode(pixels: np.ndarray) -> np.ndarray:
     return out[:size]
 
 
-@compiled
+@compiled()
 def _encode_plane(plane: np.ndarray, out: np.ndarray, size: int) -> int:
     """Append one plane (W,) to `out` at `size`, runs of four and more as runs; return the new size."""
     start, width = 0, plane.size

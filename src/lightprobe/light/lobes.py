@@ -28,7 +28,7 @@ import scipy.linalg
 import scipy.sparse
 import torch
 
-from lightprobe.kernels.numba.jit import compiled, threads
+from lightprobe.core.jit import compiled, threads
 from lightprobe.light import cubemap
 
 ROOT = 2  # squares along a face edge at the top of the pyramid

@@ -13,7 +13,7 @@ import scipy.sparse
 import torch
 from torch import Tensor
 
-from lightprobe.kernels.numba.jit import compiled, threads
+from lightprobe.core.jit import compiled, threads
 
 
 @compiled(parallel=True)

@@ -114,9 +114,7 @@ def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuff
 
 def asset_gbuffer(asset: Asset, surface: Surface, view: View) -> GBuffer:
     """Return the G-buffer of the asset's visible surface."""
-    return textured_gbuffer(
-        surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.openness
-    )
+    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.openness)
 
 
 def composite(gbuffer: GBuffer, radiance: Tensor, vertices: Tensor, faces: Tensor, edges: EdgeFaces, view: View

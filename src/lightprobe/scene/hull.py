@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
-from lightprobe.kernels.numba.jit import compiled, threads
+from lightprobe.core.jit import compiled, threads
 from lightprobe.scene.camera import Camera
 
 

@@ -9,7 +9,7 @@ import torch
 from numba import prange
 from torch import Tensor
 
-from lightprobe.kernels.numba.jit import arrays, compiled, threads
+from lightprobe.core.jit import arrays, compiled, threads
 
 PRIME_Y = np.uint32(2654435761)
 PRIME_Z = np.uint32(805459861)

@@ -9,7 +9,7 @@ import torch
 from numba import prange
 from torch import Tensor
 
-from lightprobe.kernels.numba.jit import arrays, compiled, threads
+from lightprobe.core.jit import arrays, compiled, threads
 
 BLOCK = 256  # pixels that one thread takes at a time; partial light gradients are summed block by block
 TINY = np.float32(1e-12)

@@ -9,7 +9,7 @@ import torch
 from numba import prange
 from torch import Tensor
 
-from lightprobe.kernels.numba.jit import arrays, compiled, threads
+from lightprobe.core.jit import arrays, compiled, threads
 
 BAND = 16  # rows
 

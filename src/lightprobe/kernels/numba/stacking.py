@@ -15,7 +15,7 @@ import torch
 from numba import prange
 from torch import Tensor
 
-from lightprobe.kernels.numba.jit import arrays, compiled, threads
+from lightprobe.core.jit import arrays, compiled, threads
 
 TILE = 256  # texels
 CHUNK = 512  # pixels

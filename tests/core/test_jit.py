@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import torch
 
-from lightprobe.kernels.numba import jit
+from lightprobe.core import jit
 
 
 def test_without_a_cache_folder_the_loop_still_compiles(monkeypatch):
