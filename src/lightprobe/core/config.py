@@ -79,7 +79,7 @@ class DecomposeConfig:
     """Adam step of lattice distances, offsets and vertices, in units of the object's radius per unit gradient sign."""
     learning_rate_material: float = 0.005
     """Adam step of the material."""
-    learning_rate_finish: float = 0.001
+    learning_rate_finish: float = 0.002
     """Adam step of roughness, metallic and normal map in the second pass, which only refines them."""
     learning_rate_light: float = 0.005
     """Adam step of the lights (gradient update only)."""
@@ -97,8 +97,8 @@ class DecomposeConfig:
     """Weight of the squared log of the mean base colour over a usual one: fixes what light and albedo share."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
-    normal_prior: float = 0.5
-    """Weight of the squared normal offset of the material field."""
+    normal_prior: float = 0.1
+    """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
     light_grey: float = 0.005
     """Weight of the deviation of a light from grey (gradient update only)."""
     laplacian: float = 0.5

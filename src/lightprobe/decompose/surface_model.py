@@ -79,7 +79,7 @@ class SurfaceModel(nn.Module):
         difference = (maps[:, 1:] - maps[:, :-1]).abs().mean() + (maps[1:] - maps[:-1]).abs().mean()
         return (
             self.config.smoothness_texture * difference
-            + self.config.normal_prior * texels[:, 5:7].square().mean()
+            + 0.2 * self.config.normal_prior * texels[:, 5:7].square().mean()
             + material_prior(texels, self.config)
         )
 
