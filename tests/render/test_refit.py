@@ -29,13 +29,13 @@ def test_brightness_and_contrast_come_back(exposure):
 
 def test_stray_and_clipped_pixels_do_not_count():
     transport, light, observed = case()
-    white = torch.quantile(observed, 0.9)
+    white = torch.quantile(observed, 0.6)
     shown = observed.clamp(max=float(white))
     shown[::10] = 0.0  # shadows that the model does not know
     found = refit_contrast(transport, dimmed(light, 0.9, 0.9), shown, shown >= white)
-    assert float((transport.apply(found) - observed).abs().mean() / observed.mean()) < 0.05
+    assert float((transport.apply(found) - observed).abs().mean() / observed.mean()) < 0.02
     taken_as_true = refit_contrast(transport, dimmed(light, 0.9, 0.9), shown, torch.zeros_like(shown, dtype=torch.bool))
-    assert float((transport.apply(taken_as_true) - observed).abs().mean() / observed.mean()) > 0.05
+    assert float((transport.apply(taken_as_true) - observed).abs().mean() / observed.mean()) > 0.1
 
 
 def test_a_constant_light_keeps_its_colour():

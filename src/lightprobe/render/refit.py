@@ -32,10 +32,10 @@ def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clippe
     a, b = torch.ones(2, 3, device=light.device)
     for _ in range(_ROUNDS):
         render = (a * mean + b * varying).clamp(min=0)
-        wanted = torch.where(clipped & (render > target), render, target)
         slope = (render + 0.02) ** -0.55  # of the tone curve, as in the image loss of Phase I
-        weight = slope.square() / (slope * (render - wanted).abs() + _FLOOR)
-        a, b = _least_squares(mean, varying, wanted, weight)
+        weight = slope.square() / (slope * (render - target).abs() + _FLOOR)
+        weight = torch.where(clipped & (render > target), 0.0, weight)
+        a, b = _least_squares(mean, varying, target, weight)
     return (a * flat + b * (light - flat)).clamp(min=0)
 
 
