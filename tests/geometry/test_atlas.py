@@ -1,8 +1,18 @@
 import numpy as np
 import torch
+import trimesh
 
 from lightprobe.geometry import atlas
-from lightprobe.geometry.mesh import clean, decimate, edge_faces, uv_tangents, vertex_normals
+from lightprobe.geometry.mesh import (
+    Mesh,
+    clean,
+    crease_normals,
+    decimate,
+    edge_faces,
+    face_normals,
+    uv_tangents,
+    vertex_normals,
+)
 from tests.shapes import sphere
 
 
@@ -70,3 +80,15 @@ def test_clean_drops_crumbs_and_decimate_keeps_the_shape():
 def test_vertex_normals_of_a_sphere_point_outwards():
     vertices, faces = (torch.from_numpy(a) for a in sphere(3))
     assert (vertex_normals(vertices, faces) * vertices).sum(1).min() > 0.999
+
+
+def test_creases_split_the_normals_of_a_box_but_not_of_a_sphere():
+    box = trimesh.creation.box().subdivide().subdivide()
+    vertices, faces = torch.tensor(box.vertices, dtype=torch.float32), torch.tensor(box.faces, dtype=torch.int32)
+    index = crease_normals(vertices, faces, 40.0)
+    mesh = Mesh(vertices, faces, torch.zeros(1, 2), torch.zeros_like(faces), index)
+    flat = torch.nn.functional.normalize(face_normals(vertices, faces), dim=1)
+    assert torch.allclose(mesh.normals()[index.long()], flat[:, None].expand(-1, 3, -1), atol=1e-5)
+    assert torch.equal(crease_normals(vertices, faces, 180.0).max(), torch.tensor(len(vertices) - 1, dtype=torch.int32))
+    round_vertices, round_faces = (torch.from_numpy(part) for part in sphere(3))
+    assert int(crease_normals(round_vertices, round_faces, 40.0).max()) + 1 == len(round_vertices)

@@ -107,6 +107,8 @@ class DecomposeConfig:
     """Weight of the squared coverage error beside the colour loss."""
     max_faces: int = 40000
     """The mesh is decimated to at most this many triangles before unwrapping."""
+    crease_degrees: float = 40.0
+    """Faces that meet at more than this angle do not share a normal in the second pass; 180 keeps all edges smooth."""
     texture_size: int = 512
     """Edge of the square textures in texels."""
     unwrap_seconds: float = 60.0

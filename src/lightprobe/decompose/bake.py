@@ -1,5 +1,7 @@
 """From lattice and field to a textured mesh: cleaning, decimation, unwrapping and baking."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -7,7 +9,7 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.decompose.lattice_model import LatticeModel
 from lightprobe.geometry.atlas import unwrap
-from lightprobe.geometry.mesh import Mesh, clean, decimate, uv_tangents, vertex_normals
+from lightprobe.geometry.mesh import Mesh, clean, crease_normals, decimate, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, uv_handedness
@@ -21,6 +23,7 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> 
         raise ConvergenceError("The reconstructed surface is only crumbs; check masks and cameras with `inspect`.")
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
     mesh = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds).to(device)
+    mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
     openness = openness_table(mesh.vertices, mesh.faces) if config.shadows else None
     return Asset(mesh, bake_textures(model, mesh, config.texture_size), openness)
 
@@ -32,7 +35,7 @@ def bake_textures(model: LatticeModel, mesh: Mesh, size: int) -> Textures:
     corners = mesh.faces[face].long()
     position = (mesh.vertices[corners] * barycentric[..., None]).sum(1)
     channels = torch.cat([model.field(chunk) for chunk in position.split(65536)])
-    normals = (vertex_normals(mesh.vertices, mesh.faces)[corners] * barycentric[..., None]).sum(1)
+    normals = (mesh.normals()[mesh.normal_index[face].long()] * barycentric[..., None]).sum(1)
     tangents = (uv_tangents(mesh)[mesh.uv_faces[face].long()] * barycentric[..., None]).sum(1)
     channels[:, 5:] = _to_tangent_space(channels[:, 5:], normals, tangents, uv_handedness(mesh)[face])
     flat = torch.zeros(size * size, channels.shape[1], device=channels.device)

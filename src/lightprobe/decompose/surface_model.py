@@ -1,5 +1,7 @@
 """The second pass's unknowns: vertex positions of a fixed mesh, and its textures."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor, nn
 
@@ -52,7 +54,7 @@ class SurfaceModel(nn.Module):
     def mesh(self) -> Mesh:
         """Return the present mesh."""
         vertices = self.start.vertices + self.unit * self.displacement
-        return Mesh(vertices, self.start.faces, self.start.uvs, self.start.uv_faces)
+        return replace(self.start, vertices=vertices)
 
     def see(self, view: View, step: int, progress: float) -> Seen:
         """Return what the camera sees."""

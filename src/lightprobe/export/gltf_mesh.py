@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from lightprobe.geometry.mesh import Mesh, uv_tangents, vertex_normals
+from lightprobe.geometry.mesh import Mesh, uv_tangents
 from lightprobe.render.asset import uv_handedness
 from lightprobe.scene.camera import Similarity
 
@@ -32,16 +32,16 @@ def to_y_up(vectors: np.ndarray) -> np.ndarray:
 def gltf_mesh(mesh: Mesh, similarity: Similarity) -> GltfMesh:
     """Return the mesh with positions, texture coordinates and tangents under one index.
 
-    Corners that share position, texture vertex and UV orientation share a vertex; nothing else does.
+    Corners that share position, texture vertex, normal and UV orientation share a vertex; nothing else does.
     """
     mesh = mesh.to(torch.device("cpu"))
-    normals = vertex_normals(mesh.vertices, mesh.faces).detach().numpy().astype(np.float64)
+    normals = mesh.normals().detach().numpy().astype(np.float64)
     tangents = uv_tangents(mesh).numpy().astype(np.float64)
     hand = np.repeat(uv_handedness(mesh).numpy()[:, None], 3, axis=1)
     faces, uv_faces = mesh.faces.numpy(), mesh.uv_faces.numpy()
-    corners = np.stack([faces.ravel(), uv_faces.ravel(), hand.ravel().astype(faces.dtype)], axis=1)
-    (vertex, uv, w), index = _unique_rows(corners)
-    normal = _unit(normals[vertex], np.array([0.0, 0.0, 1.0]))
+    shared = [faces.ravel(), uv_faces.ravel(), mesh.normal_index.numpy().ravel(), hand.ravel().astype(faces.dtype)]
+    (vertex, uv, bent, w), index = _unique_rows(np.stack(shared, axis=1))
+    normal = _unit(normals[bent], np.array([0.0, 0.0, 1.0]))
     tangent = _orthogonal_unit(tangents[uv], normal)
     return GltfMesh(
         to_y_up(similarity.invert(mesh.vertices.detach().numpy()[vertex])).astype(np.float32),

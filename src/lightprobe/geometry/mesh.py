@@ -4,6 +4,7 @@ Notation: V positions, F faces, U texture vertices. Positions and texture coordi
 vertex on a UV seam keeps one position and one smooth normal.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,10 +22,21 @@ class Mesh:
     faces: Tensor  # (F, 3) int32
     uvs: Tensor  # (U, 2) float32 in [0, 1], v downwards in the image (row = v * height)
     uv_faces: Tensor  # (F, 3) int32 into uvs
+    normal_faces: Tensor | None = None  # (F, 3) int32 into `normals()`, split at creases; None: smooth everywhere
 
     def to(self, device: torch.device) -> "Mesh":
         """Return the mesh on another device."""
-        return Mesh(*(t.to(device) for t in (self.vertices, self.faces, self.uvs, self.uv_faces)))
+        return Mesh(**{name: None if t is None else t.to(device) for name, t in vars(self).items()})
+
+    @property
+    def normal_index(self) -> Tensor:
+        """The normal of each corner of each face, (F, 3) integer into `normals()`."""
+        return self.faces if self.normal_faces is None else self.normal_faces
+
+    def normals(self) -> Tensor:
+        """Return the area-weighted unit normals (N, 3), differentiable in the positions."""
+        count = len(self.vertices) if self.normal_faces is None else int(self.normal_faces.max()) + 1
+        return _average_normals(face_normals(self.vertices, self.faces), self.normal_index, count)
 
 
 def face_normals(vertices: Tensor, faces: Tensor) -> Tensor:
@@ -35,8 +47,11 @@ def face_normals(vertices: Tensor, faces: Tensor) -> Tensor:
 
 def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
     """Return area-weighted unit vertex normals (V, 3), differentiable in the positions."""
-    normals = face_normals(vertices, faces)
-    summed = scatter_rows(normals.repeat_interleave(3, 0), faces.reshape(-1), vertices.shape[0])
+    return _average_normals(face_normals(vertices, faces), faces, len(vertices))
+
+
+def _average_normals(normals: Tensor, index: Tensor, count: int) -> Tensor:
+    summed = scatter_rows(normals.repeat_interleave(3, 0), index.reshape(-1), count)
     return torch.nn.functional.normalize(summed, dim=1, eps=1e-20)
 
 
@@ -77,6 +92,32 @@ def edge_faces(faces: Tensor) -> EdgeFaces:
     first = starts.nonzero()[:, 0]
     last = torch.cat([first[1:], first.new_tensor([len(key)])]) - 1
     return EdgeFaces(torch.stack([key[first] // size, key[first] % size], 1), torch.stack([face[first], face[last]], 1))
+
+
+def crease_normals(vertices: Tensor, faces: Tensor, degrees: float) -> Tensor:
+    """Return `normal_faces` (F, 3) int32 that keep faces apart where they meet at more than `degrees`.
+
+    Corners share a normal when a fan of faces that turn by less leads from one to the other around their vertex.
+    """
+    import scipy.sparse as sp
+
+    edges = edge_faces(faces)
+    unit = torch.nn.functional.normalize(face_normals(vertices, faces), dim=1, eps=1e-20)
+    first, second = edges.faces.unbind(1)
+    smooth = (unit[first] * unit[second]).sum(1) > math.cos(math.radians(degrees))
+    links = [
+        torch.stack([_corner(faces, face[smooth], edges.vertices[smooth, end]) for face in (first, second)])
+        for end in (0, 1)
+    ]
+    a, b = torch.cat(links, 1).cpu().numpy()
+    graph = sp.coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(faces.numel(), faces.numel()))
+    label = sp.csgraph.connected_components(graph, directed=False)[1]
+    return torch.from_numpy(label.astype(np.int32)).reshape(-1, 3).to(faces.device)
+
+
+def _corner(faces: Tensor, face: Tensor, vertex: Tensor) -> Tensor:
+    """Return the flat index (E,) of the corner of `face` (E,) that lies at `vertex` (E,)."""
+    return 3 * face + (faces[face].long() == vertex[:, None]).int().argmax(1)
 
 
 def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:

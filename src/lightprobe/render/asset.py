@@ -8,7 +8,7 @@ from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.errors import InputError
-from lightprobe.geometry.mesh import EdgeFaces, Mesh, edge_faces, uv_tangents, vertex_normals
+from lightprobe.geometry.mesh import EdgeFaces, Mesh, edge_faces, uv_tangents
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
@@ -36,14 +36,15 @@ class Asset:
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all tensors by name."""
-        openness = {} if self.openness is None else {"openness": self.openness}
-        return {**vars(self.mesh), **vars(self.textures), **openness}
+        parts = {**vars(self.mesh), **vars(self.textures), "openness": self.openness}
+        return {name: value for name, value in parts.items() if value is not None}
 
     @staticmethod
     def from_tensors(tensors: dict[str, Tensor]) -> "Asset":
         """Return the asset of `tensors`."""
         v = [tensors[name] for name in _FIELDS]
-        return Asset(Mesh(*v[:4]), Textures(*v[4:]), tensors.get("openness"))
+        mesh = Mesh(*v[:4], normal_faces=tensors.get("normal_faces"))
+        return Asset(mesh, Textures(*v[4:]), tensors.get("openness"))
 
     def save(self, path: Path) -> None:
         """Write the asset as one safetensors file."""
@@ -62,10 +63,10 @@ class Asset:
 def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor) -> Tensor:
     """Return unit shading normals (P, 3): tangent-space `mapped` (P, 3) in the frame of `normals` and `tangents`.
 
-    `normals` (V, 3) per position, `tangents` (U, 3) per texture vertex. The bitangent is n x t times the sign of the
-    UV orientation, with v pointing down as in glTF.
+    `normals` (N, 3) as `Mesh.normals`, `tangents` (U, 3) per texture vertex. The bitangent is n x t times the sign of
+    the UV orientation, with v pointing down as in glTF.
     """
-    n = torch.nn.functional.normalize(surface.interpolate(normals, mesh.faces), dim=1, eps=1e-12)
+    n = torch.nn.functional.normalize(surface.interpolate(normals, mesh.normal_index), dim=1, eps=1e-12)
     t = surface.interpolate(tangents, mesh.uv_faces)
     t = torch.nn.functional.normalize(t - (t * n).sum(1, keepdim=True) * n, dim=1, eps=1e-12)
     b = torch.linalg.cross(n, t) * uv_handedness(mesh)[surface.face][:, None]
@@ -99,8 +100,7 @@ def textured_gbuffer(
     table: the openness of the mesh's vertices, (V, 384) uint8.
     """
     material = sample(flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
-    normals = vertex_normals(mesh.vertices, mesh.faces)
-    shading = shading_normals(surface, mesh, normals, tangents, material[:, 5:])
+    shading = shading_normals(surface, mesh, mesh.normals(), tangents, material[:, 5:])
     openness = None if table is None else blend(table, mesh.faces, surface.face, surface.barycentric)
     return gbuffer_of(surface, view, shading, material, openness)
 
