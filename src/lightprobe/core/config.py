@@ -93,7 +93,7 @@ class DecomposeConfig:
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
-    brightness_prior: float = 0.002
+    brightness_prior: float = 0.02
     """Weight of the squared log of the mean base colour over a usual one: fixes what light and albedo share."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""

@@ -12,7 +12,7 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.photos import CLIPPED
 from lightprobe.imaging import srgb_encode
 
-USUAL_BASE = 0.18  # linear base colour, geometric mean of the channels: a grey card
+USUAL_BASE = 0.2  # linear base colour of common things, geometric mean of the channels
 USUAL_ROUGHNESS = 0.4
 
 
