@@ -93,8 +93,8 @@ class DecomposeConfig:
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
-    brightness_prior: float = 0.02
-    """Weight of the squared log of the mean base colour over a usual one: fixes what light and albedo share."""
+    brightness_anchor: float = 0.1
+    """Weight of the squared log of the mean base colour over its present one, which is chosen at every checkpoint."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 0.1
@@ -115,8 +115,8 @@ class DecomposeConfig:
     """Time limit of the UV unwrapper, after which a simple atlas is used."""
     validation_photos: int = 5
     """Training photos held out to decide whether the second pass is kept."""
-    checkpoint_every: int = 250
-    """Steps between checkpoints."""
+    checkpoint_every: int = 150
+    """Steps between checkpoints, and between renewals of the object's shadows and its brightness."""
 
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
@@ -170,5 +170,5 @@ def paper() -> DecomposeConfig:
     return replace(
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass1_side=512, pass2_side=512,
         sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000, shadows=False,
-        metallic_prior=0.0, roughness_prior=0.0, brightness_prior=0.0, color_gauge=0.0,
+        metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
     )  # fmt: skip

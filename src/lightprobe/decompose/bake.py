@@ -34,7 +34,7 @@ def bake_textures(model: LatticeModel, mesh: Mesh, size: int) -> Textures:
     face, barycentric, texel = texel_points(mesh, size)
     corners = mesh.faces[face].long()
     position = (mesh.vertices[corners] * barycentric[..., None]).sum(1)
-    channels = torch.cat([model.field(chunk) for chunk in position.split(65536)])
+    channels = torch.cat([model.material(chunk) for chunk in position.split(65536)])
     normals = (mesh.normals()[mesh.normal_index[face].long()] * barycentric[..., None]).sum(1)
     tangents = (uv_tangents(mesh)[mesh.uv_faces[face].long()] * barycentric[..., None]).sum(1)
     channels[:, 5:] = _to_tangent_space(channels[:, 5:], normals, tangents, uv_handedness(mesh)[face])

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
-from lightprobe.decompose.losses import material_prior
+from lightprobe.decompose.losses import USUAL_BASE, brightness_anchor, material_prior
 from lightprobe.decompose.moving_shadows import MovingShadows
 from lightprobe.decompose.start import Start
 from lightprobe.geometry.marching_tetrahedra import marching_tetrahedra, sign_change_loss
@@ -80,6 +80,8 @@ class LatticeModel(nn.Module):
             self.distance = nn.Parameter(initial)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
         self.shadows: MovingShadows | None = None
+        # Not trained: it travels with the parameters, as checkpoints hold those.
+        self.brightness = nn.Parameter(torch.ones((), device=device), requires_grad=False)
         self.field = MaterialField(
             levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
             finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
@@ -95,6 +97,7 @@ class LatticeModel(nn.Module):
             {"params": shape, "lr": rate * scale},
             {"params": [self.offset], "lr": rate},
             {"params": list(self.field.parameters()), "lr": material},
+            {"params": [self.brightness], "lr": 0.0},
         ]
 
     def distances(self) -> Tensor:
@@ -110,6 +113,16 @@ class LatticeModel(nn.Module):
             raise ConvergenceError("The surface vanished while fitting; check the masks and cameras with `inspect`.")
         return vertices, faces
 
+    def material(self, points: Tensor) -> Tensor:
+        """Return the material (N, 8) at points (N, 3): the field's, with its base colours times the brightness."""
+        channels = self.field(points)
+        return torch.cat([(channels[:, :3] * self.brightness).clamp(max=1), channels[:, 3:]], 1)
+
+    @torch.no_grad()
+    def brighten(self, factor: float) -> None:
+        """Multiply all base colours, and the mean they are held at, by `factor`."""
+        self.brightness.mul_(factor)
+
     def see(self, view: View, step: int, progress: float) -> Seen:
         """Return what the camera sees; `progress` in [0, 1] drives the regularisers' schedule."""
         distance = self.distances()
@@ -117,7 +130,7 @@ class LatticeModel(nn.Module):
         screen = view.project(vertices)
         surface = visible_surface(vertices, faces, view, screen)
         openness = None if self.shadows is None else self.shadows.at(vertices, faces, surface)
-        material = self.field(surface.position)
+        material = self.material(surface.position)
         normal = surface.interpolate(vertex_normals(vertices, faces), faces)
         # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
         normal = face_camera(
@@ -136,10 +149,11 @@ class LatticeModel(nn.Module):
         rows = torch.randint(0, max(len(position), 1), (count,), generator=random).to(position.device)
         jitter = 0.01 * torch.randn(count, 3, generator=random).to(position.device)
         here = material.index_select(0, rows)
-        there = self.field(position.detach()[rows] + jitter)
+        there = self.material(position.detach()[rows] + jitter)
         return (
             self.config.smoothness * (here - there).abs().mean()
             + material_prior(material, self.config)
+            + self.config.brightness_anchor * brightness_anchor(material[:, :3], USUAL_BASE * float(self.brightness))
             + self.config.normal_prior * material[:, 5:].square().mean()
         )
 

@@ -55,17 +55,18 @@ def image_loss(
 def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:
     """Return what materials (N, >= 5), channels as in `material.field`, cost for being unusual.
 
-    Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, a
-    sharp lobe under a blurred light a wide lobe under a sharp one, and a bright surface in dim light a dark one in
-    bright light.
+    Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, and
+    a sharp lobe under a blurred light a wide lobe under a sharp one.
     """
-    base, roughness, metallic = material[:, :3], material[:, 3], material[:, 4]
-    brightness = base.mean(0).clamp(min=1e-3).log().mean() - math.log(USUAL_BASE)
+    roughness, metallic = material[:, 3], material[:, 4]
     return (
-        config.metallic_prior * metallic.mean()
-        + config.roughness_prior * (roughness - USUAL_ROUGHNESS).square().mean()
-        + config.brightness_prior * brightness.square()
+        config.metallic_prior * metallic.mean() + config.roughness_prior * (roughness - USUAL_ROUGHNESS).square().mean()
     )
+
+
+def brightness_anchor(base_color: Tensor, mean: float) -> Tensor:
+    """Return the squared logarithm of the geometric mean, over channels, of base colours (N, 3) over `mean`."""
+    return (base_color.mean(0).clamp(min=1e-3).log().mean() - math.log(mean)).square()
 
 
 def color_gauge(base_color: Tensor, cast: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.lattice_model import Seen
-from lightprobe.decompose.losses import material_prior
+from lightprobe.decompose.losses import brightness_anchor, material_prior
 from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
 from lightprobe.kernels import gather_rows, scatter_rows
 from lightprobe.material.field import MIN_ROUGHNESS
@@ -32,6 +32,8 @@ class SurfaceModel(nn.Module):
         channels = asset.textures.flat()
         self.color = nn.Parameter(channels[:, :3].clone())
         self.finish = nn.Parameter(channels[:, 3:].clone())  # roughness, metallic, normal
+        mean = channels[:, :3].mean(0).clamp(min=1e-3).log().mean().exp()
+        self.mean_color = nn.Parameter(mean, requires_grad=False)  # untrained, but part of a checkpoint
         self.tangents = uv_tangents(asset.mesh)
         self.openness = asset.openness
         count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
@@ -45,6 +47,7 @@ class SurfaceModel(nn.Module):
             {"params": [self.displacement], "lr": self.config.learning_rate_geometry},
             {"params": [self.color], "lr": self.config.learning_rate_material},
             {"params": [self.finish], "lr": self.config.learning_rate_finish},
+            {"params": [self.mean_color], "lr": 0.0},
         ]
 
     def texels(self) -> Tensor:
@@ -83,6 +86,7 @@ class SurfaceModel(nn.Module):
             self.config.smoothness_texture * difference
             + 0.2 * self.config.normal_prior * texels[:, 5:7].square().mean()
             + material_prior(texels, self.config)
+            + self.config.brightness_anchor * brightness_anchor(texels[:, :3], float(self.mean_color))
         )
 
     @torch.no_grad()
@@ -90,6 +94,13 @@ class SurfaceModel(nn.Module):
         """Find anew which directions the present surface blocks."""
         if self.config.shadows:
             self.openness = openness_table(self.mesh().vertices, self.start.faces)
+
+    @torch.no_grad()
+    def brighten(self, factor: float) -> None:
+        """Multiply all base colours, and the mean they are held at, by `factor`."""
+        self.color.mul_(factor)
+        self.mean_color.mul_(factor)
+        self.project()
 
     @torch.no_grad()
     def project(self) -> None:

@@ -12,10 +12,12 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
+from lightprobe.decompose.gauge import choose_brightness
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.losses import color_gauge, image_loss
 from lightprobe.decompose.photos import Target
+from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
@@ -37,6 +39,9 @@ class Model(Protocol):
 
     def renew(self) -> None:
         """Update what follows the surface's shape only now and then: its shadows."""
+
+    def brighten(self, factor: float) -> None:
+        """Multiply all base colours, and the mean they are held at, by `factor`."""
 
     def project(self) -> None:
         """Bring parameters back into their valid ranges after a step."""
@@ -96,6 +101,20 @@ def step_loss(model: Model, target: Target, lights: Lights, step: int, progress:
     return loss + light_loss + seen.regularisation + gauge
 
 
+def _rebalance(
+    model: Model, targets: list[Target], lights: Lights, step: int, progress: float, config: DecomposeConfig
+) -> None:
+    """Choose the brightness of the model's base colours anew, and keep each light times it."""
+
+    def see(target: Target) -> GBuffer:
+        return model.see(target.view, step, progress).gbuffer
+
+    factor = choose_brightness(see, targets, lights, config, step)
+    model.brighten(factor)
+    if not lights.gradient:
+        lights.maps = [light / factor for light in lights.maps]
+
+
 def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, config: DecomposeConfig, seed: int,
              progress: Progress, done: int = 0, restored: dict[str, Tensor] | None = None) -> None:  # fmt: skip
     """Run `stage` from iteration `done`; `restored` holds the tensors of the checkpoint taken there.
@@ -112,8 +131,10 @@ def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, 
         _restore(optimiser, names, lights, restored)
     for iteration in range(done, stage.iterations):
         if iteration % config.checkpoint_every == 0:
-            model.renew()  # at checkpoints, so that a run that went on from one sees the same shadows
+            model.renew()  # at checkpoints, so that a run that goes on from one sees the same shadows and brightness
         fraction = iteration / max(stage.iterations, 1)
+        if iteration % config.checkpoint_every == 0 and iteration > 0 and config.brightness_anchor > 0:
+            _rebalance(model, targets, lights, stage.first_step + iteration, fraction, config)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * 10**-fraction
         target = targets[photo_order(seed, stage.name, len(targets), iteration)]

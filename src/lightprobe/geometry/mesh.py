@@ -26,7 +26,9 @@ class Mesh:
 
     def to(self, device: torch.device) -> "Mesh":
         """Return the mesh on another device."""
-        return Mesh(**{name: None if t is None else t.to(device) for name, t in vars(self).items()})
+        index = None if self.normal_faces is None else self.normal_faces.to(device)
+        vertices, faces, uvs, uv_faces = (t.to(device) for t in (self.vertices, self.faces, self.uvs, self.uv_faces))
+        return Mesh(vertices, faces, uvs, uv_faces, index)
 
     @property
     def normal_index(self) -> Tensor:

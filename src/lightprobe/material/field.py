@@ -52,8 +52,8 @@ class MaterialField(nn.Module):
         self.biases = nn.ParameterList(torch.zeros(b) for b in widths[1:])
         with torch.no_grad():
             self.weights[-1].mul_(0.1)
-            # Start grey, half rough and a third metallic, from where either kind of surface can be reached.
-            self.biases[-1].copy_(torch.tensor([0.0, 0.0, 0.0, 0.0, -0.85, 0.0, 0.0, 0.0]))
+            # Start a dark grey, half rough and a third metallic, from where either kind of surface can be reached.
+            self.biases[-1].copy_(torch.tensor([-1.4, -1.4, -1.4, 0.0, -0.85, 0.0, 0.0, 0.0]))
 
     def forward(self, points: Tensor) -> Tensor:
         """Return the material (N, 8) at points (N, 3) of the normalised frame; no gradient flows to the points."""

@@ -43,7 +43,7 @@ class Asset:
     def from_tensors(tensors: dict[str, Tensor]) -> "Asset":
         """Return the asset of `tensors`."""
         v = [tensors[name] for name in _FIELDS]
-        mesh = Mesh(*v[:4], normal_faces=tensors.get("normal_faces"))
+        mesh = Mesh(v[0], v[1], v[2], v[3], tensors.get("normal_faces"))
         return Asset(mesh, Textures(*v[4:]), tensors.get("openness"))
 
     def save(self, path: Path) -> None:

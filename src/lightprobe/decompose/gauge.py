@@ -1,0 +1,67 @@
+"""How bright the surface is: the factor that light and base colour share, found by trying.
+
+A photo under an unknown light leaves it nearly open; only reflections that do not take the surface's colour tell. The
+gradient cannot be trusted with it: at a light that is not perfectly solved it points along the light's own errors (too
+dim a light asks for brighter colours), and visit by visit the two drift off together. So the mean base colour is held,
+and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
+"""
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.decompose.lights import Lights, solve_target_light
+from lightprobe.decompose.losses import one_sided, tone_map
+from lightprobe.decompose.photos import Target
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import shade
+
+_PHOTOS = 8
+_STEP = math.log(1.4)  # factors tried: one over, none and once this
+_REACH = 1.5  # of it, at most, in one choice
+
+
+@torch.no_grad()
+def choose_brightness(
+    see: Callable[[Target], GBuffer], targets: list[Target], lights: Lights, config: DecomposeConfig, step: int
+) -> float:
+    """Return the factor on all base colours under which evenly chosen photos re-render best, lights solved anew.
+
+    `see` gives the G-buffer of the present asset in a photo. Deterministic.
+    """
+    chosen = [targets[int((k + 0.5) * len(targets) / _PHOTOS)] for k in range(min(_PHOTOS, len(targets)))]
+    errors = torch.zeros(3, dtype=torch.float64)
+    for target in chosen:
+        gbuffer = see(target)
+        rows = lights.rows(target, gbuffer, step, config.light_solve_pixels)
+        if len(rows) > 0:
+            for i in range(3):
+                errors[i] += _error(target, gbuffer, rows, lights, math.exp((i - 1) * _STEP), config)
+    below, here, above = errors.tolist()
+    curvature = below - 2 * here + above
+    if curvature <= 0:
+        return math.exp(math.copysign(_STEP, below - above)) if below != above else 1.0
+    best = 0.5 * (below - above) / curvature
+    return math.exp(_STEP * min(max(best, -_REACH), _REACH))
+
+
+def _error(
+    target: Target, gbuffer: GBuffer, rows: Tensor, lights: Lights, factor: float, config: DecomposeConfig
+) -> float:
+    """Return the mean displayed error of the pixels `rows` with base colours times `factor`."""
+    pixels = gbuffer.select(rows)
+    pixels = pixels.recolored((pixels.base_color * factor).clamp(max=1))
+    light = lights.maps[lights.index[target.name]] / factor
+    every = torch.arange(len(rows), device=rows.device)
+    for _ in range(2):  # the light on the map is that of another state of the asset
+        light = solve_target_light(
+            target, pixels, light, every, regularisation=config.light_regularisation,
+            iterations=config.light_solve_iterations,
+        )  # fmt: skip
+    photo = target.color[pixels.pixel]
+    render = shade(pixels, lights.prefilter, lights.prefilter.apply(light))
+    render = one_sided(render, photo, torch.ones_like(photo[:, 0]))
+    return float((tone_map(render) - tone_map(photo)).abs().mean())
