@@ -97,7 +97,7 @@ class DecomposeConfig:
     """Weight of the squared log of the mean base colour over its present one, which is chosen at every checkpoint."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
-    normal_prior: float = 0.1
+    normal_prior: float = 0.5
     """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
     light_grey: float = 0.005
     """Weight of the deviation of a light from grey (gradient update only)."""
