@@ -1,5 +1,7 @@
 """The brightness that light and base colour share is found again from the photo of a glossy ball."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -27,7 +29,7 @@ def test_brightness_moves_towards_the_truth(off, expected):
     target = Target("ball", View.of(camera_at([3, 0, 0.1]), CPU), photo, torch.ones(1500))
     lights = Lights(["ball"], config, CPU, 0)
     lights.maps = [light / off]  # as it is solved for the wrong surface
-    wrong = true.recolored(true.base_color * off)
+    wrong = replace(true, base_color=true.base_color * off)
     factor = choose_brightness(lambda _: wrong, [target], lights, config, 0)
     assert expected[0] <= factor <= expected[1], factor
     assert np.isclose(factor, choose_brightness(lambda _: wrong, [target], lights, config, 0))

@@ -8,6 +8,7 @@ and now and then a common factor is chosen by solving lights for several and com
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -53,7 +54,7 @@ def _error(
 ) -> float:
     """Return the mean displayed error of the pixels `rows` with base colours times `factor`."""
     pixels = gbuffer.select(rows)
-    pixels = pixels.recolored((pixels.base_color * factor).clamp(max=1))
+    pixels = replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1))
     light = lights.maps[lights.index[target.name]] / factor
     every = torch.arange(len(rows), device=rows.device)
     for _ in range(2):  # the light on the map is that of another state of the asset

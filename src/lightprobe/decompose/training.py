@@ -104,7 +104,7 @@ def step_loss(model: Model, target: Target, lights: Lights, step: int, progress:
 def _rebalance(
     model: Model, targets: list[Target], lights: Lights, step: int, progress: float, config: DecomposeConfig
 ) -> None:
-    """Choose the brightness of the model's base colours anew, and keep each light times it."""
+    """Choose the brightness of the model's base colours anew, and keep the product with each light."""
 
     def see(target: Target) -> GBuffer:
         return model.see(target.view, step, progress).gbuffer
@@ -130,11 +130,12 @@ def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, 
     if restored is not None:
         _restore(optimiser, names, lights, restored)
     for iteration in range(done, stage.iterations):
-        if iteration % config.checkpoint_every == 0:
-            model.renew()  # at checkpoints, so that a run that goes on from one sees the same shadows and brightness
         fraction = iteration / max(stage.iterations, 1)
-        if iteration % config.checkpoint_every == 0 and iteration > 0 and config.brightness_anchor > 0:
-            _rebalance(model, targets, lights, stage.first_step + iteration, fraction, config)
+        if iteration % config.checkpoint_every == 0:
+            # At checkpoints, so that a run that goes on from one sees the same shadows and brightness.
+            model.renew()
+            if iteration > 0 and config.brightness_anchor > 0:
+                _rebalance(model, targets, lights, stage.first_step + iteration, fraction, config)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * 10**-fraction
         target = targets[photo_order(seed, stage.name, len(targets), iteration)]

@@ -1,6 +1,6 @@
 """The G-buffer: what the camera sees of the object, one row per covered pixel."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from torch import Tensor
 
@@ -25,10 +25,6 @@ class GBuffer:
     roughness: Tensor  # (P,) perceptual; alpha = roughness^2
     metallic: Tensor  # (P,)
     openness: Openness | None = None  # the directions open at each pixel; None: all of them
-
-    def recolored(self, base_color: Tensor) -> "GBuffer":
-        """Return the same surface with other base colours (P, 3)."""
-        return replace(self, base_color=base_color)
 
     def select(self, rows: Tensor) -> "GBuffer":
         """Return the pixels at `rows` (K,) int64."""

@@ -38,6 +38,12 @@ class Openness:
         directions, angles = _sphere(blocks.device, blocks.dtype)
         return occluded_light(blocks, normal, self.table, self.index, self.weight, directions, angles)
 
+    def adjoint(self, diffuse: Tensor, ambient: Tensor, normal: Tensor) -> Tensor:
+        """Return the transpose of the first six columns of `light`, (384, 3), on (P, 3) each; not differentiable."""
+        directions, angles = _sphere(diffuse.device, diffuse.dtype)
+        arriving = torch.cat([diffuse, ambient], 1)
+        return occluded_light_adjoint(arriving, normal, self.table, self.index, self.weight, directions, angles)
+
     def share(self, normal: Tensor) -> Tensor:
         """Return the open share (P,) of the hemisphere around `normal` (P, 3), weighted by the cosine."""
         return self.light(normal.new_zeros(self.table.shape[1], 3), normal)[:, 6]
@@ -48,24 +54,6 @@ class Openness:
         rows = self.index.long()[:, :, None] * self.table.shape[1] + texel.long()[:, None, :]
         weight = self.weight[:, :, None] * share[:, None, :] / 255
         return (self.table.reshape(-1)[rows] * weight).sum((1, 2))
-
-
-class OpenLight:
-    """`Openness.light` as a linear operator on the blocks, for points with fixed normals (P, 3); no gradients."""
-
-    def __init__(self, openness: Openness, normals: Tensor):
-        self._normals, self._openness = normals, openness
-
-    def apply(self, blocks: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the diffuse and the ambient light, (P, 3) each, of the blocks (384, 3)."""
-        arriving = self._openness.light(blocks, self._normals)
-        return arriving[:, :3], arriving[:, 3:6]
-
-    def adjoint(self, diffuse: Tensor, ambient: Tensor) -> Tensor:
-        """Return the transpose of `apply`, (384, 3)."""
-        o, sphere = self._openness, _sphere(diffuse.device, diffuse.dtype)
-        arriving = torch.cat([diffuse, ambient], 1)
-        return occluded_light_adjoint(arriving, self._normals, o.table, o.index, o.weight, *sphere)
 
 
 @torch.no_grad()

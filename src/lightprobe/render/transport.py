@@ -17,7 +17,6 @@ from lightprobe.light import cubemap
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.light.sparse import SparseOperator
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import OpenLight
 from lightprobe.render.split_sum import occlude, reflectance, specular_taps
 
 _TINY = 1e-30
@@ -35,11 +34,10 @@ class Transport:
         r = reflectance(gbuffer)
         taps = [specular_taps(r, gbuffer.normal, prefilter)]
         factors = [r.specular, r.diffuse]
-        self._open = None
+        self._normal, self._openness = gbuffer.normal, gbuffer.openness
         if gbuffer.openness is None:
             taps.append(prefilter.diffuse_taps(gbuffer.normal))
         else:
-            self._open = OpenLight(gbuffer.openness, gbuffer.normal)
             lobe, bounce = occlude(gbuffer, r, gbuffer.openness.share(gbuffer.normal))
             factors = [lobe * r.specular, r.diffuse, bounce]
         self._factors = torch.stack(factors)  # (2 or 3, P, 3)
@@ -49,17 +47,18 @@ class Transport:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
         levels = self.prefilter.apply(env.detach())
         lobes = self._taps.apply(levels)
-        if self._open is not None:
-            lobes = torch.cat([lobes, *self._open.apply(levels[self.prefilter.first_block :])])
+        if self._openness is not None:
+            arriving = self._openness.light(levels[self.prefilter.first_block :], self._normal)
+            lobes = torch.cat([lobes, arriving[:, :3], arriving[:, 3:6]])
         return (self._factors * lobes.reshape(self._factors.shape)).sum(0)
 
     def adjoint(self, radiance: Tensor) -> Tensor:
         """Return the transpose of `apply` on (P, 3): (6, R, R, 3)."""
         lobes = self._factors * radiance
-        if self._open is None:
+        if self._openness is None:
             return self.prefilter.adjoint(self._taps.adjoint(lobes.reshape(-1, 3)))
         levels = self._taps.adjoint(lobes[0])
-        levels[self.prefilter.first_block :] += self._open.adjoint(lobes[1], lobes[2])
+        levels[self.prefilter.first_block :] += self._openness.adjoint(lobes[1], lobes[2], self._normal)
         return self.prefilter.adjoint(levels)
 
 
