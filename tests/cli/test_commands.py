@@ -40,7 +40,7 @@ def test_training_leaves_the_documented_files(trained):
     assert steps == ["step-000000017", "step-000000020"]
     assert not list(run.path.rglob(".partial-*"))
     stages = [json.loads(line)["stage"] for line in run.metrics_log.read_text().splitlines()]
-    assert stages == ["pass1", "pass2", "distill"]
+    assert stages == ["pass1", "pass2", "pass3", "distill"]
 
 
 def test_the_same_command_again_changes_nothing(trained):

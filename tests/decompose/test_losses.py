@@ -31,8 +31,8 @@ def test_unusual_materials_are_pulled_back():
 
 
 def test_the_mean_base_colour_is_held():
-    assert float(brightness_anchor(torch.tensor([[0.1, 0.2, 0.4], [0.3, 0.2, 0.0]]), 0.2)) < 1e-9
-    assert float(brightness_anchor(torch.full((3, 3), 0.4), 0.2)) > 0.4
+    assert float(brightness_anchor(torch.tensor([[0.1, 0.2, 0.4], [0.3, 0.2, 0.0]]), torch.tensor(0.2))) < 1e-9
+    assert float(brightness_anchor(torch.full((3, 3), 0.4), torch.tensor(0.2))) > 0.4
 
 
 def test_a_red_cast_of_all_lights_is_moved_to_the_surface():

@@ -43,10 +43,14 @@ class DecomposeConfig:
     """Optimisation steps on the lattice and the material field."""
     pass2_iterations: int = 800
     """Optimisation steps on vertices and textures; 0 keeps the result of the first pass."""
+    pass3_iterations: int = 400
+    """Optimisation steps on the textures alone, each on several photos; 0 keeps the result of the second pass."""
     pass1_side: int = 200
     """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""
     pass2_side: int = 400
     """The same for the second pass."""
+    pass3_side: int = 800
+    """The same for the third pass."""
     lattice_cells: int = 96
     """Cells along each edge of the tetrahedral lattice."""
     hull_voxels: int = 128
@@ -81,6 +85,8 @@ class DecomposeConfig:
     """Adam step of the material."""
     learning_rate_finish: float = 0.002
     """Adam step of roughness, metallic and normal map in the second pass, which only refines them."""
+    learning_rate_texture: float = 0.01
+    """Adam step of all textures in the third pass."""
     learning_rate_light: float = 0.005
     """Adam step of the lights (gradient update only)."""
     sdf_regularisation: float = 0.2
@@ -89,6 +95,8 @@ class DecomposeConfig:
     """Weight of the material's change under a small displacement."""
     smoothness_texture: float = 0.1
     """Weight of the texture's difference between neighbouring texels in the second pass."""
+    smoothness_detail: float = 0.01
+    """The same in the third pass."""
     metallic_prior: float = 0.02
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
     roughness_prior: float = 0.03
@@ -99,6 +107,8 @@ class DecomposeConfig:
     """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 0.5
     """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
+    normal_prior_detail: float = 0.0
+    """Weight of the squared tangent part of the normal map in the third pass."""
     light_grey: float = 0.005
     """Weight of the deviation of a light from grey (gradient update only)."""
     laplacian: float = 0.5
@@ -109,8 +119,8 @@ class DecomposeConfig:
     """The mesh is decimated to at most this many triangles before unwrapping."""
     crease_degrees: float = 40.0
     """Faces that meet at more than this angle do not share a normal in the second pass; 180 keeps all edges smooth."""
-    texture_size: int = 512
-    """Edge of the square textures in texels."""
+    texture_size: int = 1024
+    """Edge of the square textures in texels, at most; they are smaller where the photos do not show so much."""
     unwrap_seconds: float = 60.0
     """Time limit of the UV unwrapper, after which a simple atlas is used."""
     validation_photos: int = 5
@@ -153,22 +163,25 @@ def quick() -> DecomposeConfig:
 
 def demo() -> DecomposeConfig:
     """The bundled scene, whose photos are small, within a few minutes on two CPU cores."""
-    return replace(quick(), pass1_iterations=1000, pass2_iterations=500, lattice_cells=64, max_faces=16000)
+    return replace(
+        quick(), pass1_iterations=800, pass2_iterations=400, pass3_iterations=100, lattice_cells=64, max_faces=16000
+    )
 
 
 def standard() -> DecomposeConfig:
     """One GPU, about the quality of `paper` in a fraction of its steps."""
     return replace(
-        quick(), pass1_iterations=5000, pass2_iterations=5000, pass1_side=512, pass2_side=800, lattice_cells=128,
-        hull_voxels=192, hash_levels=12, hash_log2_size=18, hash_finest=1024, light_resolution=32,
-        teacher_resolution=128, light_solve_pixels=16384, max_faces=100_000, texture_size=1024, unwrap_seconds=300.0,
+        quick(), pass1_iterations=5000, pass2_iterations=5000, pass3_iterations=3000, pass1_side=512, pass2_side=800,
+        pass3_side=1600, lattice_cells=128, hull_voxels=192, hash_levels=12, hash_log2_size=18,
+        hash_finest=1024, light_resolution=32, teacher_resolution=128, light_solve_pixels=16384, max_faces=100_000,
+        texture_size=2048, unwrap_seconds=300.0,
     )  # fmt: skip
 
 
 def paper() -> DecomposeConfig:
     """The paper's settings (section 4.2): MLP distances, gradient lights of 6x128x128, 40 k steps at 512 pixels."""
     return replace(
-        standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass1_side=512, pass2_side=512,
-        sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000, shadows=False,
-        metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
+        standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass3_iterations=0, pass1_side=512,
+        pass2_side=512, sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000,
+        shadows=False, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
     )  # fmt: skip

@@ -56,13 +56,12 @@ def _error(
     pixels = gbuffer.select(rows)
     pixels = replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1))
     light = lights.maps[lights.index[target.name]] / factor
-    every = torch.arange(len(rows), device=rows.device)
+    photo, every = target.color[pixels.pixel], torch.arange(len(rows), device=rows.device)
     for _ in range(2):  # the light on the map is that of another state of the asset
         light = solve_target_light(
-            target, pixels, light, every, regularisation=config.light_regularisation,
+            photo, pixels, light, every, regularisation=config.light_regularisation,
             iterations=config.light_solve_iterations,
         )  # fmt: skip
-    photo = target.color[pixels.pixel]
     render = shade(pixels, lights.prefilter, lights.prefilter.apply(light))
     render = one_sided(render, photo, torch.ones_like(photo[:, 0]))
     return float((tone_map(render) - tone_map(photo)).abs().mean())

@@ -153,7 +153,7 @@ class LatticeModel(nn.Module):
         return (
             self.config.smoothness * (here - there).abs().mean()
             + material_prior(material, self.config)
-            + self.config.brightness_anchor * brightness_anchor(material[:, :3], USUAL_BASE * float(self.brightness))
+            + self.config.brightness_anchor * brightness_anchor(material[:, :3], USUAL_BASE * self.brightness)
             + self.config.normal_prior * material[:, 5:].square().mean()
         )
 

@@ -18,14 +18,13 @@ from lightprobe.render.transport import Transport, solve_light
 
 
 def solve_target_light(
-    target: Target, gbuffer: GBuffer, start: Tensor, rows: Tensor, *, regularisation: float, iterations: int
+    observed: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, *, regularisation: float, iterations: int
 ) -> Tensor:
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer best, from `start`.
 
-    Places the photo does not pin are pulled towards the mean colour of `start`.
+    observed (K, 3): their linear colours. Places they do not pin are pulled towards the mean colour of `start`.
     """
     operator = prefilters.cached(start.shape[1], start.device)
-    observed = target.color[gbuffer.pixel[rows]]
     prior = start.mean((0, 1, 2)).expand_as(start)
     weight, clipped = tone_weight(observed.mean(1)), observed >= CLIPPED
     transport = Transport(gbuffer, operator, rows)
@@ -59,17 +58,21 @@ class Lights:
         """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss."""
         row = self.index[target.name]
         if self.gradient:
-            light = self.maps[row]
-            grey = light.mean(-1, keepdim=True)
-            return self.prefilter.apply(light), self.config.light_grey * (light - grey).abs().mean()
+            return self.prefilter.apply(self.maps[row]), self.regularisation(row)
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
             self.maps[row] = solve_target_light(
-                target, gbuffer, self.maps[row], rows,
+                target.color[gbuffer.pixel[rows]], gbuffer, self.maps[row], rows,
                 regularisation=self.config.light_regularisation, iterations=self.config.light_solve_iterations,
             )  # fmt: skip
-        levels = self.prefilter.apply(self.maps[row])
-        return levels, levels.new_zeros(())
+        return self.prefilter.apply(self.maps[row]), self.regularisation(row)
+
+    def regularisation(self, row: int) -> Tensor:
+        """Return what a light fitted by gradients costs for not being grey; a solved one costs nothing."""
+        light = self.maps[row]
+        if not self.gradient:
+            return light.new_zeros(())
+        return self.config.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
 
     def cast(self) -> Tensor:
         """Return by how much the lights are brighter in each channel than on the average, (3,), in logarithms."""

@@ -3,8 +3,6 @@
 Tone mapping T(x) = sRGB(log(1 + x)) keeps highlights from owning the sum (Munkberg et al. 2022, section 3.4).
 """
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -64,9 +62,9 @@ def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:
     )
 
 
-def brightness_anchor(base_color: Tensor, mean: float) -> Tensor:
-    """Return the squared logarithm of the geometric mean, over channels, of base colours (N, 3) over `mean`."""
-    return (base_color.mean(0).clamp(min=1e-3).log().mean() - math.log(mean)).square()
+def brightness_anchor(base_color: Tensor, mean: Tensor) -> Tensor:
+    """Return the squared logarithm of the geometric mean, over channels, of base colours (N, 3) over `mean` ()."""
+    return (base_color.mean(0).clamp(min=1e-3).log().mean() - mean.log()).square()
 
 
 def color_gauge(base_color: Tensor, cast: Tensor) -> Tensor:

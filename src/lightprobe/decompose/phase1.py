@@ -1,6 +1,8 @@
-"""Phase I from start to end: visual hull, first pass, bake, second pass with its guard, final lights."""
+"""Phase I from start to end: visual hull, first pass, bake, second and third pass with their guards, final lights."""
 
-from dataclasses import dataclass
+import math
+import statistics
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -8,19 +10,21 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.bake import bake
 from lightprobe.decompose.decomposition import Decomposition
+from lightprobe.decompose.image_task import ImageTask
 from lightprobe.decompose.lattice_model import LatticeModel
 from lightprobe.decompose.lights import Lights
+from lightprobe.decompose.optimisation import Progress, Stage, optimise
 from lightprobe.decompose.photos import Target, load_targets
 from lightprobe.decompose.start import start_from_hull
 from lightprobe.decompose.surface_model import SurfaceModel
-from lightprobe.decompose.training import Progress, Stage, optimise
+from lightprobe.decompose.texture_task import PhotoPixels, TextureTask
 from lightprobe.decompose.validation import explain, validate
 from lightprobe.render.asset import Asset
 from lightprobe.scene import visual_hull
 from lightprobe.scene.photo import Photo, Scene
 
 BOX = 1.15  # half edge of the lattice, in object radii
-_START = "start."  # prefix of the second pass's start asset in a checkpoint
+_START = "start."  # prefix, in a checkpoint, of the asset that a pass started from
 
 
 @dataclass(frozen=True)
@@ -57,10 +61,12 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     fitted, held_out = split_validation(scene.train, job.config.validation_photos)
     if found is None or found[2]["stage"] == "pass1":
         tensors = _first_pass(job, fitted, found[1] if found else None, found[2]["iteration"] if found else 0)
-        done = 0
+        stage, done = "pass2", 0
     else:
-        tensors, done = found[1], found[2]["iteration"]
-    asset, lights = _second_pass(job, fitted, held_out, tensors, done)
+        tensors, stage, done = found[1], found[2]["stage"], found[2]["iteration"]
+    if stage == "pass2":
+        tensors, done = _second_pass(job, fitted, held_out, tensors, done), 0
+    asset, lights = _third_pass(job, fitted, held_out, tensors, done)
     return Decomposition(asset, _final_lights(job, asset, lights), scene.similarity)
 
 
@@ -78,38 +84,93 @@ def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | Non
     model = LatticeModel(start_from_hull(hull, config.lattice_cells), config, job.device, job.seed)
     lights = Lights([t.name for t in targets], config, job.device, job.seed)
     stage = Stage("pass1", 0, config.pass1_iterations)
-    optimise(model, targets, lights, stage, config, job.seed, job.progress, done, restored)
-    start = bake(model, config, job.device)
-    tensors = {**_named(start), "lights": torch.stack([light.detach() for light in lights.maps])}
-    if job.progress.checkpoints:
-        # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
-        job.progress.checkpoints.save(config.pass1_iterations, tensors, {"stage": "pass2", "iteration": 0})
-    return tensors
+    task = ImageTask(model, targets, lights, stage, config, job.seed)
+    optimise(task, stage, config, job.progress, done, restored)
+    # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
+    size = _texture_size(config, photos, targets, config.pass2_side)
+    return _hand_over(job, bake(model, config, size, job.device), lights, "pass2")
 
 
 def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
-                 ) -> tuple[Asset, Lights]:  # fmt: skip
-    """Refine the baked asset; keep the refined one only if it explains held-out photos better."""
+                 ) -> dict[str, Tensor]:  # fmt: skip
+    """Refine the baked asset, vertices and textures, and return the tensors the third pass starts from."""
     config = job.config
-    start = Asset.from_tensors({k.removeprefix(_START): v for k, v in tensors.items() if k.startswith(_START)})
-    start = start.to(job.device)
-    lights = Lights([p.name for p in photos], config, job.device, job.seed)
-    lights.load(tensors["lights"])
+    start, lights = _taken_over(job, photos, tensors)
     if config.pass2_iterations == 0:
-        return start, lights
+        return tensors
     model = SurfaceModel(start, config)
     stage = Stage("pass2", config.pass1_iterations, config.pass2_iterations)
     job.progress.extra = _named(start)
     targets = job.targets(photos, config.pass2_side)
-    optimise(model, targets, lights, stage, config, job.seed, job.progress, done, tensors if done else None)
+    task = ImageTask(model, targets, lights, stage, config, job.seed)
+    optimise(task, stage, config, job.progress, done, tensors if done else None)
+    kept = _best(job, stage, held_out, [start, model.asset()])
+    return _hand_over(job, kept, lights, "pass3")
+
+
+def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
+                ) -> tuple[Asset, Lights]:  # fmt: skip
+    """Refine the textures at the photos' full size."""
+    config = job.config
+    start, lights = _taken_over(job, photos, tensors)
+    if config.pass3_iterations == 0:
+        return start, lights
+    stage = Stage("pass3", config.pass1_iterations + config.pass2_iterations, config.pass3_iterations)
+    job.progress.extra = _named(start)
+    pixels = [PhotoPixels.of(start, job.targets([photo], config.pass3_side)[0], job.seed) for photo in photos]
+    pixels = [photo for photo in pixels if len(photo.color) > 0]
+    size = _texture_size(config, photos, job.targets(photos, config.pass1_side), config.pass3_side)
+    before = start.textures.resized(size)
+    model = SurfaceModel(replace(start, textures=before), config)
+    task = TextureTask(model, pixels, lights, stage, config, job.seed)
+    optimise(task, stage, config, job.progress, done, tensors if done else None)
     refined = model.asset()
-    if held_out:
-        judges = job.targets(held_out, config.pass2_side)
-        before, after = (validate(asset, judges, config, job.seed) for asset in (start, refined))
-        job.progress.tell(f"held-out photos: {before:.2f} dB after the first pass, {after:.2f} dB after the second")
-        if after < before:
-            return start, lights
-    return refined, lights
+    # Detail that only explains errors of the lights is worse than none; halfway there is often better than either.
+    halfway = replace(refined, textures=before.halfway(refined.textures))
+    return _best(job, stage, held_out, [start, halfway, refined]), lights
+
+
+def _best(job: Job, stage: Stage, held_out: list[Photo], assets: list[Asset]) -> Asset:
+    """Return the asset that explains held-out photos best; the last one when there are none."""
+    if not held_out:
+        return assets[-1]
+    judges = job.targets(held_out, job.config.pass2_side)
+    scores = [validate(asset, judges, job.config, job.seed) for asset in assets]
+    listed = ", ".join(f"{score:.2f}" for score in scores[1:])
+    job.progress.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
+    return assets[scores.index(max(scores))]
+
+
+def _hand_over(job: Job, asset: Asset, lights: Lights, stage: str) -> dict[str, Tensor]:
+    """Return the tensors that the pass `stage` starts from, and save them when there are checkpoints."""
+    tensors = {**_named(asset), "lights": torch.stack([light.detach() for light in lights.maps])}
+    if job.progress.checkpoints:
+        config = job.config
+        step = config.pass1_iterations + (config.pass2_iterations if stage == "pass3" else 0)
+        job.progress.checkpoints.save(step, tensors, {"stage": stage, "iteration": 0})
+    return tensors
+
+
+def _taken_over(job: Job, photos: list[Photo], tensors: dict[str, Tensor]) -> tuple[Asset, Lights]:
+    """Return the asset that a pass starts from, and the lights, out of its tensors."""
+    start = Asset.from_tensors({k.removeprefix(_START): v for k, v in tensors.items() if k.startswith(_START)})
+    lights = Lights([p.name for p in photos], job.config, job.device, job.seed)
+    lights.load(tensors["lights"])
+    return start.to(job.device), lights
+
+
+def _texture_size(config: DecomposeConfig, photos: list[Photo], targets: list[Target], side: int) -> int:
+    """Return the power of two at which a texel is about a pixel of photos of `side`; `targets` are the photos, small.
+
+    An object shows a quarter or so of its surface at once, and charts fill about .6 of a texture.
+    """
+    areas = []
+    for photo, target in zip(photos, targets, strict=True):
+        camera, view = photo.camera, target.view
+        enlarged = min(side, max(camera.width, camera.height)) / max(view.width, view.height)
+        areas.append(float(target.alpha.sum()) * enlarged**2)
+    wanted = math.sqrt(4 * statistics.median(areas) / 0.6)
+    return min(config.texture_size, max(128, 2 ** round(math.log2(max(wanted, 1)))))
 
 
 def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:

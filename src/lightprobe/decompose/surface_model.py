@@ -86,13 +86,13 @@ class SurfaceModel(nn.Module):
             self.config.smoothness_texture * difference
             + 0.2 * self.config.normal_prior * texels[:, 5:7].square().mean()
             + material_prior(texels, self.config)
-            + self.config.brightness_anchor * brightness_anchor(texels[:, :3], float(self.mean_color))
+            + self.config.brightness_anchor * brightness_anchor(texels[:, :3], self.mean_color)
         )
 
     @torch.no_grad()
     def renew(self) -> None:
-        """Find anew which directions the present surface blocks."""
-        if self.config.shadows:
+        """Find anew which directions the present surface blocks, if it is not the start's."""
+        if self.config.shadows and bool(self.displacement.any()):
             self.openness = openness_table(self.mesh().vertices, self.start.faces)
 
     @torch.no_grad()
@@ -114,7 +114,5 @@ class SurfaceModel(nn.Module):
     @torch.no_grad()
     def asset(self) -> Asset:
         """Return the present state as an asset, normals of unit length."""
-        flat = self.texels()
-        flat[:, 5:] = torch.nn.functional.normalize(flat[:, 5:], dim=1)
         self.renew()
-        return Asset(self.mesh(), Textures.from_flat(flat), self.openness)
+        return Asset(self.mesh(), Textures.of_bent(self.texels()), self.openness)

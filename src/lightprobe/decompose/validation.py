@@ -39,7 +39,7 @@ def explain(
         return gbuffer, light
     for _ in range(rounds):
         light = solve_target_light(
-            target, gbuffer, light, rows, regularisation=config.light_regularisation,
+            target.color[gbuffer.pixel[rows]], gbuffer, light, rows, regularisation=config.light_regularisation,
             iterations=config.light_solve_iterations,
         )  # fmt: skip
     return gbuffer, light

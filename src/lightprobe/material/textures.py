@@ -29,10 +29,28 @@ class Textures:
         """Return the textures on another device."""
         return Textures(*(t.to(device) for t in (self.base_color, self.roughness, self.metallic, self.normal)))
 
+    def resized(self, size: int) -> "Textures":
+        """Return textures of `size` squared texels, interpolated bilinearly."""
+        if size == self.size:
+            return self
+        maps = self.flat().T.reshape(1, 8, self.size, self.size)
+        maps = torch.nn.functional.interpolate(maps, (size, size), mode="bilinear", align_corners=False, antialias=True)
+        return Textures.of_bent(maps[0].reshape(8, -1).T)
+
+    def halfway(self, other: "Textures") -> "Textures":
+        """Return the mean of two textures of one size."""
+        return Textures.of_bent(0.5 * (self.flat() + other.flat()))
+
     def flat(self) -> Tensor:
         """Return all channels as (S * S, 8) in the order of `material.field.CHANNELS`."""
         channels = (self.base_color, self.roughness[..., None], self.metallic[..., None], self.normal)
         return torch.cat(channels, dim=-1).reshape(-1, 8)
+
+    @staticmethod
+    def of_bent(channels: Tensor) -> "Textures":
+        """Return textures of (S * S, 8) channels whose normals have lost their unit length."""
+        normal = torch.nn.functional.normalize(channels[:, 5:], dim=1)
+        return Textures.from_flat(torch.cat([channels[:, :5], normal], 1))
 
     @staticmethod
     def from_flat(channels: Tensor) -> "Textures":

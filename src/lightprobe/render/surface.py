@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.kernels import Visibility, gather_rows, rasterize, weighted_gather
+from lightprobe.kernels import gather_rows, rasterize, weighted_gather
 from lightprobe.scene.camera import Camera
 
 
@@ -54,12 +54,15 @@ class View:
 class Surface:
     """The visible points of a mesh."""
 
-    visibility: Visibility
     pixel: Tensor  # (P,) int64
     face: Tensor  # (P,) int64
     barycentric: Tensor  # (P, 3)
     position: Tensor  # (P, 3)
     view: Tensor  # (P, 3) unit, from the surface to the camera
+
+    def select(self, rows: Tensor) -> "Surface":
+        """Return the points at `rows` (K,) int64."""
+        return Surface(*(values[rows] for values in vars(self).values()))
 
     def interpolate(self, values: Tensor, faces: Tensor) -> Tensor:
         """Interpolate per-vertex `values` (V, C) over `faces` (F, 3) at the visible points, (P, C)."""
@@ -86,7 +89,7 @@ def visible_surface(vertices: Tensor, faces: Tensor, view: View, screen: Tensor 
     barycentric = torch.stack([1 - u - v, u, v], 1)
     position = barycentric[:, :1] * a + barycentric[:, 1:2] * b + barycentric[:, 2:] * c
     to_camera = torch.nn.functional.normalize(view.position - position, dim=1)
-    return Surface(visibility, pixel, face, barycentric, position, to_camera)
+    return Surface(pixel, face, barycentric, position, to_camera)
 
 
 def face_camera(normal: Tensor, to_camera: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""One optimisation loop for both passes: a photo per step, resumable at any checkpoint with the same bits."""
+"""One optimisation loop for all passes, resumable at any checkpoint with the same bits."""
 
 import math
 from collections.abc import Callable
@@ -12,36 +12,27 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
-from lightprobe.decompose.gauge import choose_brightness
-from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
-from lightprobe.decompose.losses import color_gauge, image_loss
-from lightprobe.decompose.photos import Target
-from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
-from lightprobe.render.split_sum import shade
-from lightprobe.render.surface import View
 
 OnStep = Callable[[str, int, int, float], None]  # stage, step, steps, loss
 
 
-class Model(Protocol):
-    """What the loop needs of a pass's unknowns."""
+class Task(Protocol):
+    """What the loop needs of a pass: its unknowns, its lights, and the loss of a step."""
+
+    lights: Lights
 
     def groups(self) -> list[dict]:
-        """Return the optimiser's parameter groups."""
+        """Return the optimiser's parameter groups, lights excepted."""
 
-    def see(self, view: View, step: int, progress: float) -> Seen:
-        """Return what a camera sees, and the regularisation loss."""
+    def refresh(self, iteration: int, fraction: float) -> None:
+        """Update what follows the unknowns only now and then; called wherever a checkpoint may be."""
 
-    def parameters(self):
-        """Return the trainable tensors, as `torch.nn.Module` does."""
+    def loss(self, iteration: int, fraction: float) -> Tensor:
+        """Return the loss of a step; `fraction` of the pass is over."""
 
-    def renew(self) -> None:
-        """Update what follows the surface's shape only now and then: its shadows."""
-
-    def brighten(self, factor: float) -> None:
-        """Multiply all base colours, and the mean they are held at, by `factor`."""
+    def photos(self, iteration: int) -> str:
+        """Return the names of the photos that a step looks at."""
 
     def project(self) -> None:
         """Bring parameters back into their valid ranges after a step."""
@@ -82,46 +73,13 @@ def photo_order(seed: int, stage: str, count: int, step: int) -> int:
     return int(torch.randperm(count, generator=generator(seed, f"order/{stage}", epoch))[place])
 
 
-def step_loss(model: Model, target: Target, lights: Lights, step: int, progress: float, config: DecomposeConfig,
-              seed: int) -> Tensor:  # fmt: skip
-    """Return the loss of one photo: image, coverage, light and model regularisation."""
-    seen = model.see(target.view, step, progress)
-    levels, light_loss = lights.levels(target, seen.gbuffer, step)
-    radiance = shade(seen.gbuffer, lights.prefilter, levels)
-    count = target.view.height * target.view.width
-    covered = torch.zeros(count, dtype=torch.bool, device=radiance.device)
-    covered[seen.gbuffer.pixel] = True
-    shape = (target.view.height, target.view.width)
-    crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, covered.reshape(shape), target.view)
-    cover = coverage(seen.gbuffer.pixel, crossings, count)
-    image = spread_color(radiance, seen.gbuffer.pixel, crossings, cover)
-    background = torch.rand(3, generator=generator(seed, "background", step)).to(radiance.device)
-    loss = image_loss(image, cover, target.color, target.alpha, background, config.coverage_weight)
-    gauge = config.color_gauge * color_gauge(seen.gbuffer.base_color, lights.cast())
-    return loss + light_loss + seen.regularisation + gauge
-
-
-def _rebalance(
-    model: Model, targets: list[Target], lights: Lights, step: int, progress: float, config: DecomposeConfig
-) -> None:
-    """Choose the brightness of the model's base colours anew, and keep the product with each light."""
-
-    def see(target: Target) -> GBuffer:
-        return model.see(target.view, step, progress).gbuffer
-
-    factor = choose_brightness(see, targets, lights, config, step)
-    model.brighten(factor)
-    if not lights.gradient:
-        lights.maps = [light / factor for light in lights.maps]
-
-
-def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, config: DecomposeConfig, seed: int,
-             progress: Progress, done: int = 0, restored: dict[str, Tensor] | None = None) -> None:  # fmt: skip
+def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progress, done: int = 0,
+             restored: dict[str, Tensor] | None = None) -> None:  # fmt: skip
     """Run `stage` from iteration `done`; `restored` holds the tensors of the checkpoint taken there.
 
     All learning rates fall exponentially to a tenth over the stage (paper, section 4.2).
     """
-    groups = model.groups()
+    groups, lights = task.groups(), task.lights
     if lights.gradient:
         groups.append({"params": lights.maps, "lr": config.learning_rate_light})
     rates = [group["lr"] for group in groups]
@@ -132,24 +90,20 @@ def optimise(model: Model, targets: list[Target], lights: Lights, stage: Stage, 
     for iteration in range(done, stage.iterations):
         fraction = iteration / max(stage.iterations, 1)
         if iteration % config.checkpoint_every == 0:
-            # At checkpoints, so that a run that goes on from one sees the same shadows and brightness.
-            model.renew()
-            if iteration > 0 and config.brightness_anchor > 0:
-                _rebalance(model, targets, lights, stage.first_step + iteration, fraction, config)
+            task.refresh(iteration, fraction)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * 10**-fraction
-        target = targets[photo_order(seed, stage.name, len(targets), iteration)]
         optimiser.zero_grad(set_to_none=True)
-        loss = step_loss(model, target, lights, stage.first_step + iteration, fraction, config, seed)
+        loss = task.loss(iteration, fraction)
         value = float(loss.detach())
         if not math.isfinite(value):
             raise ConvergenceError(
-                f"The loss became {value} in {stage.name} at step {iteration} on photo '{target.name}'; "
+                f"The loss became {value} in {stage.name} at step {iteration} on photo {task.photos(iteration)}; "
                 "lower the learning rates or inspect this photo."
             )
         loss.backward()
         optimiser.step()
-        model.project()
+        task.project()
         lights.clamp()
         progress.step(stage.name, iteration + 1, stage.iterations, value)
         at_end = iteration + 1 == stage.iterations

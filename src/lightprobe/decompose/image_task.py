@@ -1,0 +1,102 @@
+"""The first two passes' task: whole photos, silhouettes included, one per step."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import generator
+from lightprobe.decompose.gauge import choose_brightness
+from lightprobe.decompose.lattice_model import Seen
+from lightprobe.decompose.lights import Lights
+from lightprobe.decompose.losses import color_gauge, image_loss
+from lightprobe.decompose.optimisation import Stage, photo_order
+from lightprobe.decompose.photos import Target
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import View
+
+
+class Model(Protocol):
+    """The unknowns of a pass."""
+
+    def groups(self) -> list[dict]:
+        """Return the optimiser's parameter groups."""
+
+    def see(self, view: View, step: int, progress: float) -> Seen:
+        """Return what a camera sees, and the regularisation loss."""
+
+    def parameters(self):
+        """Return the trainable tensors, as `torch.nn.Module` does."""
+
+    def renew(self) -> None:
+        """Update what follows the surface's shape only now and then: its shadows."""
+
+    def brighten(self, factor: float) -> None:
+        """Multiply all base colours, and the mean they are held at, by `factor`."""
+
+    def project(self) -> None:
+        """Bring parameters back into their valid ranges after a step."""
+
+
+@dataclass
+class ImageTask:
+    """Fit a model and the lights to photos, one after the other."""
+
+    model: Model
+    targets: list[Target]
+    lights: Lights
+    stage: Stage
+    config: DecomposeConfig
+    seed: int
+
+    def groups(self) -> list[dict]:
+        """Return the model's parameter groups."""
+        return self.model.groups()
+
+    def project(self) -> None:
+        """Bring the model's parameters back into their valid ranges."""
+        self.model.project()
+
+    def photos(self, iteration: int) -> str:
+        """Return the name of the photo of a step, in quotes."""
+        return f"'{self._target(iteration).name}'"
+
+    def refresh(self, iteration: int, fraction: float) -> None:
+        """Renew the shadows; then choose the base colours' brightness, and keep its product with each light."""
+        self.model.renew()
+        if iteration == 0 or self.config.brightness_anchor == 0:
+            return
+        step = self.stage.first_step + iteration
+
+        def see(target: Target) -> GBuffer:
+            return self.model.see(target.view, step, fraction).gbuffer
+
+        factor = choose_brightness(see, self.targets, self.lights, self.config, step)
+        self.model.brighten(factor)
+        if not self.lights.gradient:
+            self.lights.maps = [light / factor for light in self.lights.maps]
+
+    def loss(self, iteration: int, fraction: float) -> Tensor:
+        """Return the loss of one photo: image, coverage, light and model regularisation."""
+        target, step = self._target(iteration), self.stage.first_step + iteration
+        seen = self.model.see(target.view, step, fraction)
+        levels, light_loss = self.lights.levels(target, seen.gbuffer, step)
+        radiance = shade(seen.gbuffer, self.lights.prefilter, levels)
+        count = target.view.height * target.view.width
+        covered = torch.zeros(count, dtype=torch.bool, device=radiance.device)
+        covered[seen.gbuffer.pixel] = True
+        shape = (target.view.height, target.view.width)
+        crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, covered.reshape(shape), target.view)
+        cover = coverage(seen.gbuffer.pixel, crossings, count)
+        image = spread_color(radiance, seen.gbuffer.pixel, crossings, cover)
+        background = torch.rand(3, generator=generator(self.seed, "background", step)).to(radiance.device)
+        loss = image_loss(image, cover, target.color, target.alpha, background, self.config.coverage_weight)
+        gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
+        return loss + light_loss + seen.regularisation + gauge
+
+    def _target(self, iteration: int) -> Target:
+        return self.targets[photo_order(self.seed, self.stage.name, len(self.targets), iteration)]

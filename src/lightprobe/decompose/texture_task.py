@@ -1,0 +1,158 @@
+"""The third pass's task: the textures alone, at the photos' full size, on random pixels of several photos a step.
+
+With the shape at rest, which point of the surface a pixel sees is known once and for all. So a step costs what its
+pixels cost, however large the photos are, and fine relief and print get the many visits they need.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import generator
+from lightprobe.decompose.lights import Lights, solve_target_light
+from lightprobe.decompose.losses import brightness_anchor, color_gauge, material_prior, one_sided, tone_map
+from lightprobe.decompose.optimisation import Stage, photo_order
+from lightprobe.decompose.photos import Target
+from lightprobe.decompose.surface_model import SurfaceModel
+from lightprobe.kernels import weighted_gather
+from lightprobe.material.textures import bilinear_taps
+from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.openness import blend
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import Surface, View, visible_surface
+
+_POOL = 65_536  # pixels kept of a photo
+_PHOTOS = 4  # looked at in a step
+_PIXELS = 8192  # of each
+_RELIGHT = 3  # epochs between solves of a photo's light, which has long settled
+
+
+@dataclass(frozen=True)
+class PhotoPixels:
+    """Some pixels of a photo that lie wholly inside its mask, and the surface they show."""
+
+    name: str
+    view: View
+    surface: Surface  # K points
+    color: Tensor  # (K, 3) linear
+
+    @staticmethod
+    def of(asset: Asset, target: Target, seed: int) -> "PhotoPixels":
+        """Return at most `_POOL` pixels of a photo of the asset, drawn at random."""
+        surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
+        inside = (target.alpha[surface.pixel] > 0.99).nonzero()[:, 0]
+        surface = surface.select(_draw(inside, _POOL, generator(seed, f"pool/{target.name}")))
+        return PhotoPixels(target.name, target.view, surface, target.color[surface.pixel])
+
+    def sample(self, seed: int, step: int) -> "PhotoPixels":
+        """Return at most `_PIXELS` of the pixels, drawn at random."""
+        every = torch.arange(len(self.color), device=self.color.device)
+        rows = _draw(every, _PIXELS, generator(seed, f"texture/{self.name}", step))
+        return PhotoPixels(self.name, self.view, self.surface.select(rows), self.color[rows])
+
+
+class TextureTask:
+    """Fit the textures of a surface, and the lights, to pixels of photos."""
+
+    def __init__(
+        self, model: SurfaceModel, photos: list[PhotoPixels], lights: Lights, stage: Stage, config: DecomposeConfig,
+        seed: int,
+    ):  # fmt: skip
+        self.model, self.lights, self.config = model, lights, config
+        self._photos, self._stage, self._seed = photos, stage, seed
+        self._mesh = model.start
+        self._normals = model.start.normals()
+
+    def groups(self) -> list[dict]:
+        """Return the optimiser's parameter groups."""
+        rate = self.config.learning_rate_texture
+        return [
+            {"params": [self.model.color, self.model.finish], "lr": rate},
+            {"params": [self.model.mean_color], "lr": 0.0},
+        ]
+
+    def refresh(self, iteration: int, fraction: float) -> None:
+        """Do nothing: the shape is at rest, and so are its shadows and its brightness."""
+
+    def photos(self, iteration: int) -> str:
+        """Return the names of the photos of a step."""
+        return ", ".join(f"'{self._photos[i].name}'" for i, _ in self._visits(iteration))
+
+    def project(self) -> None:
+        """Bring texels back into their valid ranges."""
+        self.model.project()
+
+    def loss(self, iteration: int, fraction: float) -> Tensor:
+        """Return the mean image loss of the step's photos, and what their materials cost."""
+        step, visits = self._stage.first_step + iteration, self._visits(iteration)
+        seen = [self._photos[i].sample(self._seed, step) for i, _ in visits]
+        material, neighbours = self._materials(seen, step)
+        start, image = 0, material.new_zeros(())
+        for (_, epoch), photo in zip(visits, seen, strict=True):
+            end = start + len(photo.color)
+            image = image + self._photo_loss(photo, material[start:end], epoch)
+            start = end
+        base = material[:, :3]
+        return (
+            image / len(seen)
+            + self.config.smoothness_detail * (material - neighbours).abs().mean()
+            + self.config.normal_prior_detail * material[:, 5:7].square().mean()
+            + material_prior(material, self.config)
+            + self.config.brightness_anchor * brightness_anchor(self.model.color, self.model.mean_color)
+            + self.config.color_gauge * color_gauge(base, self.lights.cast())
+        )
+
+    def _visits(self, iteration: int) -> list[tuple[int, int]]:
+        """Return (photo, epoch) for each photo of a step."""
+        first, count = iteration * _PHOTOS, len(self._photos)
+        places = range(first, first + _PHOTOS)
+        return [(photo_order(self._seed, self._stage.name, count, k), k // count) for k in places]
+
+    def _materials(self, photos: list[PhotoPixels], step: int) -> tuple[Tensor, Tensor]:
+        """Return the material (P, 8) at all pixels of the photos, and one texel beside each in a random direction."""
+        texels = self.model.texels()
+        size = round(len(texels) ** 0.5)
+        uv = torch.cat([photo.surface.interpolate(self._mesh.uvs, self._mesh.uv_faces) for photo in photos])
+        angle = 2 * math.pi * torch.rand(len(uv), generator=generator(self._seed, "texture-smoothness", step))
+        beside = uv + torch.stack([angle.cos(), angle.sin()], 1).to(uv) / size
+        index, weight = bilinear_taps(torch.cat([uv, beside]), size)
+        material, neighbours = weighted_gather(texels, index, weight).chunk(2)
+        return material, neighbours
+
+    def _photo_loss(self, photo: PhotoPixels, material: Tensor, epoch: int) -> Tensor:
+        """Return the L1 of tone-mapped colours, and of a light fitted by gradients its regularisation."""
+        gbuffer = self._gbuffer(photo, material)
+        row = self.lights.index[photo.name]
+        if not self.lights.gradient and epoch % _RELIGHT == 0:
+            self.lights.maps[row] = self._solve(photo, gbuffer, self.lights.maps[row])
+        levels = self.lights.prefilter.apply(self.lights.maps[row])
+        whole = torch.ones_like(photo.color[:, 0])
+        render = one_sided(shade(gbuffer, self.lights.prefilter, levels), photo.color, whole)
+        loss = (tone_map(render) - tone_map(photo.color)).abs().mean()
+        return loss + self.lights.regularisation(row)
+
+    def _solve(self, photo: PhotoPixels, gbuffer: GBuffer, start: Tensor) -> Tensor:
+        rows = torch.arange(min(self.config.light_solve_pixels, len(photo.color)), device=start.device)
+        rows = rows * len(photo.color) // max(len(rows), 1)
+        return solve_target_light(
+            photo.color[rows], gbuffer, start, rows, regularisation=self.config.light_regularisation,
+            iterations=self.config.light_solve_iterations,
+        )  # fmt: skip
+
+    def _gbuffer(self, photo: PhotoPixels, material: Tensor) -> GBuffer:
+        surface = photo.surface
+        normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])
+        table = self.model.openness
+        openness = None if table is None else blend(table, self._mesh.faces, surface.face, surface.barycentric)
+        return gbuffer_of(surface, photo.view, normal, material, openness)
+
+
+def _draw(rows: Tensor, count: int, random: torch.Generator) -> Tensor:
+    """Return at most `count` of the rows (N,), drawn without replacement, in their order."""
+    if len(rows) <= count:
+        return rows
+    return rows[torch.randperm(len(rows), generator=random)[:count].sort().values.to(rows.device)]
