@@ -1,8 +1,4 @@
-"""Numba body of the stacking; symbols as in `lightprobe.kernels.stacking`.
-
-Each pixel gets a frame (t, b, n). With w in that frame and s = n.w + n.v, k = (t.w + t.v)^2 + (b.w + b.v)^2:
-|w + v|^2 = k + s^2 and the bracket of D is (k + a2 s^2)/(k + s^2). So D needs 12 fused operations for w, no square root
-and one division, and nothing cancels in the core of the lobe.
+"""Numba body of the stacking; symbols as in `lightprobe.kernels.stacking` and `lobe_frames`.
 
 Loops run over a tile of texels in vectors; tile by tile the sums stay in the first-level cache, and partial sums over
 `CHUNK` pixels or `TILE` texels keep the rounding of long float32 sums small.
@@ -16,6 +12,7 @@ from numba import prange
 from torch import Tensor
 
 from lightprobe.core.jit import arrays, compiled, threads
+from lightprobe.kernels.lobe_frames import lobe_frames
 
 TILE = 256  # texels
 CHUNK = 512  # pixels
@@ -31,7 +28,7 @@ def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, direct
     factors = torch.cat([scale, scale * colors], dim=1)
     out = colors.new_zeros(4, directions.shape[0])
     threads(normals.shape[0] * directions.shape[0])
-    _stack(*arrays(_frames(normals, views, alpha2), factors, directions.T), out.numpy())
+    _stack(*arrays(lobe_frames(normals, views, alpha2), factors, directions.T), out.numpy())
     return out[1:].T.contiguous(), out[0]
 
 
@@ -39,20 +36,8 @@ def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor,
     """Return sum_w D_p(w) grad(w), shape (N, 3), for `grad` (M, 3) already divided by W."""
     out = grad.new_zeros(normals.shape[0], 3)
     threads(normals.shape[0] * directions.shape[0])
-    _stack_backward(*arrays(_frames(normals, views, alpha2), grad.T, directions.T), out.numpy())
+    _stack_backward(*arrays(lobe_frames(normals, views, alpha2), grad.T, directions.T), out.numpy())
     return out * (alpha2[:, None] / math.pi)
-
-
-def _frames(normals: Tensor, views: Tensor, alpha2: Tensor) -> Tensor:
-    """Return (N, 13): t, t.v, b, b.v, n, n.v, a2; the frame after Duff et al. 2017, in float64 to start exact."""
-    n, v = normals.double(), views.double()
-    x, y, z = n.unbind(1)
-    sign = torch.copysign(torch.ones_like(z), z)
-    a = -1 / (sign + z)
-    b = x * y * a
-    axes = [torch.stack([1 + sign * x * x * a, sign * b, -sign * x], 1), torch.stack([b, sign + y * y * a, -y], 1), n]
-    columns = [part for axis in axes for part in (axis, (axis * v).sum(dim=1, keepdim=True))]
-    return torch.cat([*columns, alpha2[:, None].double()], dim=1).float()
 
 
 @compiled(fastmath=FUSED, inline="always")
