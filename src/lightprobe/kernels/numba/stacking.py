@@ -41,14 +41,29 @@ def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor,
 
 
 @compiled(fastmath=FUSED, inline="always")
-def _lobe(frame, p, x, y, z):
-    """Return pi D / a2 of pixel p in the direction (x, y, z)."""
-    across = frame[p, 3] + frame[p, 0] * x + frame[p, 1] * y + frame[p, 2] * z
-    along = frame[p, 7] + frame[p, 4] * x + frame[p, 5] * y + frame[p, 6] * z
-    cosine = frame[p, 8] * x + frame[p, 9] * y + frame[p, 10] * z
-    k = TINY + across * across + along * along
-    s = frame[p, 11] + cosine
-    ratio = (k + s * s) / (k + frame[p, 12] * (s * s))
+def pixel_frame(values, p):
+    """Return the frame of pixel p as numbers, which a loop that writes elsewhere can keep in registers."""
+    return (
+        values[p, 0], values[p, 1], values[p, 2], values[p, 3], values[p, 4], values[p, 5], values[p, 6],
+        values[p, 7], values[p, 8], values[p, 9], values[p, 10], values[p, 11], values[p, 12],
+    )  # fmt: skip
+
+
+@compiled(fastmath=FUSED, inline="always")
+def components(frame, x, y, z):
+    """Return k, s and n.w in the direction (x, y, z) for a `pixel_frame`."""
+    tx, ty, tz, tv, bx, by, bz, bv, nx, ny, nz, nv, _ = frame
+    across = tv + tx * x + ty * y + tz * z
+    along = bv + bx * x + by * y + bz * z
+    cosine = nx * x + ny * y + nz * z
+    return TINY + across * across + along * along, nv + cosine, cosine
+
+
+@compiled(fastmath=FUSED, inline="always")
+def lobe(frame, x, y, z):
+    """Return pi D / a2 in the direction (x, y, z) for a `pixel_frame`."""
+    k, s, cosine = components(frame, x, y, z)
+    ratio = (k + s * s) / (k + frame[12] * (s * s))
     return ratio * ratio * max(cosine, ZERO)
 
 
@@ -65,12 +80,14 @@ def _stack_tile(frame, factors, directions, start, stop, out):
     w, r, g, b = sums[0], sums[1], sums[2], sums[3]
     for first in range(0, frame.shape[0], CHUNK):
         for p in range(first, min(frame.shape[0], first + CHUNK)):
+            own = pixel_frame(frame, p)
+            one, red, green, blue = factors[p, 0], factors[p, 1], factors[p, 2], factors[p, 3]
             for j in range(x.size):
-                lobe = _lobe(frame, p, x[j], y[j], z[j])
-                w[j] += factors[p, 0] * lobe
-                r[j] += factors[p, 1] * lobe
-                g[j] += factors[p, 2] * lobe
-                b[j] += factors[p, 3] * lobe
+                value = lobe(own, x[j], y[j], z[j])
+                w[j] += one * value
+                r[j] += red * value
+                g[j] += green * value
+                b[j] += blue * value
         for channel in range(4):
             for j in range(x.size):
                 out[channel, start + j] += sums[channel, j]
@@ -90,12 +107,13 @@ def _project_block(frame, grad, directions, begin, end, out):
         x, y, z = directions[0, part], directions[1, part], directions[2, part]
         red, green, blue = grad[0, part], grad[1, part], grad[2, part]
         for p in range(begin, end):
+            own = pixel_frame(frame, p)
             r, g, b = ZERO, ZERO, ZERO
             for j in range(x.size):
-                lobe = _lobe(frame, p, x[j], y[j], z[j])
-                r += lobe * red[j]
-                g += lobe * green[j]
-                b += lobe * blue[j]
+                value = lobe(own, x[j], y[j], z[j])
+                r += value * red[j]
+                g += value * green[j]
+                b += value * blue[j]
             out[p, 0] += r
             out[p, 1] += g
             out[p, 2] += b
