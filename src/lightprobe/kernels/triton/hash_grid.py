@@ -4,6 +4,8 @@ A program serves a block of points on one level. The gradient is summed with int
 a batch meet in few rows of the coarse levels, and yet the bits repeat.
 """
 
+import functools
+
 import torch
 import triton
 import triton.language as tl
@@ -20,8 +22,8 @@ def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
     if out.numel():
         with torch.cuda.device_of(points):
             _encode[_grid(points, cells)](
-                points.contiguous(), table.contiguous(), _on_device(cells, points), out, points.shape[0], len(cells),
-                *_sizes(table.shape), enable_fp_fusion=True,
+                points.contiguous(), table.contiguous(), _on_device(tuple(cells), points.device), out,
+                points.shape[0], len(cells), *_sizes(table.shape), enable_fp_fusion=True,
             )  # fmt: skip
     return out
 
@@ -34,8 +36,8 @@ def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape:
     sums = torch.zeros(table_shape, dtype=torch.int64, device=grad.device)
     with torch.cuda.device_of(points):
         _encode_backward[_grid(points, cells)](
-            grad.contiguous(), points.contiguous(), _on_device(cells, points), scale, sums, points.shape[0],
-            len(cells), *_sizes(table_shape), enable_fp_fusion=True,
+            grad.contiguous(), points.contiguous(), _on_device(tuple(cells), points.device), scale, sums,
+            points.shape[0], len(cells), *_sizes(table_shape), enable_fp_fusion=True,
         )  # fmt: skip
     return fixed_point.decode(sums, scale)
 
@@ -50,9 +52,10 @@ def _sizes(table_shape: torch.Size) -> tuple[int, int, int, int]:
     return rows, features, triton.next_power_of_2(features), POINTS
 
 
-def _on_device(cells: list[int], points: Tensor) -> Tensor:
-    """Return the resolutions (L,) int32 where the points are, without waiting for the device."""
-    return torch.tensor(cells, dtype=torch.int32).to(points.device, non_blocking=True)
+@functools.lru_cache(maxsize=16)
+def _on_device(cells: tuple[int, ...], device: torch.device) -> Tensor:
+    """Return the resolutions (L,) int32; kept, for a copy to the device in every step could not join a CUDA graph."""
+    return torch.tensor(cells, dtype=torch.int32, device=device)
 
 
 @triton.jit
