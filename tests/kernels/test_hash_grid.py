@@ -85,7 +85,7 @@ def test_continuous_across_cells():
 
 
 def test_same_bits_again_and_on_one_thread(body):
-    count = body.size(3000, 300)
+    count = body.size(3000, 100)
     case = body.move(*problem(n=count), torch.randn(count, len(CELLS) * 2))
     first, again = value_and_gradient(*case), value_and_gradient(*case)
     threads = torch.get_num_threads()

@@ -139,7 +139,7 @@ def test_inverse_depth_is_perspective_correct():
 
 
 def test_the_nearest_face_wins_in_any_order(body):
-    count = body.size(500, 40)
+    count = body.size(500, 15)
     screen, faces = body.move(*soup(count, 48, 48, size=25.0))
     seen = rasterize(screen, faces, 48, 48)
     order = torch.randperm(count, generator=torch.Generator().manual_seed(1)).to(body.device)
