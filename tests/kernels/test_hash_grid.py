@@ -24,9 +24,9 @@ def value_and_gradient(points, table, resolutions, grad):
 
 
 @pytest.mark.parametrize("features", [1, 2, 4])
-def test_matches_the_reference(features):
-    points, table, resolutions = problem(features=features)
-    grad = torch.randn(len(points), len(CELLS) * features)
+def test_matches_the_reference(body, features):
+    points, table, resolutions = body.move(*problem(features=features))
+    grad = torch.randn(len(points), len(CELLS) * features, device=body.device)
     out, grad_table = value_and_gradient(points, table, resolutions, grad)
     torch.testing.assert_close(out, reference.encode(points, table, CELLS), rtol=1e-5, atol=1e-5)
     expected = reference.encode_backward(grad, points, CELLS, table.shape)
@@ -50,28 +50,28 @@ def test_dense_level_reproduces_a_linear_function():
     torch.testing.assert_close(out, expected, rtol=1e-5, atol=1e-5)
 
 
-def test_corner_rows_follow_the_paper():
-    points = torch.tensor([[5.0, 9.0, 14.0]]) / 32  # a lattice corner, so one row holds all the weight
-    grad_out = torch.ones(1, 1)
-    _, grad = value_and_gradient(points, torch.zeros(1, 256, 1), torch.tensor([32]), grad_out)
+def test_corner_rows_follow_the_paper(body):
+    points = torch.tensor([[5.0, 9.0, 14.0]], device=body.device) / 32  # a lattice corner: one row holds all the weight
+    grad_out, cells = torch.ones(1, 1, device=body.device), torch.tensor([32])
+    _, grad = value_and_gradient(points, torch.zeros(1, 256, 1, device=body.device), cells, grad_out)
     row = (5 ^ (9 * 2654435761 % 2**32) ^ (14 * 805459861 % 2**32)) % 256
     assert grad[0, :, 0].nonzero().flatten().tolist() == [row]
-    _, grad = value_and_gradient(points, torch.zeros(1, 65536, 1), torch.tensor([32]), grad_out)
+    _, grad = value_and_gradient(points, torch.zeros(1, 65536, 1, device=body.device), cells, grad_out)
     assert grad[0, :, 0].nonzero().flatten().tolist() == [5 + 33 * (9 + 33 * 14)]
 
 
 @pytest.mark.parametrize("body_dtype", [torch.float32, torch.float64])
-def test_points_outside_are_clamped(body_dtype):
-    _, table, resolutions = problem()
-    outside = torch.tensor([[-0.5, 0.3, 1.5], [2.0, -1.0, 0.5]], dtype=body_dtype)
+def test_points_outside_are_clamped(body, body_dtype):
+    _, table, resolutions = body.move(*problem())
+    outside = torch.tensor([[-0.5, 0.3, 1.5], [2.0, -1.0, 0.5]], dtype=body_dtype, device=body.device)
     table = table.to(body_dtype)
     assert torch.equal(hash_encode(outside, table, resolutions), hash_encode(outside.clamp(0, 1), table, resolutions))
 
 
-def test_the_far_face_reads_no_row_beyond_its_level():
+def test_the_far_face_reads_no_row_beyond_its_level(body):
     table = torch.full((2, 64, 1), torch.inf)
     table[0, :, 0] = torch.arange(64)
-    out = hash_encode(torch.tensor([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0]]), table, torch.tensor([3, 3]))
+    out = hash_encode(*body.move(torch.tensor([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0]]), table), torch.tensor([3, 3]))
     assert out[:, 0].tolist() == [63, 51]
 
 
@@ -84,9 +84,9 @@ def test_continuous_across_cells():
     torch.testing.assert_close(low, high, rtol=0, atol=1e-5)
 
 
-def test_same_bits_again_and_on_one_thread():
-    points, table, resolutions = problem(n=3000)
-    case = (points, table, resolutions, torch.randn(3000, len(CELLS) * 2))
+def test_same_bits_again_and_on_one_thread(body):
+    count = body.size(3000, 100)
+    case = body.move(*problem(n=count), torch.randn(count, len(CELLS) * 2))
     first, again = value_and_gradient(*case), value_and_gradient(*case)
     threads = torch.get_num_threads()
     try:
@@ -99,9 +99,9 @@ def test_same_bits_again_and_on_one_thread():
         assert torch.equal(a, c)
 
 
-def test_no_points_give_no_features_and_no_gradient():
+def test_no_points_give_no_features_and_no_gradient(body):
     _, table, resolutions = problem()
-    out, grad = value_and_gradient(torch.zeros(0, 3), table, resolutions, torch.zeros(0, 8))
+    out, grad = value_and_gradient(*body.move(torch.zeros(0, 3), table, resolutions, torch.zeros(0, 8)))
     assert out.shape == (0, 8)
     assert not grad.any()
 

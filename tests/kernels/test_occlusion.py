@@ -31,9 +31,10 @@ def value_and_gradients(case, grad):
 
 
 @pytest.mark.parametrize(("pixels", "corners"), [(700, 3), (1, 1), (257, 2)])
-def test_matches_the_reference(pixels, corners):
-    case = problem(pixels, corners=corners)
-    grad = torch.randn(pixels, 7)
+def test_matches_the_reference(body, pixels, corners):
+    pixels = body.size(pixels, min(pixels, 30))
+    case = body.move(*problem(pixels, corners=corners))
+    grad = torch.randn(pixels, 7, device=body.device)
     ours = value_and_gradients(case, grad)
     exact = [x.double() if x.is_floating_point() else x for x in case]
     theirs = value_and_gradients(exact, grad.double())
@@ -57,9 +58,11 @@ def test_open_sky_is_irradiance_over_pi():
     torch.testing.assert_close(out[:, 6], torch.ones(50).double())
 
 
-def test_adjoint_is_the_transpose():
-    case = problem(300)
-    arriving, light = torch.randn(300, 6), torch.randn(384, 3)
+@pytest.mark.parametrize("resolution", [3, 8])
+def test_adjoint_is_the_transpose(body, resolution):
+    pixels = body.size(300, 40)
+    case = body.move(*problem(pixels, resolution=resolution))
+    arriving, light = body.move(torch.randn(pixels, 6), torch.randn(6 * resolution**2, 3))
     forward = occluded_light(light, *case[1:])[:, :6]
     back = occluded_light_adjoint(arriving, *case[1:])
     torch.testing.assert_close((forward * arriving).sum(), (back * light).sum(), rtol=1e-4, atol=1e-3)

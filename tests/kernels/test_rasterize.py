@@ -56,9 +56,9 @@ def sphere(rings, size):
 
 
 @pytest.mark.parametrize(("height", "width"), [(64, 64), (37, 90), (100, 17), (1, 1)])
-def test_equals_the_reference_to_the_bit(height, width):
-    for count, size in [(400, 12.0), (30, 150.0), (2000, 1.5), (0, 1.0)]:
-        screen, faces = soup(count, height, width, size=size)
+def test_equals_the_reference_to_the_bit(body, height, width):
+    for count, size in [(body.size(400, 40), 12.0), (body.size(30, 9), 150.0), (body.size(2000, 90), 1.5), (0, 1.0)]:
+        screen, faces = body.move(*soup(count, height, width, size=size))
         seen = rasterize(screen, faces, height, width)
         face, inverse_depth = reference.rasterize(screen, faces, height, width)
         assert seen.face.shape == (height, width)
@@ -138,18 +138,20 @@ def test_inverse_depth_is_perspective_correct():
     assert not seen.inverse_depth[~covered].any()
 
 
-def test_the_nearest_face_wins_in_any_order():
-    screen, faces = soup(500, 48, 48, size=25.0)
+def test_the_nearest_face_wins_in_any_order(body):
+    count = body.size(500, 15)
+    screen, faces = body.move(*soup(count, 48, 48, size=25.0))
     seen = rasterize(screen, faces, 48, 48)
-    order = torch.randperm(500, generator=torch.Generator().manual_seed(1))
+    order = torch.randperm(count, generator=torch.Generator().manual_seed(1)).to(body.device)
     shuffled = rasterize(screen, faces[order], 48, 48)
     assert torch.equal(shuffled.inverse_depth, seen.inverse_depth)
     assert torch.equal(torch.where(shuffled.face < 0, -1, order[shuffled.face.long()]), seen.face.long())
 
 
-def test_ties_go_to_the_lower_face():
+@pytest.mark.parametrize("height", [11, 24])  # on either side of what the GPU's body calls a large face
+def test_ties_go_to_the_lower_face(body, height):
     screen = torch.tensor([[1.0, 1.0, 2.0], [20.0, 1.0, 2.0], [1.0, 20.0, 2.0]])
-    seen = rasterize(screen, torch.tensor([[2, 1, 0]]).repeat(5, 1), 24, 24)
+    seen = rasterize(*body.move(screen, torch.tensor([[2, 1, 0]]).repeat(5, 1)), height, 24)
     assert set(seen.face.unique().tolist()) == {-1, 0}
 
 
@@ -157,23 +159,23 @@ def test_ties_go_to_the_lower_face():
     ("column", "bad"),
     [(2, 0.0), (2, -1.0), (2, math.nan), (2, math.inf), (0, math.nan), (1, math.inf), (0, -math.inf)],
 )
-def test_faces_behind_the_camera_or_not_finite_are_skipped(column, bad):
+def test_faces_behind_the_camera_or_not_finite_are_skipped(body, column, bad):
     screen = torch.tensor([[1.0, 1.0, 1.0], [20.0, 1.0, 1.0], [1.0, 20.0, 1.0]]).repeat(2, 1)
     screen[3:, 2] = 5.0  # the whole face lies behind the bad one
     screen[1, column] = bad
-    seen = rasterize(screen, torch.tensor([[0, 1, 2], [3, 4, 5]]), 24, 24)
+    seen = rasterize(*body.move(screen, torch.tensor([[0, 1, 2], [3, 4, 5]])), 24, 24)
     assert set(seen.face.unique().tolist()) == {-1, 1}
 
 
-def test_faces_without_area_are_skipped():
+def test_faces_without_area_are_skipped(body):
     screen = torch.tensor([[1.5, 1.5, 1.0], [9.5, 9.5, 1.0], [5.5, 5.5, 1.0]])
-    seen = rasterize(screen, torch.tensor([[0, 1, 2], [0, 0, 1], [2, 2, 2]]), 12, 12)
+    seen = rasterize(*body.move(screen, torch.tensor([[0, 1, 2], [0, 0, 1], [2, 2, 2]])), 12, 12)
     assert (seen.face == -1).all()
 
 
-def test_huge_faces_are_cut_to_the_image():
+def test_huge_faces_are_cut_to_the_image(body):
     screen = torch.tensor([[-1e9, -1e9, 1.0], [1e9, -1e9, 1.0], [0.0, 1e9, 1.0]])
-    assert (rasterize(screen, torch.tensor([[0, 1, 2]]), 7, 300).face == 0).all()
+    assert (rasterize(*body.move(screen, torch.tensor([[0, 1, 2]])), 7, 300).face == 0).all()
 
 
 def test_same_bits_on_one_thread():

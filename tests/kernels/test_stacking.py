@@ -48,9 +48,10 @@ def test_reference_is_the_printed_equation():
 
 
 @pytest.mark.parametrize(("pixels", "texels"), [(700, 900), (1, 1), (3, 257), (513, 16)])
-def test_matches_the_reference(pixels, texels):
-    case = problem(pixels, texels)
-    grad = torch.randn(texels, 3)
+def test_matches_the_reference(body, pixels, texels):
+    pixels, texels = body.size(pixels, min(pixels, 70)), body.size(texels, min(texels, 300))
+    case = body.move(*problem(pixels, texels))
+    grad = torch.randn(texels, 3, device=body.device)
     radiance, weight, grad_colors = value_and_gradient(case, grad)
     expected, expected_weight = exact(*case)
     torch.testing.assert_close(weight.double(), expected_weight, rtol=3e-5, atol=1e-5 * float(expected_weight.max()))
@@ -67,12 +68,12 @@ def test_gradient_in_float64():
     assert gradcheck(lambda c: stack_probes(c, *lobes)[0], (colors.requires_grad_(),))
 
 
-def test_the_core_of_a_sharp_lobe_keeps_its_digits():
-    case = problem(300, 1, least_roughness=0.08)
+def test_the_core_of_a_sharp_lobe_keeps_its_digits(body):
+    case = body.move(*problem(300, 1, least_roughness=0.08))
     n, v = case[1], case[2]
     mirror = torch.nn.functional.normalize(2 * (n * v).sum(dim=1, keepdim=True) * n - v, dim=1)
     offset = torch.nn.functional.normalize(mirror + 0.005 * torch.randn_like(mirror), dim=1)
-    a2 = torch.full((300,), 0.08**4)
+    a2 = torch.full((300,), 0.08**4, device=body.device)
     for p in range(0, 300, 7):
         lobe = [x[p : p + 1] for x in (n, v, a2)]
         expected = exact(case[0][:1], *lobe, offset[p : p + 1])[1]
@@ -90,23 +91,25 @@ def test_radiance_is_a_convex_average(pixels, texels, seed, roughness):
     assert not radiance[~seen].any()
 
 
-def test_unseen_directions_are_black_and_give_no_gradient():
+def test_unseen_directions_are_black_and_give_no_gradient(body):
     colors, n, v = torch.ones(2, 3), torch.tensor([[0.0, 0, 1], [0, 0, 1]]), torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8]])
-    down, up = torch.tensor([[0.0, 0.6, -0.8]]), torch.tensor([[0.0, 0.6, 0.8]])
-    case = (colors, n, v, torch.tensor([0.1, 0.1]), down)
-    radiance, weight, grad = value_and_gradient(case, torch.ones(1, 3))
+    down, up = body.move(torch.tensor([[0.0, 0.6, -0.8]]), torch.tensor([[0.0, 0.6, 0.8]]))
+    case = (*body.move(colors, n, v, torch.tensor([0.1, 0.1])), down)
+    one = torch.ones(1, 3, device=body.device)
+    radiance, weight, grad = value_and_gradient(case, one)
     assert not torch.cat([radiance.flatten(), weight, grad.flatten()]).any()
-    radiance, weight, grad = value_and_gradient((*case[:4], up), torch.ones(1, 3))
-    torch.testing.assert_close(radiance, torch.ones(1, 3))
-    torch.testing.assert_close(grad.sum(), torch.tensor(3.0))
+    radiance, weight, grad = value_and_gradient((*case[:4], up), one)
+    torch.testing.assert_close(radiance, one)
+    torch.testing.assert_close(float(grad.sum()), 3.0)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_a_direction_opposite_to_the_view_is_finite(dtype):
+def test_a_direction_opposite_to_the_view_is_finite(body, dtype):
     n = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], dtype=dtype)
     v = torch.tensor([[0.0, 0.6, 0.8], [0.0, 0.6, 0.8]], dtype=dtype)  # the second pixel faces away from its camera
     a2 = torch.tensor([0.3, 0.3], dtype=dtype)
-    radiance, weight = stack_probes(torch.ones_like(n), n, v, a2, -v[:1])
+    case = body.move(torch.ones_like(n), n, v, a2, -v[:1])
+    radiance, weight = (x.cpu() for x in stack_probes(*case))
     torch.testing.assert_close(weight, torch.tensor([0.3 / math.pi * 0.8], dtype=dtype), rtol=1e-4, atol=1e-6)
     torch.testing.assert_close(radiance, torch.ones(1, 3, dtype=dtype))
 
@@ -130,8 +133,9 @@ def test_probe_weight_is_the_weight():
     assert not stack_probes(colors.requires_grad_(), *lobes)[1].requires_grad
 
 
-def test_same_bits_again_and_on_one_thread():
-    case, grad = problem(1500, 1100), torch.randn(1100, 3)
+def test_same_bits_again_and_on_one_thread(body):
+    pixels, texels = body.size(1500, 70), body.size(1100, 70)
+    case, grad = body.move(*problem(pixels, texels)), torch.randn(texels, 3, device=body.device)
     first, again = value_and_gradient(case, grad), value_and_gradient(case, grad)
     threads = torch.get_num_threads()
     try:
@@ -144,14 +148,14 @@ def test_same_bits_again_and_on_one_thread():
         assert torch.equal(a, c)
 
 
-def test_a_broken_normal_shows():
-    colors, n, v, a2, w = problem(3, 5)
+def test_a_broken_normal_shows(body):
+    colors, n, v, a2, w = body.move(*problem(3, 5))
     n[1, 0] = math.nan
     assert stack_probes(colors, n, v, a2, w)[0].isnan().all()
 
 
-def test_no_pixels_or_no_texels():
-    colors, n, v, a2, w = problem(4, 4)
+def test_no_pixels_or_no_texels(body):
+    colors, n, v, a2, w = body.move(*problem(4, 4))
     radiance, weight = stack_probes(colors[:0], n[:0], v[:0], a2[:0], w)
     assert not torch.cat([radiance.flatten(), weight]).any()
     assert stack_probes(colors, n, v, a2, w[:0])[0].shape == (0, 3)

@@ -15,6 +15,7 @@ from torch import Tensor
 from lightprobe import kernels
 from lightprobe.core.config_distill import AlphaRule
 from lightprobe.distill.probe_pixels import ProbePixels
+from lightprobe.light.culled_stacking import stack_on_cubemap
 
 _LEAST_ROUGHNESS = 0.08  # the renderer's own floor; below it a lobe is narrower than any texel
 
@@ -39,4 +40,14 @@ def stack(pixels: ProbePixels, colors: Tensor, directions: Tensor, rule: AlphaRu
     radiance, total = kernels.stack_probes(
         colors, pixels.normal, pixels.view, alpha2(pixels.roughness, rule), directions
     )
+    return radiance, total / max(len(pixels), 1)
+
+
+def stack_everywhere(pixels: ProbePixels, colors: Tensor, resolution: int, rule: AlphaRule) -> tuple[Tensor, Tensor]:
+    """Return `stack` in all texels of a cubemap: radiance (6, R, R, 3) and mean distribution (6, R, R).
+
+    For many pixels and texels: not differentiable, and within the bound of `light.culled_stacking`.
+    """
+    lobes = pixels.normal, pixels.view, alpha2(pixels.roughness, rule)
+    radiance, total = stack_on_cubemap(colors, *lobes, resolution)
     return radiance, total / max(len(pixels), 1)

@@ -1,16 +1,29 @@
-"""Choice of the body that serves an op: Numba for float32 on the CPU, the plain reference for everything else.
+"""Choice of the body that serves an op, by device and dtype: Numba, Triton, or the plain reference.
 
-A body is a module with the op's forward and backward functions. Another one (for a GPU, say) is added here, by device.
+A body is a module with the op's forward and backward functions, `kernels/<body>/<op>.py`, loaded when first needed: so
+Triton is missed only where it would be used, and there the reference takes its place.
 """
 
+import functools
+import importlib
+import warnings
+from enum import StrEnum
 from types import ModuleType
 
 import torch
 from torch import Tensor
 
 
-def choose(fast: ModuleType, reference: ModuleType, *tensors: Tensor) -> ModuleType:
-    """Return `fast` when every tensor is on the CPU and every floating tensor is float32, else `reference`.
+class Body(StrEnum):
+    """The packages of bodies."""
+
+    NUMBA = "numba"
+    TRITON = "triton"
+    REFERENCE = "reference"
+
+
+def choose(op: str, *tensors: Tensor) -> ModuleType:
+    """Return the module that serves `op` (a module name under each body's package) for these tensors.
 
     Raises ValueError when devices or floating dtypes are mixed, because the op would then mean two things.
     """
@@ -18,8 +31,26 @@ def choose(fast: ModuleType, reference: ModuleType, *tensors: Tensor) -> ModuleT
     dtypes = {tensor.dtype for tensor in tensors if tensor.is_floating_point()}
     if len(devices) > 1 or len(dtypes) > 1:
         raise ValueError(f"All tensors of one op must share a device and a floating dtype, not {devices} and {dtypes}.")
-    on_cpu = all(device.type == "cpu" for device in devices)
-    return fast if on_cpu and dtypes <= {torch.float32} else reference
+    body = body_for(devices.pop().type) if dtypes <= {torch.float32} else Body.REFERENCE
+    return importlib.import_module(f"{__package__}.{body}.{op}")
+
+
+def body_for(device: str) -> Body:
+    """Return the fastest body for float32 tensors on a type of device."""
+    if device == "cpu":
+        return Body.NUMBA
+    return Body.TRITON if device == "cuda" and _has_triton() else Body.REFERENCE
+
+
+@functools.cache
+def _has_triton() -> bool:
+    """Return whether Triton runs here: it builds a small helper, with a C compiler and Python's headers."""
+    try:
+        importlib.import_module("triton").runtime.driver.active.get_current_target()
+    except Exception as error:  # what is missing shows as anything from ImportError to a failed subprocess
+        warnings.warn(f"Triton cannot be used, so the GPU runs the slow reference kernels: {error}", stacklevel=2)
+        return False
+    return True
 
 
 def require_shape(name: str, tensor: Tensor, *shape: int | None) -> None:

@@ -1,7 +1,8 @@
 """Row gathers, and their transpose, with fast, repeatable gradients: texture look-ups, vertex attributes, light taps.
 
 PyTorch's own backward of `values[index]` is slow on the CPU and its sum order is not promised. Here every destination
-row receives its contributions in the order of the index, whatever the number of threads.
+row receives its contributions in the order of the index, whatever the number of threads; on a GPU it sums integers,
+whose order does not matter.
 
     values (M, C)   rows to look up          index (N, K)   K rows for each of N queries
     weight (N, K)   factor of each row       result (N, C)  sum over k of weight[n, k] * values[index[n, k]]
@@ -13,8 +14,6 @@ import torch
 from torch import Tensor
 
 from lightprobe.kernels import dispatch
-from lightprobe.kernels.numba import gather as numba_body
-from lightprobe.kernels.reference import gather as reference_body
 
 
 def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
@@ -44,7 +43,7 @@ def gather_rows(values: Tensor, index: Tensor) -> Tensor:
 def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
     """Return (rows, C): `values` (N, C) summed into the rows named by `index` (N,); the transpose of `gather_rows`.
 
-    Each row sums in index order. values: float32 (float64 goes to the reference), differentiable; index: int32 or
+    values: float32 (float64 goes to the reference), differentiable; index: int32 or
     int64 in [0, rows). Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
     """
     dispatch.require_shape("values", values, None, None)
@@ -57,14 +56,14 @@ class _WeightedGather(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
         ctx.save_for_backward(values, index, weight)
-        body = dispatch.choose(numba_body, reference_body, values, index, weight)
+        body = dispatch.choose("gather", values, index, weight)
         return body.weighted_gather(values, index, weight)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, None, Tensor | None]:
         values, index, weight = ctx.saved_tensors
-        body = dispatch.choose(numba_body, reference_body, values, index, weight)
+        body = dispatch.choose("gather", values, index, weight)
         wants_values, _, wants_weight = ctx.needs_input_grad
         return (
             body.scatter_weighted(grad, index, weight, values.shape[0]) if wants_values else None,
@@ -84,7 +83,7 @@ class _GatherRows(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None]:
         (index,) = ctx.saved_tensors
-        body = dispatch.choose(numba_body, reference_body, grad, index)
+        body = dispatch.choose("gather", grad, index)
         return body.scatter_rows(grad, index, ctx.rows), None
 
 
@@ -92,7 +91,7 @@ class _ScatterRows(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, index: Tensor, rows: int) -> Tensor:
         ctx.save_for_backward(index)
-        body = dispatch.choose(numba_body, reference_body, values, index)
+        body = dispatch.choose("gather", values, index)
         return body.scatter_rows(values, index, rows)
 
     @staticmethod

@@ -13,15 +13,13 @@ import torch
 from torch import Tensor
 
 from lightprobe.kernels import dispatch
-from lightprobe.kernels.numba import hash_grid as numba_body
-from lightprobe.kernels.reference import hash_grid as reference_body
 
 
 def hash_encode(points: Tensor, table: Tensor, resolutions: Tensor) -> Tensor:
     """Return the features (N, L*F) of `points`, levels side by side; differentiable in `table` only.
 
     points (N, 3), clamped to [0, 1], and table (L, T, F): float32 (float64 goes to the reference); resolutions (L,)
-    integers from 1 to 2^20. The gradient sums over points in their order, so it is repeatable. Differentiable once.
+    integers from 1 to 2^20. The gradient repeats to the bit. Differentiable once.
     Raises ValueError on wrong shapes or dtypes, a T that is no power of two, or a resolution out of range.
     """
     dispatch.require_shape("points", points, None, 3)
@@ -41,11 +39,11 @@ class _HashEncode(torch.autograd.Function):
     def forward(ctx: Any, points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
         ctx.save_for_backward(points)
         ctx.cells, ctx.table_shape = cells, table.shape
-        return dispatch.choose(numba_body, reference_body, points, table).encode(points, table, cells)
+        return dispatch.choose("hash_grid", points, table).encode(points, table, cells)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor, None]:
         (points,) = ctx.saved_tensors
-        body = dispatch.choose(numba_body, reference_body, points, grad)
+        body = dispatch.choose("hash_grid", points, grad)
         return None, body.encode_backward(grad, points, ctx.cells, ctx.table_shape), None

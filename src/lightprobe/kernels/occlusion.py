@@ -15,8 +15,6 @@ import torch
 from torch import Tensor
 
 from lightprobe.kernels import dispatch
-from lightprobe.kernels.numba import occlusion as numba_body
-from lightprobe.kernels.reference import occlusion as reference_body
 
 
 def occluded_light(
@@ -51,14 +49,14 @@ def occluded_light_adjoint(arriving: Tensor, normals: Tensor, openness: Tensor, 
     dispatch.require_index("index", index, openness.shape[0])
     grad = torch.nn.functional.pad(arriving, (0, 1))
     rest = (normals, openness, index, weight, directions, angles)
-    body = dispatch.choose(numba_body, reference_body, grad, *rest)
+    body = dispatch.choose("occlusion", grad, *rest)
     return body.light_gradient(grad, *rest)
 
 
 class _OccludedLight(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, light: Tensor, normals: Tensor, openness: Tensor, *rest: Tensor) -> Tensor:
-        body = dispatch.choose(numba_body, reference_body, light, normals, openness, *rest)
+        body = dispatch.choose("occlusion", light, normals, openness, *rest)
         out = body.occluded_light(light, normals, openness, *rest)
         ctx.save_for_backward(out, light, normals, openness, *rest)
         return out
@@ -67,7 +65,7 @@ class _OccludedLight(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         out, *case = ctx.saved_tensors
-        body = dispatch.choose(numba_body, reference_body, grad, *case)
+        body = dispatch.choose("occlusion", grad, *case)
         wants_light, wants_normals = ctx.needs_input_grad[:2]
         return (
             body.light_gradient(grad, *case[1:]) if wants_light else None,

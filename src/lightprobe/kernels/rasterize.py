@@ -13,8 +13,6 @@ import torch
 from torch import Tensor
 
 from lightprobe.kernels import dispatch
-from lightprobe.kernels.numba import rasterize as numba_body
-from lightprobe.kernels.reference import rasterize as reference_body
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,6 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> Visibil
     dispatch.require_index("faces", faces, screen.shape[0])
     if height < 1 or width < 1:
         raise ValueError(f"The image must have at least one pixel, not {height} x {width}.")
-    body = dispatch.choose(numba_body, reference_body, screen, faces)
+    body = dispatch.choose("rasterize", screen, faces)
     with torch.no_grad():
         return Visibility(*body.rasterize(screen, faces, height, width))

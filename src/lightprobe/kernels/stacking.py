@@ -19,8 +19,6 @@ import torch
 from torch import Tensor
 
 from lightprobe.kernels import dispatch
-from lightprobe.kernels.numba import stacking as numba_body
-from lightprobe.kernels.reference import stacking as reference_body
 
 LEAST_ALPHA2 = 1e-8  # a narrower lobe is beyond what float32 directions resolve
 
@@ -42,7 +40,7 @@ def stack_probes(
 def probe_weight(normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> Tensor:
     """Return only the weight W (M,) of `stack_probes`: how much the pixels saw of each direction."""
     lobes = _lobes(normals, views, alpha2, directions)
-    body = dispatch.choose(numba_body, reference_body, *lobes)
+    body = dispatch.choose("stacking", *lobes)
     return body.stack(torch.zeros_like(lobes[0]), *lobes)[1]
 
 
@@ -58,7 +56,7 @@ def _lobes(normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -
 class _StackProbes(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, colors: Tensor, *lobes: Tensor) -> tuple[Tensor, Tensor]:
-        total, weight = dispatch.choose(numba_body, reference_body, colors, *lobes).stack(colors, *lobes)
+        total, weight = dispatch.choose("stacking", colors, *lobes).stack(colors, *lobes)
         ctx.save_for_backward(weight, *lobes)
         ctx.mark_non_differentiable(weight)
         return _divide(total, weight), weight
@@ -67,7 +65,7 @@ class _StackProbes(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor, _: Tensor) -> tuple[Tensor | None, ...]:
         weight, *lobes = ctx.saved_tensors
-        body = dispatch.choose(numba_body, reference_body, grad, *lobes)
+        body = dispatch.choose("stacking", grad, *lobes)
         return body.stack_backward(_divide(grad, weight), *lobes), None, None, None, None
 
 

@@ -152,14 +152,18 @@ def cell_taps(
     fx, fy = x - x0, (y - y0) * scale
     gx, gy = 1.0 - fx, scale - fy
     weight = torch.stack([gx * gy, fx * gy, gx * fy, fx * fy], dim=-1)
-    corner = (((column == 0) | (column == last)) & ((row == 0) | (row == last))).nonzero()[:, 0]
-    return _three_texels(index, weight, corner) if len(corner) else (index, weight)
+    if index.device.type != "cpu":
+        return index.clamp(min=0), _three_texels(index, weight)
+    corner = (((column == 0) | (column == last)) & ((row == 0) | (row == last))).nonzero()[:, 0]  # few, but a GPU waits
+    if len(corner):
+        weight = weight.index_copy_(0, corner, _three_texels(index[corner], weight[corner]))
+        index.clamp_(min=0)
+    return index, weight
 
 
-def _three_texels(index: Tensor, weight: Tensor, corner: Tensor) -> tuple[Tensor, Tensor]:
-    """Share the weight of the missing texel equally among the other three in the rows `corner` of (N, 4), in place."""
-    missing, whole = index[corner] < 0, weight[corner]
-    kept = whole.masked_fill(missing, 0.0)
-    lost = (whole - kept).sum(-1, keepdim=True)
-    shared = (kept + lost / 3.0).masked_fill(missing, 0.0)
-    return index.clamp_(min=0), weight.index_copy_(0, corner, shared)
+def _three_texels(index: Tensor, weight: Tensor) -> Tensor:
+    """Return the weights (N, 4) with that of a missing texel, if there is one, shared equally among the other three."""
+    missing = index < 0
+    kept = weight.masked_fill(missing, 0.0)
+    lost = (weight - kept).sum(-1, keepdim=True)
+    return (kept + lost / 3.0).masked_fill(missing, 0.0)

@@ -35,15 +35,13 @@ def level_resolutions(levels: int, coarsest: int, finest: int) -> Tensor:
 class MaterialField(nn.Module):
     """Hash grid and MLP (two hidden layers of 32) from points to materials."""
 
-    resolutions: Tensor
-
     def __init__(
         self, *, levels: int, features: int, log2_size: int, finest: int, extent: float, generator: torch.Generator
     ) -> None:
         """`extent`: half edge of the cube around the origin that the grid covers, in normalised units."""
         super().__init__()
         self.extent = extent
-        self.register_buffer("resolutions", level_resolutions(levels, 12, finest))
+        self.resolutions = level_resolutions(levels, 12, finest)  # no buffer: its values are read, which a GPU delays
         self.table = nn.Parameter(torch.rand(levels, 2**log2_size, features, generator=generator) * 2e-4 - 1e-4)
         widths = (levels * features + 3, 32, 32, CHANNELS)
         self.weights = nn.ParameterList(

@@ -93,7 +93,7 @@ class Predictor:
         with clock.part("rasterise"):
             camera = camera.normalised(self.similarity)
             observation = observe(self.asset, pixels, camera, self.device, self.max_pixels)
-            probes = sampled_probes(observation, self.light_resolution, self.seed)
+            probes = sampled_probes(observation, self.seed)
         environment, weight = _PRIORS[method](self, observation, probes, clock)
         if method in _SOLVED:
             with clock.part("solve"):

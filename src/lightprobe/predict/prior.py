@@ -6,10 +6,11 @@ photo's light level, P the stacked probes (Equation 5), E_m the training photos'
 
 import math
 
+import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import AlphaRule
-from lightprobe.distill.probe_distribution import mean_distribution, stack
+from lightprobe.distill.probe_distribution import stack_everywhere
 from lightprobe.distill.probe_model import ProbeModel
 from lightprobe.distill.probe_pixels import ProbePixels
 from lightprobe.distill.sampling import sample_pixels
@@ -17,16 +18,14 @@ from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from lightprobe.predict.observation import Observation
 
-_PAIR_BUDGET = 100_000_000  # (pixel, texel) pairs stacked at most: bounds the time for large photos
 _USUAL_SHARE = 0.02
 
 
-def sampled_probes(observation: Observation, resolution: int, seed: int) -> ProbePixels:
-    """Return a quarter of the trusted pixels, smooth ones preferred (section 3.2.3), within the pair budget."""
+def sampled_probes(observation: Observation, seed: int) -> ProbePixels:
+    """Return a quarter of the trusted pixels, smooth ones preferred (section 3.2.3), in the photo's order."""
     quarter = -(-len(observation.pixels) // 4)
-    count = min(quarter, max(1, _PAIR_BUDGET // (6 * resolution**2)))
-    chosen = sample_pixels(observation.pixels.roughness, count, seed=seed, stream="predict-pixels")
-    return observation.pixels.take(chosen)
+    chosen = sample_pixels(observation.pixels.roughness, quarter, seed=seed, stream="predict-pixels")
+    return observation.pixels.take(chosen.sort().values)
 
 
 def constant_light(observation: Observation, resolution: int) -> Tensor:
@@ -42,10 +41,8 @@ def stacked_light(
     Directions at which hardly a pixel looks take over the light that is usual there:
     E = (W P + e Wbar s E_m) / (W + e Wbar), e = 0.02.
     """
-    directions = cubemap.directions(resolution, colors.device).reshape(-1, 3)
-    stacked, weight = stack(probes, colors, directions, model.config.alpha_rule)
+    stacked, weight = stack_everywhere(probes, colors, resolution, model.config.alpha_rule)
     usual = light_level * resize_light(model.mean_light, resolution)
-    stacked, weight = stacked.reshape(usual.shape), weight.reshape(usual.shape[:3])
     share = (_USUAL_SHARE * _sphere_mean(weight)).clamp_min(1e-12)
     seen = weight[..., None]
     return (seen * stacked + share * usual) / (seen + share), weight
@@ -53,8 +50,7 @@ def stacked_light(
 
 def coverage(probes: ProbePixels, resolution: int) -> Tensor:
     """Return W (6, R, R) of pixels, with the renderer's own lobes."""
-    directions = cubemap.directions(resolution, probes.color.device).reshape(-1, 3)
-    return mean_distribution(probes, directions, AlphaRule.R4).reshape(6, resolution, resolution)
+    return stack_everywhere(probes, torch.zeros_like(probes.color), resolution, AlphaRule.R4)[1]
 
 
 def confidence(weight: Tensor) -> Tensor:

@@ -1,8 +1,4 @@
-"""Numba body of the stacking; symbols as in `lightprobe.kernels.stacking`.
-
-Each pixel gets a frame (t, b, n). With w in that frame and s = n.w + n.v, k = (t.w + t.v)^2 + (b.w + b.v)^2:
-|w + v|^2 = k + s^2 and the bracket of D is (k + a2 s^2)/(k + s^2). So D needs 12 fused operations for w, no square root
-and one division, and nothing cancels in the core of the lobe.
+"""Numba body of the stacking; symbols as in `lightprobe.kernels.stacking` and `lobe_frames`.
 
 Loops run over a tile of texels in vectors; tile by tile the sums stay in the first-level cache, and partial sums over
 `CHUNK` pixels or `TILE` texels keep the rounding of long float32 sums small.
@@ -16,6 +12,7 @@ from numba import prange
 from torch import Tensor
 
 from lightprobe.core.jit import arrays, compiled, threads
+from lightprobe.kernels.lobe_frames import lobe_frames
 
 TILE = 256  # texels
 CHUNK = 512  # pixels
@@ -31,7 +28,7 @@ def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, direct
     factors = torch.cat([scale, scale * colors], dim=1)
     out = colors.new_zeros(4, directions.shape[0])
     threads(normals.shape[0] * directions.shape[0])
-    _stack(*arrays(_frames(normals, views, alpha2), factors, directions.T), out.numpy())
+    _stack(*arrays(lobe_frames(normals, views, alpha2), factors, directions.T), out.numpy())
     return out[1:].T.contiguous(), out[0]
 
 
@@ -39,31 +36,34 @@ def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor,
     """Return sum_w D_p(w) grad(w), shape (N, 3), for `grad` (M, 3) already divided by W."""
     out = grad.new_zeros(normals.shape[0], 3)
     threads(normals.shape[0] * directions.shape[0])
-    _stack_backward(*arrays(_frames(normals, views, alpha2), grad.T, directions.T), out.numpy())
+    _stack_backward(*arrays(lobe_frames(normals, views, alpha2), grad.T, directions.T), out.numpy())
     return out * (alpha2[:, None] / math.pi)
 
 
-def _frames(normals: Tensor, views: Tensor, alpha2: Tensor) -> Tensor:
-    """Return (N, 13): t, t.v, b, b.v, n, n.v, a2; the frame after Duff et al. 2017, in float64 to start exact."""
-    n, v = normals.double(), views.double()
-    x, y, z = n.unbind(1)
-    sign = torch.copysign(torch.ones_like(z), z)
-    a = -1 / (sign + z)
-    b = x * y * a
-    axes = [torch.stack([1 + sign * x * x * a, sign * b, -sign * x], 1), torch.stack([b, sign + y * y * a, -y], 1), n]
-    columns = [part for axis in axes for part in (axis, (axis * v).sum(dim=1, keepdim=True))]
-    return torch.cat([*columns, alpha2[:, None].double()], dim=1).float()
+@compiled(fastmath=FUSED, inline="always")
+def pixel_frame(values, p):
+    """Return the frame of pixel p as numbers, which a loop that writes elsewhere can keep in registers."""
+    return (
+        values[p, 0], values[p, 1], values[p, 2], values[p, 3], values[p, 4], values[p, 5], values[p, 6],
+        values[p, 7], values[p, 8], values[p, 9], values[p, 10], values[p, 11], values[p, 12],
+    )  # fmt: skip
 
 
 @compiled(fastmath=FUSED, inline="always")
-def _lobe(frame, p, x, y, z):
-    """Return pi D / a2 of pixel p in the direction (x, y, z)."""
-    across = frame[p, 3] + frame[p, 0] * x + frame[p, 1] * y + frame[p, 2] * z
-    along = frame[p, 7] + frame[p, 4] * x + frame[p, 5] * y + frame[p, 6] * z
-    cosine = frame[p, 8] * x + frame[p, 9] * y + frame[p, 10] * z
-    k = TINY + across * across + along * along
-    s = frame[p, 11] + cosine
-    ratio = (k + s * s) / (k + frame[p, 12] * (s * s))
+def components(frame, x, y, z):
+    """Return k, s and n.w in the direction (x, y, z) for a `pixel_frame`."""
+    tx, ty, tz, tv, bx, by, bz, bv, nx, ny, nz, nv, _ = frame
+    across = tv + tx * x + ty * y + tz * z
+    along = bv + bx * x + by * y + bz * z
+    cosine = nx * x + ny * y + nz * z
+    return TINY + across * across + along * along, nv + cosine, cosine
+
+
+@compiled(fastmath=FUSED, inline="always")
+def lobe(frame, x, y, z):
+    """Return pi D / a2 in the direction (x, y, z) for a `pixel_frame`."""
+    k, s, cosine = components(frame, x, y, z)
+    ratio = (k + s * s) / (k + frame[12] * (s * s))
     return ratio * ratio * max(cosine, ZERO)
 
 
@@ -80,12 +80,14 @@ def _stack_tile(frame, factors, directions, start, stop, out):
     w, r, g, b = sums[0], sums[1], sums[2], sums[3]
     for first in range(0, frame.shape[0], CHUNK):
         for p in range(first, min(frame.shape[0], first + CHUNK)):
+            own = pixel_frame(frame, p)
+            one, red, green, blue = factors[p, 0], factors[p, 1], factors[p, 2], factors[p, 3]
             for j in range(x.size):
-                lobe = _lobe(frame, p, x[j], y[j], z[j])
-                w[j] += factors[p, 0] * lobe
-                r[j] += factors[p, 1] * lobe
-                g[j] += factors[p, 2] * lobe
-                b[j] += factors[p, 3] * lobe
+                value = lobe(own, x[j], y[j], z[j])
+                w[j] += one * value
+                r[j] += red * value
+                g[j] += green * value
+                b[j] += blue * value
         for channel in range(4):
             for j in range(x.size):
                 out[channel, start + j] += sums[channel, j]
@@ -105,12 +107,13 @@ def _project_block(frame, grad, directions, begin, end, out):
         x, y, z = directions[0, part], directions[1, part], directions[2, part]
         red, green, blue = grad[0, part], grad[1, part], grad[2, part]
         for p in range(begin, end):
+            own = pixel_frame(frame, p)
             r, g, b = ZERO, ZERO, ZERO
             for j in range(x.size):
-                lobe = _lobe(frame, p, x[j], y[j], z[j])
-                r += lobe * red[j]
-                g += lobe * green[j]
-                b += lobe * blue[j]
+                value = lobe(own, x[j], y[j], z[j])
+                r += value * red[j]
+                g += value * green[j]
+                b += value * blue[j]
             out[p, 0] += r
             out[p, 1] += g
             out[p, 2] += b

@@ -1,0 +1,130 @@
+"""Triton body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
+
+A program serves a block of points on one level. The gradient is summed with integer atomics (`fixed_point`): points of
+a batch meet in few rows of the coarse levels, and yet the bits repeat.
+"""
+
+import functools
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+from lightprobe.kernels.triton import fixed_point
+
+POINTS = 256  # of one program
+
+
+def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
+    """Return the features (N, L*F)."""
+    out = table.new_empty(points.shape[0], table.shape[0] * table.shape[2])
+    if out.numel():
+        with torch.cuda.device_of(points):
+            _encode[_grid(points, cells)](
+                points.contiguous(), table.contiguous(), _on_device(tuple(cells), points.device), out,
+                points.shape[0], len(cells), *_sizes(table.shape), enable_fp_fusion=True,
+            )  # fmt: skip
+    return out
+
+
+def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape: torch.Size) -> Tensor:
+    """Return the gradient (L, T, F) to the table."""
+    if grad.numel() == 0:
+        return grad.new_zeros(table_shape)
+    scale = fixed_point.scale_for(grad.abs().amax(), 8 * points.shape[0])
+    sums = torch.zeros(table_shape, dtype=torch.int64, device=grad.device)
+    with torch.cuda.device_of(points):
+        _encode_backward[_grid(points, cells)](
+            grad.contiguous(), points.contiguous(), _on_device(tuple(cells), points.device), scale, sums,
+            points.shape[0], len(cells), *_sizes(table_shape), enable_fp_fusion=True,
+        )  # fmt: skip
+    return fixed_point.decode(sums, scale)
+
+
+def _grid(points: Tensor, cells: list[int]) -> tuple[int, int]:
+    return triton.cdiv(points.shape[0], POINTS), len(cells)
+
+
+def _sizes(table_shape: torch.Size) -> tuple[int, int, int, int]:
+    """Return rows, features, features up to a power of two, and points of one program."""
+    _, rows, features = table_shape
+    return rows, features, triton.next_power_of_2(features), POINTS
+
+
+@functools.lru_cache(maxsize=16)
+def _on_device(cells: tuple[int, ...], device: torch.device) -> Tensor:
+    """Return the resolutions (L,) int32; kept, for a copy to the device in every step could not join a CUDA graph."""
+    return torch.tensor(cells, dtype=torch.int32, device=device)
+
+
+@triton.jit
+def _axis(points, n, axis, live, resolution):
+    """Return the cell of the points along one axis and the position in it."""
+    unit = tl.load(points + 3 * n + axis, mask=live, other=0.0)
+    scaled = tl.minimum(tl.maximum(unit, 0.0), 1.0) * resolution.to(tl.float32)
+    cell = tl.minimum(scaled.to(tl.int32), resolution - 1)
+    return cell, scaled - cell.to(tl.float32)
+
+
+@triton.jit
+def _corner(i, j, k, x, y, z, CORNER: tl.constexpr, side, rows):
+    """Return the table row (int64) and trilinear weight of one corner of the cells."""
+    a: tl.constexpr = CORNER & 1
+    b: tl.constexpr = (CORNER >> 1) & 1
+    c: tl.constexpr = CORNER >> 2
+    i, j, k = i + a, j + b, k + c
+    dense = i.to(tl.int64) + side * (j.to(tl.int64) + side * k.to(tl.int64))
+    mixed = i.to(tl.uint32) ^ (j.to(tl.uint32) * 2654435761) ^ (k.to(tl.uint32) * 805459861)
+    hashed = mixed.to(tl.int64) & (rows - 1)
+    row = tl.where(side * side * side <= rows, dense, hashed)
+    weight_x = x if a == 1 else 1 - x
+    weight_y = y if b == 1 else 1 - y
+    weight_z = z if c == 1 else 1 - z
+    return row, weight_x * weight_y * weight_z
+
+
+@triton.jit
+def _encode(
+    points, table, cells, out, count, levels,
+    rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
+):  # fmt: skip
+    n = tl.program_id(0).to(tl.int64) * POINTS + tl.arange(0, POINTS)
+    level = tl.program_id(1).to(tl.int64)
+    f = tl.arange(0, WIDE)
+    live = n < count
+    mask = live[:, None] & (f < features)[None, :]
+    resolution = tl.load(cells + level)
+    side = resolution.to(tl.int64) + 1
+    i, x = _axis(points, n, 0, live, resolution)
+    j, y = _axis(points, n, 1, live, resolution)
+    k, z = _axis(points, n, 2, live, resolution)
+    total = tl.zeros([POINTS, WIDE], dtype=tl.float32)
+    for corner in tl.static_range(8):
+        row, weight = _corner(i, j, k, x, y, z, corner, side, rows)
+        at = (level * rows + row) * features
+        total += weight[:, None] * tl.load(table + at[:, None] + f[None, :], mask=mask, other=0.0)
+    tl.store(out + (n * levels + level)[:, None] * features + f[None, :], total, mask=mask)
+
+
+@triton.jit
+def _encode_backward(
+    grad, points, cells, scale, sums, count, levels,
+    rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
+):  # fmt: skip
+    n = tl.program_id(0).to(tl.int64) * POINTS + tl.arange(0, POINTS)
+    level = tl.program_id(1).to(tl.int64)
+    f = tl.arange(0, WIDE)
+    live = n < count
+    mask = live[:, None] & (f < features)[None, :]
+    resolution = tl.load(cells + level)
+    side = resolution.to(tl.int64) + 1
+    i, x = _axis(points, n, 0, live, resolution)
+    j, y = _axis(points, n, 1, live, resolution)
+    k, z = _axis(points, n, 2, live, resolution)
+    value = tl.load(grad + (n * levels + level)[:, None] * features + f[None, :], mask=mask, other=0.0)
+    unit = tl.load(scale)
+    for corner in tl.static_range(8):
+        row, weight = _corner(i, j, k, x, y, z, corner, side, rows)
+        at = (level * rows + row) * features
+        fixed_point.add(sums + at[:, None] + f[None, :], weight[:, None] * value, unit, mask)

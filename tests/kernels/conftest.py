@@ -1,0 +1,44 @@
+"""The bodies that a kernel's tests run through."""
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from lightprobe.kernels import dispatch
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body under test: where its tensors live, and whether it is so slow that cases must be small."""
+
+    device: torch.device
+    interpreted: bool = False
+
+    def size(self, usual: int, interpreted: int) -> int:
+        return interpreted if self.interpreted else usual
+
+    def move(self, *tensors: Tensor) -> list[Tensor]:
+        return [tensor.to(self.device) for tensor in tensors]
+
+
+@pytest.fixture(params=["numba", "triton", pytest.param("cuda", marks=pytest.mark.cuda)])
+def body(request, monkeypatch):
+    """Numba's body, Triton's in its interpreter, and whatever serves a GPU where there is one."""
+    if request.param == "numba":
+        yield Body(torch.device("cpu"))
+        return
+    pytest.importorskip("triton")
+    if request.param == "cuda":
+        if not torch.cuda.is_available():
+            pytest.skip("no CUDA device")
+        yield Body(torch.device("cuda"))
+        return
+    if os.environ.get("TRITON_INTERPRET") != "1":
+        pytest.skip("Triton runs on the device")
+    monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.TRITON)
+    with np.errstate(all="ignore"):  # lanes that are masked out may divide by zero, as on a GPU
+        yield Body(torch.device("cpu"), interpreted=True)

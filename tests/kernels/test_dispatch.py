@@ -1,0 +1,35 @@
+"""Choice of the body: by device and dtype, and what happens where Triton is missing."""
+
+import sys
+
+import pytest
+import torch
+
+from lightprobe.kernels import dispatch
+from lightprobe.kernels.numba import stacking as numba_stacking
+from lightprobe.kernels.reference import stacking as reference_stacking
+
+
+@pytest.fixture
+def fresh():
+    dispatch._has_triton.cache_clear()
+    yield
+    dispatch._has_triton.cache_clear()
+
+
+def test_the_cpu_gets_numba_in_float32_and_the_reference_in_float64():
+    index = torch.zeros(3, dtype=torch.int32)
+    assert dispatch.choose("stacking", torch.zeros(3), index) is numba_stacking
+    assert dispatch.choose("stacking", torch.zeros(3).double(), index) is reference_stacking
+
+
+def test_a_gpu_without_triton_gets_the_reference_and_says_so(monkeypatch, fresh):
+    monkeypatch.setitem(sys.modules, "triton", None)
+    with pytest.warns(UserWarning, match="slow reference kernels"):
+        assert dispatch.body_for("cuda") is dispatch.Body.REFERENCE
+
+
+def test_a_gpu_with_triton_gets_it(monkeypatch):
+    monkeypatch.setattr(dispatch, "_has_triton", lambda: True)
+    assert dispatch.body_for("cuda") is dispatch.Body.TRITON
+    assert dispatch.body_for("mps") is dispatch.Body.REFERENCE
