@@ -44,7 +44,7 @@ class DecomposeConfig:
     pass2_iterations: int = 800
     """Optimisation steps on vertices and textures; 0 keeps the result of the first pass."""
     pass3_iterations: int = 400
-    """Optimisation steps on the textures alone, each on several photos; 0 keeps the result of the second pass."""
+    """Optimisation steps on the textures alone, for photos larger than `pass2_side`; 0 keeps the second pass's."""
     pass1_side: int = 200
     """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""
     pass2_side: int = 400
@@ -119,8 +119,10 @@ class DecomposeConfig:
     """The mesh is decimated to at most this many triangles before unwrapping."""
     crease_degrees: float = 40.0
     """Faces that meet at more than this angle do not share a normal in the second pass; 180 keeps all edges smooth."""
-    texture_size: int = 1024
-    """Edge of the square textures in texels, at most; they are smaller where the photos do not show so much."""
+    texture_size: int = 512
+    """Edge of the square textures in texels."""
+    pass3_texture_size: int = 1024
+    """The same from the third pass on."""
     unwrap_seconds: float = 60.0
     """Time limit of the UV unwrapper, after which a simple atlas is used."""
     validation_photos: int = 5
@@ -130,7 +132,16 @@ class DecomposeConfig:
 
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
-        positive = ("pass1_iterations", "pass1_side", "pass2_side", "texture_size", "max_faces", "checkpoint_every")
+        positive = (
+            "pass1_iterations",
+            "pass1_side",
+            "pass2_side",
+            "pass3_side",
+            "texture_size",
+            "pass3_texture_size",
+            "max_faces",
+            "checkpoint_every",
+        )
         for name in positive:
             if getattr(self, name) < 1:
                 raise ConfigError(f"decompose.{name} must be at least 1, not {getattr(self, name)}.")
@@ -163,9 +174,7 @@ def quick() -> DecomposeConfig:
 
 def demo() -> DecomposeConfig:
     """The bundled scene, whose photos are small, within a few minutes on two CPU cores."""
-    return replace(
-        quick(), pass1_iterations=800, pass2_iterations=400, pass3_iterations=100, lattice_cells=64, max_faces=16000
-    )
+    return replace(quick(), pass1_iterations=800, pass2_iterations=400, lattice_cells=64, max_faces=16000)
 
 
 def standard() -> DecomposeConfig:
@@ -174,7 +183,7 @@ def standard() -> DecomposeConfig:
         quick(), pass1_iterations=5000, pass2_iterations=5000, pass3_iterations=3000, pass1_side=512, pass2_side=800,
         pass3_side=1600, lattice_cells=128, hull_voxels=192, hash_levels=12, hash_log2_size=18,
         hash_finest=1024, light_resolution=32, teacher_resolution=128, light_solve_pixels=16384, max_faces=100_000,
-        texture_size=2048, unwrap_seconds=300.0,
+        texture_size=1024, pass3_texture_size=2048, unwrap_seconds=300.0,
     )  # fmt: skip
 
 

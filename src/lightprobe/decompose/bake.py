@@ -16,16 +16,16 @@ from lightprobe.render.asset import Asset, uv_handedness
 from lightprobe.render.openness import openness_table
 
 
-def bake(model: LatticeModel, config: DecomposeConfig, size: int, device: torch.device) -> Asset:
-    """Return the model's surface and materials as a mesh with textures of `size` squared texels."""
+def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> Asset:
+    """Return the model's surface and materials as a textured mesh."""
     vertices, faces = clean(*model.extract())
     if len(faces) == 0:
         raise ConvergenceError("The reconstructed surface is only crumbs; check masks and cameras with `inspect`.")
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
-    mesh = unwrap(vertices, faces, size, config.unwrap_seconds).to(device)
+    mesh = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds).to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
     openness = openness_table(mesh.vertices, mesh.faces) if config.shadows else None
-    return Asset(mesh, bake_textures(model, mesh, size), openness)
+    return Asset(mesh, bake_textures(model, mesh, config.texture_size), openness)
 
 
 @torch.no_grad()

@@ -1,6 +1,5 @@
 """Phase I from start to end: visual hull, first pass, bake, second and third pass with their guards, final lights."""
 
-import math
 import statistics
 from dataclasses import dataclass, replace
 
@@ -87,8 +86,7 @@ def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | Non
     task = ImageTask(model, targets, lights, stage, config, job.seed)
     optimise(task, stage, config, job.progress, done, restored)
     # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
-    size = _texture_size(config, photos, targets, config.pass2_side)
-    return _hand_over(job, bake(model, config, size, job.device), lights, "pass2")
+    return _hand_over(job, bake(model, config, job.device), lights, "pass2")
 
 
 def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
@@ -110,17 +108,16 @@ def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: 
 
 def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
                 ) -> tuple[Asset, Lights]:  # fmt: skip
-    """Refine the textures at the photos' full size."""
+    """Refine the textures at the photos' full size, where that shows more."""
     config = job.config
     start, lights = _taken_over(job, photos, tensors)
-    if config.pass3_iterations == 0:
+    if config.pass3_iterations == 0 or not _has_detail(photos, config):
         return start, lights
     stage = Stage("pass3", config.pass1_iterations + config.pass2_iterations, config.pass3_iterations)
     job.progress.extra = _named(start)
     pixels = [PhotoPixels.of(start, job.targets([photo], config.pass3_side)[0], job.seed) for photo in photos]
     pixels = [photo for photo in pixels if len(photo.color) > 0]
-    size = _texture_size(config, photos, job.targets(photos, config.pass1_side), config.pass3_side)
-    before = start.textures.resized(size)
+    before = start.textures.resized(config.pass3_texture_size)
     model = SurfaceModel(replace(start, textures=before), config)
     task = TextureTask(model, pixels, lights, stage, config, job.seed)
     optimise(task, stage, config, job.progress, done, tensors if done else None)
@@ -159,18 +156,10 @@ def _taken_over(job: Job, photos: list[Photo], tensors: dict[str, Tensor]) -> tu
     return start.to(job.device), lights
 
 
-def _texture_size(config: DecomposeConfig, photos: list[Photo], targets: list[Target], side: int) -> int:
-    """Return the power of two at which a texel is about a pixel of photos of `side`; `targets` are the photos, small.
-
-    An object shows a quarter or so of its surface at once, and charts fill about .6 of a texture.
-    """
-    areas = []
-    for photo, target in zip(photos, targets, strict=True):
-        camera, view = photo.camera, target.view
-        enlarged = min(side, max(camera.width, camera.height)) / max(view.width, view.height)
-        areas.append(float(target.alpha.sum()) * enlarged**2)
-    wanted = math.sqrt(4 * statistics.median(areas) / 0.6)
-    return min(config.texture_size, max(128, 2 ** round(math.log2(max(wanted, 1)))))
+def _has_detail(photos: list[Photo], config: DecomposeConfig) -> bool:
+    """Return whether the photos hold more than the second pass could see."""
+    sides = [min(max(photo.camera.width, photo.camera.height), config.pass3_side) for photo in photos]
+    return statistics.median(sides) > config.pass2_side
 
 
 def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:
