@@ -84,7 +84,7 @@ def restart_decompose(run: RunFolder) -> None:
 
 def restart_distill(run: RunFolder) -> None:
     """Forget Phase II and the evaluation."""
-    outputs = (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent)
+    outputs = (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
     run.restart("distill", outputs=outputs)
 
 
