@@ -67,6 +67,7 @@ def eval(  # the name of the command
         FlagCreatePairsOff[bool],
         arg(help="Put the scene's true object in place of the reconstructed one; results go to RUN/oracle."),
     ] = False,
+    slow_photos: Annotated[int, arg(help="Test photos that methods slower than 20 s a photo are scored on.")] = 4,
     device: Device = "auto",
 ) -> None:
     """Score the predicted light on the test photos and write metrics.json and report/index.html.
@@ -76,7 +77,7 @@ def eval(  # the name of the command
       lightprobe eval runs/cup --methods probe-mlp constant -o numbers.json
       lightprobe eval runs/chair --oracle-asset
     """
-    chosen = Protocols(unseen=unseen)
+    chosen = Protocols(unseen=unseen, slow_photos=slow_photos)
     result = evaluate_run(
         RunFolder.open(run), resolve_device(device), methods=methods, scene_folder=scene, protocols=chosen,
         output=output, oracle=oracle_asset,
