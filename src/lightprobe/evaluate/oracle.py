@@ -83,8 +83,11 @@ def true_asset(scene: Scene) -> Asset:
 
 def _true_mesh(scene: Scene) -> Mesh:
     """Return the mesh in the normalised frame, its texture coordinates still to be made."""
-    true = trimesh.load_mesh(scene.root / "mesh.obj", process=False)
-    true.merge_vertices()
+    try:
+        true = trimesh.load_mesh(scene.root / "mesh.obj", process=False)
+        true.merge_vertices()
+    except Exception as error:  # the reader raises whatever its parsers do
+        raise InputError(f"{scene.root / 'mesh.obj'} cannot be read as a mesh: {error}.") from error
     vertices, faces = decimate(np.asarray(true.vertices), np.asarray(true.faces), _MAX_FACES)
     vertices = scene.similarity.apply(np.asarray(vertices, np.float64))
     vertices, faces = trimesh.remesh.subdivide_to_size(vertices, faces, _LONGEST_EDGE)[:2]
