@@ -1,7 +1,7 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, fast tests
 # make test    the same with the slow tests
-# make bench   timings of the kernels, then every scene in DATA trained and scored: benchmarks/RESULTS.md
+# make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
 
 PYTHON ?= python3
 VENV := .venv
@@ -30,6 +30,7 @@ test: $(READY)
 
 bench: $(READY)
 	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests
+	@$(BIN)/python tools/measure_speed.py
 	@if test -d '$(DATA)'; then $(BIN)/lightprobe bench --data '$(DATA)'; \
 	else echo 'SKIPPED the scenes: there is no folder $(DATA); run make bench DATA=FOLDER'; fi
 

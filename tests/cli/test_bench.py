@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lightprobe.cli import bench, main
-from lightprobe.cli.bench import LOSSES, find_scene, phase_seconds, share_phase_one
+from lightprobe.cli.bench import LOSSES, find_scene, share_phase_one, training_costs
 from lightprobe.core.config import Preset
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.run import RunFolder
@@ -106,11 +106,11 @@ def test_variants_share_phase_one_and_nothing_else(data, tmp_path, calls):
 
 def test_times_of_interrupted_phases_are_not_reported(tmp_path):
     run = RunFolder.create(tmp_path / "run")
-    assert phase_seconds(run) == {}
+    assert training_costs(run) == {}
     for line in ("decompose starts", "decompose goes on from step 3", "decompose finished in 1:05"):
         run.log(line)
-    run.log("distill finished in 0:42")
-    assert phase_seconds(run) == {"distill": 42}
+    run.log("distill finished in 0:42, 1.25 GiB at most")
+    assert training_costs(run) == {"distill": 42, "memory": 1.25}
 
 
 def test_options_of_the_losses_exist():

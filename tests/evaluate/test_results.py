@@ -81,7 +81,7 @@ def test_confidence_object_and_time():
     assert confidence[3].endswith("**no** |")
     assert [row.split("|")[1].strip() for row in object_table(benchmark())[2:]] == ["cup", "pot", "cup, true object"]
     times = time_table(benchmark())
-    assert times[2] == "| cup | .90 | .05 | 90.00 | 601 | – |"
+    assert times[2] == "| cup | .90 | .05 | 90.00 | 601 | – | – |"
 
 
 def test_the_page_names_what_is_missing_and_survives_having_nothing():

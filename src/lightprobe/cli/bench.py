@@ -150,7 +150,7 @@ class Benchmark:
         if self._file(name).is_file():
             return
         if self._command(name, command):
-            training = phase_seconds(run)
+            training = training_costs(run)
             text = " ".join(("lightprobe", *command))
             value = {"command": text, "commit": commit(), "training": training, "metrics": read_json(metrics)}
             write_json(self._file(name), value)
@@ -191,16 +191,23 @@ def share_phase_one(source: RunFolder, run: RunFolder) -> None:
     write_json(run.config_file, {"decompose": source.config("decompose")})
 
 
-def phase_seconds(run: RunFolder) -> dict[str, float]:
-    """Return how long each phase of a run took, from its log; interrupted ones are not in it."""
+def training_costs(run: RunFolder) -> dict[str, float]:
+    """Return the seconds of each phase of a run and the most memory (`memory`, GiB), from its log.
+
+    Phases that were interrupted are left out.
+    """
     if not run.log_file.is_file():
         return {}
-    found: dict[str, float] = {}
-    pattern = re.compile(r"(decompose|distill) finished in (\d+):(\d\d)")
     text = run.log_file.read_text(encoding="utf-8")
-    for phase, minutes, seconds in pattern.findall(text):
+    found: dict[str, float] = {}
+    pattern = re.compile(r"(decompose|distill) finished in (\d+):(\d\d)(?:, ([\d.]+) GiB)?")
+    for phase, minutes, seconds, memory in pattern.findall(text):
+        if f"{phase} goes on from" in text:
+            continue
         found[phase] = 60 * int(minutes) + int(seconds)
-    return {phase: seconds for phase, seconds in found.items() if f"{phase} goes on from" not in text}
+        if memory:
+            found["memory"] = max(float(memory), found.get("memory", 0))
+    return found
 
 
 def commit() -> str:

@@ -141,8 +141,8 @@ def time_table(results: BenchResults) -> list[str]:
     for name, metrics in results.scenes.items():
         seconds = [_number(metrics["methods"].get(method, {}).get("seconds"), 2) for method in methods]
         phases = [_number(results.training.get(name, {}).get(phase), 0) for phase in ("decompose", "distill")]
-        rows.append([name, *seconds, *phases])
-    return _table(["scene", *methods, "Phase I, s", "Phase II, s"], rows) if rows else []
+        rows.append([name, *seconds, *phases, _number(results.training.get(name, {}).get("memory"), 2)])
+    return _table(["scene", *methods, "Phase I, s", "Phase II, s", "GiB"], rows) if rows else []
 
 
 def loss_table(results: BenchResults) -> list[str]:
@@ -240,4 +240,6 @@ _CONFIDENCE_NOTE = (
     "All directions of all test photos in five parts of equal solid angle by confidence: log-RMSE after one factor per "
     "photo (raw in brackets)."
 )
-_TIME_NOTE = "Prediction of one photo, in process, assets loaded; training of the run as its log has it."
+_TIME_NOTE = (
+    "Prediction of one photo, in process, assets loaded; training of the run, and the most memory, as its log has it."
+)
