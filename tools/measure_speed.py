@@ -155,8 +155,8 @@ def page(repeats: int, quick: bool) -> str:
     lines = [
         "# Speed of the stages", "",
         "Written by `tools/measure_speed.py`. Milliseconds, medians; a ball of 20 480 triangles, a photo of 320 x 320",
-        "and a light of 6 x 32 x 32 where not varied. A prediction reduces photos to 65 536 object pixels and solves from",
-        "12 288 of them, so its cost stops growing.", "",
+        "and a light of 6 x 32 x 32 where not varied. A prediction reduces photos to 65 536 object pixels and solves",
+        "from 12 288 of them, so its cost stops growing.", "",
         f"- commit: {commit()}", f"- machine: {machine()}", f"- threads: {torch.get_num_threads()}", *limits(), "",
         *growth("object pixels", pixels), "", *growth("texels of the light", texels), "", *growth("triangles", faces),
     ]  # fmt: skip
