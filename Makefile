@@ -1,12 +1,13 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, fast tests
 # make test    the same with the slow tests
-# make bench   timings of the kernels and of a prediction
+# make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
+DATA ?= data
 
 .PHONY: demo check test bench
 
@@ -29,6 +30,9 @@ test: $(READY)
 
 bench: $(READY)
 	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests
+	@$(BIN)/python tools/measure_speed.py
+	@if test -d '$(DATA)'; then $(BIN)/lightprobe bench --data '$(DATA)'; \
+	else echo 'SKIPPED the scenes: there is no folder $(DATA); run make bench DATA=FOLDER'; fi
 
 $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

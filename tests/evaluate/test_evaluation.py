@@ -9,7 +9,7 @@ import torch
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
-from lightprobe.evaluate import evaluate, load_environment, methods_for, relight, view_pictures
+from lightprobe.evaluate import Protocols, evaluate, load_environment, methods_for, relight, view_pictures
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.material.textures import Textures
 from lightprobe.predict import Method
@@ -120,7 +120,7 @@ def test_pictures_of_a_view_are_complete(evaluated):
     titles = list(view_pictures(evaluated[2][0]))
     assert titles == [
         "photo", "render", "difference ×3", "base colour", "roughness", "metallic", "normal", "predicted light",
-        "true light", "confidence",
+        "true light", "confidence", "spheres, predicted light", "spheres, true light",
     ]  # fmt: skip
 
 
@@ -129,7 +129,9 @@ def test_a_wrong_material_is_found_out(known):
     t = decomposition.asset.textures
     tinted = Textures(t.base_color * torch.tensor([0.5, 0.8, 1.0]), t.roughness + 0.1, t.metallic, t.normal)
     wrong = dataclasses.replace(decomposition, asset=Asset(decomposition.asset.mesh, tinted))
-    truth = evaluate(wrong, None, scene, methods=(Method.CONSTANT,), device=CPU, unseen=False).truth
+    truth = evaluate(
+        wrong, None, scene, methods=(Method.CONSTANT,), device=CPU, protocols=Protocols(unseen=False)
+    ).truth
     assert truth["base_color_psnr"] < 20
     assert truth["base_color_psnr_scaled"] > 60
     assert truth["roughness_mae"] == pytest.approx(0.1, abs=0.001)
@@ -140,7 +142,9 @@ def test_a_shrunken_surface_is_found_out(known):
     decomposition, scene = known
     mesh = dataclasses.replace(decomposition.asset.mesh, vertices=decomposition.asset.mesh.vertices * 0.9)
     wrong = dataclasses.replace(decomposition, asset=Asset(mesh, decomposition.asset.textures))
-    truth = evaluate(wrong, None, scene, methods=(Method.CONSTANT,), device=CPU, unseen=False).truth
+    truth = evaluate(
+        wrong, None, scene, methods=(Method.CONSTANT,), device=CPU, protocols=Protocols(unseen=False)
+    ).truth
     assert truth["chamfer"] == pytest.approx(0.1, abs=0.01)
 
 

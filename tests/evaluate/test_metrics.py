@@ -6,9 +6,12 @@ import torch
 from scipy.ndimage import correlate1d
 
 from lightprobe.evaluate.metrics import (
+    aligned,
     channel_scale,
     environment_log_rmse,
     image_scores,
+    interval,
+    log_difference,
     mean_angle,
     on_white,
     psnr,
@@ -83,19 +86,37 @@ def test_channel_scale_is_not_led_by_highlights_nobody_sees():
 
 def test_environment_error_of_a_factor_is_its_logarithm():
     truth = torch.ones(6, 8, 8, 3)
-    assert environment_log_rmse(math.e * truth, truth) == pytest.approx(math.log((math.e + 0.01) / 1.01), abs=1e-5)
-    assert environment_log_rmse(truth, truth) == 0
+    factor = log_difference(math.e * truth, truth)
+    assert environment_log_rmse(factor) == pytest.approx(math.log((math.e + 0.01) / 1.01), abs=1e-5)
+    assert environment_log_rmse(log_difference(truth, truth)) == 0
+    assert environment_log_rmse(aligned(factor)) == pytest.approx(0, abs=1e-6)
+
+
+def test_one_factor_per_channel_takes_a_tint_out_and_one_for_all_does_not():
+    truth = torch.ones(6, 8, 8, 3)
+    tinted = log_difference(truth * torch.tensor([4.0, 2.0, 1.0]), truth)
+    assert environment_log_rmse(aligned(tinted, per_channel=True)) == pytest.approx(0, abs=1e-6)
+    expected = math.log(2) * math.sqrt(2 / 3)  # ln 4, ln 2, ln 1 about their mean
+    assert environment_log_rmse(aligned(tinted)) == pytest.approx(expected, rel=0.02)
 
 
 def test_environment_error_weighs_directions_by_solid_angle_and_confidence():
     truth, wrong = torch.ones(6, 4, 4, 3), torch.ones(6, 4, 4, 3)
     wrong[2, 0, 0] = 0.0
+    difference = log_difference(wrong, truth)
     solid = cubemap.solid_angles(4)
     expected = math.log(0.01 / 1.01) ** 2 * float(solid[2, 0, 0]) / (4 * math.pi)
-    assert environment_log_rmse(wrong, truth) == pytest.approx(math.sqrt(expected), rel=1e-4)
+    assert environment_log_rmse(difference) == pytest.approx(math.sqrt(expected), rel=1e-4)
     blind = torch.ones(6, 4, 4)
     blind[2, 0, 0] = 0
-    assert environment_log_rmse(wrong, truth, blind) == 0
+    assert environment_log_rmse(difference, blind) == 0
+
+
+@pytest.mark.golden
+def test_interval_of_a_mean():
+    """t(.975, 3) = 3.18245; the standard deviation of 1 2 3 4 is 1.29099."""
+    assert interval([1.0, 2.0, 3.0, 4.0]) == pytest.approx(3.18245 * 1.29099 / 2, rel=1e-5)
+    assert math.isnan(interval([1.0]))
 
 
 def test_mean_angle_of_unnormalised_vectors():

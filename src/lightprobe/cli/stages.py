@@ -11,6 +11,7 @@ from lightprobe.cli.progress import Meter, clock
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.errors import InputError
+from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition, Progress, decompose
 from lightprobe.distill import ProbeModel, distill
@@ -47,7 +48,7 @@ def run_decompose(
     decomposition = decompose(scene, config, device, seed, progress)
     write_run_outputs(decomposition, run)
     decomposition.save(run)
-    run.log(f"decompose finished in {clock(time.monotonic() - started)}")
+    run.log(f"decompose finished in {clock(time.monotonic() - started)}{_peak()}")
     return decomposition
 
 
@@ -66,8 +67,14 @@ def run_distill(
         lambda step, loss: recorder.step(meter, "distill", step, config.steps, loss),
     )  # fmt: skip
     model.save(run.model_folder)
-    run.log(f"distill finished in {clock(time.monotonic() - started)}")
+    run.log(f"distill finished in {clock(time.monotonic() - started)}{_peak()}")
     return model
+
+
+def _peak() -> str:
+    """Return the words for the most memory that the process has held, where the system counts it."""
+    memory = peak_memory()
+    return "" if memory is None else f", {memory:.2f} GiB at most"
 
 
 def model_exists(run: RunFolder) -> bool:
@@ -84,7 +91,7 @@ def restart_decompose(run: RunFolder) -> None:
 
 def restart_distill(run: RunFolder) -> None:
     """Forget Phase II and the evaluation."""
-    outputs = (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent)
+    outputs = (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
     run.restart("distill", outputs=outputs)
 
 

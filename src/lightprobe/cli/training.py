@@ -9,7 +9,7 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from lightprobe.cli.evaluation import evaluate_run
+from lightprobe.cli.evaluation import evaluate_run, print_tables
 from lightprobe.cli.failures import writing
 from lightprobe.cli.options import Device, Restart, RunArg, RunOut, SceneArg, Seed
 from lightprobe.cli.progress import Meter
@@ -96,7 +96,7 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
     """
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
         _train(scene, output, device, seed, False, config.demo(), DistillConfig(), next_step=False)
-        evaluate_run(RunFolder.open(output), resolve_device(device), scene_folder=scene)
+        print_tables(evaluate_run(RunFolder.open(output), resolve_device(device), scene_folder=scene))
 
 
 def _train(

@@ -8,6 +8,7 @@ RUN/model/                       Phase II weights, config and checkpoints
 RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
 RUN/metrics.json
 RUN/report/index.html
+RUN/oracle/                      the evaluation of a synthetic scene's true object, files named as in RUN
 """
 
 import contextlib
@@ -118,6 +119,11 @@ class RunFolder:
     def report_file(self) -> Path:
         """The evaluation as one self-contained web page."""
         return self.path / "report" / "index.html"
+
+    @property
+    def oracle(self) -> "RunFolder":
+        """The evaluation with a synthetic scene's true object in place of the reconstructed one."""
+        return RunFolder(self.path / "oracle")
 
     def environment_file(self, photo: str) -> Path:
         """Phase I environment of a training photo, in the user's frame."""

@@ -1,6 +1,7 @@
 """Predictions and photos in, metrics, tables and the report out."""
 
-from lightprobe.evaluate.evaluation import Evaluation, ViewResult, evaluate, methods_for
+from lightprobe.evaluate.evaluation import Evaluation, Protocols, ViewResult, evaluate, methods_for
+from lightprobe.evaluate.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.evaluate.pictures import view_pictures
 from lightprobe.evaluate.prediction_files import panorama, write_confidence, write_map, write_prediction
 from lightprobe.evaluate.relighting import load_environment, relight
@@ -9,10 +10,13 @@ from lightprobe.evaluate.viewpoints import turntable
 
 __all__ = [
     "Evaluation",
+    "Protocols",
     "ViewResult",
+    "can_be_oracle",
     "evaluate",
     "load_environment",
     "methods_for",
+    "oracle_decomposition",
     "panorama",
     "relight",
     "spread",

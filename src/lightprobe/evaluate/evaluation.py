@@ -18,8 +18,10 @@ from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate import truth
-from lightprobe.evaluate.metrics import on_white
+from lightprobe.evaluate.metrics import interval, on_white
 from lightprobe.evaluate.prediction_files import write_prediction
+from lightprobe.evaluate.stand_in import StandIn
+from lightprobe.evaluate.true_light import ConfidenceBins, TrueLight, falls
 from lightprobe.evaluate.views import TestView, halves
 from lightprobe.predict import Method, Prediction, Predictor
 from lightprobe.scene.photo import Photo, Scene
@@ -44,21 +46,31 @@ class ViewResult:
     prediction: Prediction
     image: Tensor  # (H, W, 3) sRGB on white: the re-rendered photo
     scores: Scores
+    true_light: TrueLight | None = None
 
 
 @dataclass
 class Evaluation:
-    """All numbers: `photos[name][method]` and `truth`; means are taken by `to_json`."""
+    """All numbers: `photos[name][method]`, `truth` and the bins of confidence; `to_json` takes the means."""
 
     default: Method
     photos: dict[str, dict[Method, Scores]] = field(default_factory=dict)
     truth: Scores = field(default_factory=dict)
+    confidence: dict[Method, list[Scores]] = field(default_factory=dict)
+
+    def values(self, method: Method) -> dict[str, list[float]]:
+        """Return the finite values of every score of the method, over photos."""
+        each = [scores[method] for scores in self.photos.values() if method in scores]
+        names = dict.fromkeys(name for scores in each for name in scores)
+        return {name: [s[name] for s in each if name in s and math.isfinite(s[name])] for name in names}
 
     def mean(self, method: Method) -> Scores:
         """Return the mean over photos of every score that the method has."""
-        each = [scores[method] for scores in self.photos.values()]
-        names = dict.fromkeys(name for scores in each for name in scores)
-        return {name: _mean([scores[name] for scores in each if name in scores]) for name in names}
+        return {name: sum(values) / len(values) for name, values in self.values(method).items() if values}
+
+    def interval(self, method: Method) -> Scores:
+        """Return the half width of the 95 % interval of every mean that rests on two photos or more."""
+        return {name: interval(values) for name, values in self.values(method).items() if len(values) > 1}
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of metrics.json; scores that could not be computed are left out."""
@@ -68,11 +80,27 @@ class Evaluation:
             for name, scores in self.photos.items()
         }
         return {
-            "mean": {**_finite(self.mean(self.default)), **_finite(self.truth)},
+            "mean": {**self.mean(self.default), **_finite(self.truth)},
+            "interval": {method.value: self.interval(method) for method in methods},
             "default_method": self.default.value,
-            "methods": {method.value: _finite(self.mean(method)) for method in methods},
+            "methods": {method.value: self.mean(method) for method in methods},
+            "confidence": {
+                method.value: {"bins": bins, "falls": falls(bins)} for method, bins in self.confidence.items() if bins
+            },
             "photos": photos,
         }
+
+
+@dataclass(frozen=True)
+class Protocols:
+    """What is computed, and how far."""
+
+    unseen: bool = True
+    """Add protocol B."""
+    slow_seconds: float = 20.0
+    """A method that takes longer for a photo counts as slow."""
+    slow_photos: int = 4
+    """Test photos that a slow method is scored on."""
 
 
 def evaluate(
@@ -83,49 +111,104 @@ def evaluate(
     methods: Sequence[Method],
     device: torch.device,
     run: RunFolder | None = None,
-    unseen: bool = True,
+    protocols: Protocols | None = None,
+    true_object: Decomposition | None = None,
     on_photo: OnPhoto | None = None,
     on_view: OnView | None = None,
 ) -> Evaluation:
-    """Score `methods`, the first being the default, on the scene's test photos; `unseen` adds protocol B.
+    """Score `methods`, the first being the default, on the scene's test photos.
 
-    With `run`, predictions are written to its folder. `on_view` receives the default method's result for every photo.
+    With `run`, predictions are written to its folder. `true_object` is relit with the predicted lights in place of the
+    decomposition's own object. `on_view` receives the default method's result for every photo.
     Raises `InputError` when the scene has no test photo.
     """
     if not scene.test:
         raise InputError(f"{scene.root} has no test photos to evaluate on; add some, or use more than one photo.")
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
-    predictor = Predictor.of(decomposition, model, device)
-    result = Evaluation(methods[0])
+    judge = _Judge.of(decomposition, model, scene, protocols or Protocols(), device, true_object)
+    result, bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
     materials = truth.MaterialScores()
     for done, photo in enumerate(scene.test):
         view = TestView.load(photo, decomposition, device)
         materials.add(view)
+        light = judge.true_light(photo)
         result.photos[photo.name] = {}
         for method in methods:
-            seen = _protocol_a(view, predictor, decomposition, method)
-            scores = {**seen.scores, **(_protocol_b(view, predictor, decomposition, method) if unseen else {})}
-            result.photos[photo.name][method] = scores
+            if judge.too_slow(method, done):
+                continue
+            seen = judge.score(view, light, method)
+            result.photos[photo.name][method] = seen.scores
+            if light is not None:
+                bins[method].add(seen.prediction, light.cube)
             if run is not None:
                 _write(seen.prediction, run, photo, method, default=method is methods[0])
             if on_view is not None and method is methods[0]:
-                on_view(replace(seen, scores=scores))
+                on_view(seen)
         if on_photo is not None:
             on_photo(done + 1, len(scene.test))
-    result.truth = materials.result() | truth.relight_scores(decomposition, scene, device)
-    mesh_file = scene.root / "mesh.obj"
-    if mesh_file.is_file():
-        result.truth |= truth.surface_scores(decomposition, mesh_file)
+    result.confidence = {method: gathered.result() for method, gathered in bins.items()}
+    result.truth = _asset_scores(decomposition, scene, materials, device)
     return result
 
 
-def _protocol_a(view: TestView, predictor: Predictor, decomposition: Decomposition, method: Method) -> ViewResult:
-    prediction = predictor.predict(view.pixels, view.camera, method)
-    image = on_white(*view.render(decomposition, prediction.environment))
-    scores = {**view.score(image).to_json(), "seconds": prediction.seconds["total"]}
-    if view.photo.truth.environment is not None:
-        scores |= truth.light_scores(prediction, view.photo.truth.environment)
-    return ViewResult(view, prediction, image, scores)
+def _asset_scores(
+    decomposition: Decomposition, scene: Scene, materials: truth.MaterialScores, device: torch.device
+) -> Scores:
+    scores = materials.result() | truth.relight_scores(decomposition, scene, device)
+    mesh_file = scene.root / "mesh.obj"
+    return scores | truth.surface_scores(decomposition, mesh_file) if mesh_file.is_file() else scores
+
+
+@dataclass
+class _Judge:
+    """Scores one method on one photo."""
+
+    decomposition: Decomposition
+    predictor: Predictor
+    stand_in: StandIn | None  # None: no true light to compare with
+    protocols: Protocols
+    device: torch.device
+    slowest: dict[Method, float] = field(default_factory=dict)  # seconds for one photo
+
+    @staticmethod
+    def of(
+        decomposition: Decomposition,
+        model: ProbeModel | None,
+        scene: Scene,
+        protocols: Protocols,
+        device: torch.device,
+        true_object: Decomposition | None,
+    ) -> "_Judge":
+        known = any(photo.truth.environment is not None for photo in scene.test)
+        stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
+        return _Judge(decomposition, Predictor.of(decomposition, model, device), stand_in, protocols, device)
+
+    def true_light(self, photo: Photo) -> TrueLight | None:
+        path, center = photo.truth.environment, self.decomposition.similarity.center
+        if path is None:
+            return None
+        return TrueLight.load(path, photo.camera, center, self.predictor.light_resolution, self.device)
+
+    def too_slow(self, method: Method, done: int) -> bool:
+        slow = self.slowest.get(method, 0) > self.protocols.slow_seconds
+        return slow and done >= self.protocols.slow_photos
+
+    def score(self, view: TestView, light: TrueLight | None, method: Method) -> ViewResult:
+        prediction = self.predictor.predict(view.pixels, view.camera, method)
+        if method not in self.slowest and prediction.seconds["total"] < self.protocols.slow_seconds:
+            # The first call also built tables and compiled kernels, which no later photo pays for.
+            prediction = self.predictor.predict(view.pixels, view.camera, method)
+        image = on_white(*view.render(self.decomposition, prediction.environment))
+        seconds = prediction.seconds["total"]
+        self.slowest[method] = max(seconds, self.slowest.get(method, 0))
+        scores = {**view.score(image).to_json(), "seconds": seconds}
+        if self.protocols.unseen:
+            scores |= _protocol_b(view, self.predictor, self.decomposition, method)
+        if light is not None:
+            scores |= light.scores(prediction)
+            if self.stand_in is not None:
+                scores |= self.stand_in.scores(view.photo.name, prediction.environment, light.cube)
+        return ViewResult(view, prediction, image, scores, light)
 
 
 def _protocol_b(view: TestView, predictor: Predictor, decomposition: Decomposition, method: Method) -> Scores:
@@ -137,18 +220,14 @@ def _protocol_b(view: TestView, predictor: Predictor, decomposition: Decompositi
         image = on_white(*view.render(decomposition, light))
         other = torch.from_numpy(masks[i ^ 1]).to(image.device)
         values.append(view.score(image, other).psnr_masked)
-    return {"psnr_unseen": _mean(values)}
+    known = [value for value in values if math.isfinite(value)]
+    return {"psnr_unseen": sum(known) / len(known)} if known else {}
 
 
 def _write(prediction: Prediction, run: RunFolder, photo: Photo, method: Method, *, default: bool) -> None:
     write_prediction(prediction, run.prediction_file(photo.name, ".exr", method.value))
     if default:
         write_prediction(prediction, run.prediction_file(photo.name, ".exr"))
-
-
-def _mean(values: list[float]) -> float:
-    known = [value for value in values if math.isfinite(value)]
-    return sum(known) / len(known) if known else math.nan
 
 
 def _finite(scores: Scores) -> Scores:

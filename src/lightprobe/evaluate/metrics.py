@@ -6,10 +6,12 @@ the photo). PSNR and SSIM are torchmetrics'; SSIM has the usual 11 x 11 Gaussian
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
+from scipy.stats import t as student_t
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
@@ -88,17 +90,42 @@ def _best_factor(values: Tensor, reference: Tensor) -> Tensor:
     return values.new_tensor(2**best)
 
 
-def environment_log_rmse(environment: Tensor, truth: Tensor, weight: Tensor | None = None) -> float:
-    """Return the root mean squared difference of ln radiance of two cubemaps (6, R, R, 3), by solid angle.
+def log_difference(environment: Tensor, truth: Tensor) -> Tensor:
+    """Return ln E - ln T (6, R, R, 3) of two cubemaps of linear radiance.
 
-    `weight` (6, R, R), such as a confidence, multiplies the solid angle. A floor of 1 % of the true mean radiance
-    keeps black texels from deciding the score. No tone mapping, no scale.
+    A floor of 1 % of the true mean radiance keeps black texels from deciding a score.
     """
     solid = cubemap.solid_angles(truth.shape[1]).to(truth)
     floor = 0.01 * float((solid[..., None] * truth).sum() / (3 * solid.sum()))
-    difference = torch.log(environment.clamp_min(0) + floor) - torch.log(truth.clamp_min(0) + floor)
+    return torch.log(environment.clamp_min(0) + floor) - torch.log(truth.clamp_min(0) + floor)
+
+
+def aligned(difference: Tensor, *, per_channel: bool = False) -> Tensor:
+    """Return a log difference (6, R, R, 3) less its mean over solid angle: what one factor cannot mend.
+
+    per_channel: one factor for each colour channel.
+    """
+    share = cubemap.solid_angles(difference.shape[1]).to(difference)[..., None] / (4 * math.pi)
+    mean = (share * difference).sum((0, 1, 2))
+    return difference - (mean if per_channel else mean.mean())
+
+
+def environment_log_rmse(difference: Tensor, weight: Tensor | None = None) -> float:
+    """Return the root mean square of a log difference (6, R, R, 3) by solid angle.
+
+    `weight` (6, R, R), such as a confidence, multiplies the solid angle.
+    """
+    solid = cubemap.solid_angles(difference.shape[1]).to(difference)
     share = solid if weight is None else solid * weight.to(solid)
     return math.sqrt(float((share[..., None] * difference**2).sum() / (3 * share.sum().clamp_min(1e-12))))
+
+
+def interval(values: Sequence[float]) -> float:
+    """Return the half width of the 95 % interval of the mean of `values` by Student's t; nan for fewer than two."""
+    if len(values) < 2:
+        return math.nan
+    spread = float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return float(student_t.ppf(0.975, len(values) - 1)) * spread
 
 
 def mean_angle(normals: np.ndarray, reference: np.ndarray) -> float:

@@ -11,7 +11,7 @@ from torch import Tensor
 from lightprobe.evaluate.evaluation import ViewResult
 from lightprobe.evaluate.prediction_files import exposure, panorama, tone_mapped
 from lightprobe.evaluate.relighting import load_environment
-from lightprobe.imaging import resize_area, srgb_encode
+from lightprobe.imaging import read_hdr, resize_area, srgb_encode
 
 _SIDE = 256
 _DIFFERENCE_GAIN = 3.0
@@ -40,7 +40,8 @@ def view_pictures(result: ViewResult) -> dict[str, str]:
     }
     box = object_box(view.mask.cpu().numpy())
     uris = {title: data_uri(picture[box]) for title, picture in pictures.items()}
-    return uris | {title: data_uri(picture) for title, picture in _light_pictures(result).items()}
+    wide = {**_light_pictures(result), **_sphere_pictures(result)}
+    return uris | {title: data_uri(picture) for title, picture in wide.items()}
 
 
 def object_box(mask: np.ndarray) -> tuple[slice, slice]:
@@ -82,3 +83,15 @@ def _light_pictures(result: ViewResult) -> dict[str, np.ndarray]:
     factor = exposure(list(lights.values())[-1])
     pictures = {title: srgb_encode(tone_mapped(image, factor)) for title, image in lights.items()}
     return pictures | {"confidence": panorama(result.prediction.confidence[..., None])[..., 0]}
+
+
+def _sphere_pictures(result: ViewResult) -> dict[str, np.ndarray]:
+    """The three spheres under the predicted and the true light, where that is known."""
+    if result.true_light is None:
+        return {}
+    spheres, truth = result.true_light.spheres, result.view.photo.truth.environment
+    lights = {"spheres, predicted light": panorama(result.prediction.environment)}
+    if truth is not None:
+        lights["spheres, true light"] = np.ascontiguousarray(read_hdr(truth)[..., :3], np.float32)
+    side = _SIDE // 3
+    return {title: spheres.picture(torch.from_numpy(light), side).numpy() for title, light in lights.items()}

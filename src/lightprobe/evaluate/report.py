@@ -7,6 +7,8 @@ from typing import Any
 
 from lightprobe.core.files import write_bytes
 
+Rows = dict[str, dict[str, Any]]
+
 MAX_ROWS = 32  # photos with pictures; the table has all of them
 
 # score -> (heading, decimals, what it says)
@@ -16,13 +18,21 @@ _COLUMNS = {
     "psnr_masked": ("PSNR object", 2, "dB, the object's pixels only"),
     "ssim_masked": ("SSIM object", 3, "the object's pixels only"),
     "psnr_unseen": ("PSNR unseen half", 2, "dB; light from one half of the object, scored on the other"),
-    "light_log_rmse": (
-        "light log-RMSE",
-        3,
-        "ln radiance against the true environment, by solid angle; lower is better",
-    ),
-    "light_log_rmse_confident": ("… confident", 3, "the same, weighted by confidence"),
     "seconds": ("seconds", 2, "time to predict the light of one photo"),
+}
+_LIGHT = {
+    "relit_psnr": ("relit PSNR", 2, "dB; the object in other views under the predicted against the true light"),
+    "relit_psnr_scaled": ("… scaled", 2, "dB, one factor per channel"),
+    "diffuse_si_rmse": ("diffuse", 3, "sphere, scale-invariant RMSE of the tone-mapped light; lower is better"),
+    "matte_si_rmse": ("matte", 3, "the same for a rough reflecting sphere"),
+    "mirror_si_rmse": ("mirror", 3, "the same for a mirror"),
+    "diffuse_angular": ("diffuse °", 1, "sphere, mean angle between colours"),
+    "matte_angular": ("matte °", 1, "sphere, mean angle between colours"),
+    "mirror_angular": ("mirror °", 1, "sphere, mean angle between colours"),
+    "light_log_rmse": ("log-RMSE", 3, "ln radiance against the true environment, by solid angle"),
+    "light_log_rmse_scaled": ("… scaled", 3, "the same after one factor"),
+    "light_log_rmse_channels": ("… per channel", 3, "the same after one factor per channel"),
+    "light_log_rmse_confident": ("… confident", 3, "the raw one, weighted by confidence"),
 }
 _TRUTH = {
     "chamfer": ("Chamfer distance", 4, "mean, both ways, in object radii"),
@@ -45,6 +55,7 @@ _STYLE = """
 body { margin: 0 auto; max-width: 1500px; padding: 2.5rem 1.5rem 4rem; background: var(--back); color: var(--text);
   font: 15px/1.5 system-ui, sans-serif; }
 h1 { font-size: 1.6rem; margin: 0 0 .2rem; } h2 { font-size: 1.1rem; margin: 2.4rem 0 .6rem; }
+h3 { font-size: .95rem; margin: 1.4rem 0 .4rem; } small { color: var(--soft); }
 p { color: var(--soft); margin: .2rem 0 1rem; max-width: 75ch; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
@@ -82,15 +93,16 @@ def report_page(metrics: dict[str, Any], pictures: dict[str, dict[str, str]], fa
         _facts(facts),
         "<h2>Light from a single photo, by method</h2>",
         "<p>The light is predicted from each test photo, the object re-rendered with it and compared with the photo. "
-        f"Means over {len(per_photo)} test photos. Pictures and the last table belong to "
-        f"<b>{html.escape(default)}</b>.</p>",
-        _table("method", metrics["methods"], _COLUMNS),
+        f"Means over {len(per_photo)} test photos, ± the half width of their 95 % interval. Pictures and the last "
+        f"table belong to <b>{html.escape(default)}</b>.</p>",
+        _table("method", *_with_intervals(metrics), _COLUMNS),
+        *_light_tables(metrics),
     ]
     if any(name in metrics["mean"] for name in _TRUTH):
-        body += ["<h2>Against ground truth</h2>", _table("", {"object": metrics["mean"]}, _TRUTH)]
+        body += ["<h2>Against ground truth</h2>", _table("", {"object": metrics["mean"]}, {}, _TRUTH)]
     body.append("<h2>Test photos</h2>")
     body += [_photo(name, per_photo[name], pictures[name]) for name in pictures]
-    body += ["<h2>Every photo</h2>", _table("photo", per_photo, _COLUMNS)]
+    body += ["<h2>Every photo</h2>", _table("photo", per_photo, {}, _COLUMNS | _LIGHT)]
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
     head += f"<title>{html.escape(title)}</title><style>{_STYLE}</style>"
     return f'<!doctype html>\n<html lang="en"><head>{head}</head><body>\n' + "\n".join(body) + "\n</body></html>\n"
@@ -107,20 +119,52 @@ def _facts(facts: dict[str, str]) -> str:
     return "<p>" + " · ".join(f"{html.escape(k)} {html.escape(v)}" for k, v in facts.items()) + "</p>"
 
 
-def _table(corner: str, rows: dict[str, dict[str, Any]], columns: dict[str, tuple[str, int, str]]) -> str:
-    """Return a table with the columns that any row has."""
+def _with_intervals(metrics: dict[str, Any]) -> tuple[Rows, Rows]:
+    """Return the means of the methods and the half widths of their 95 % intervals."""
+    return metrics["methods"], metrics.get("interval", {})
+
+
+def _light_tables(metrics: dict[str, Any]) -> list[str]:
+    """Return the scores of the lights and the error by confidence, or nothing where the true lights are unknown."""
+    if not any(name in scores for scores in metrics["methods"].values() for name in _LIGHT):
+        return []
+    body = ["<h3>Against the true lights</h3>", _table("method", *_with_intervals(metrics), _LIGHT)]
+    rows = {
+        method: {str(i): part["log_rmse_scaled"] for i, part in enumerate(checked["bins"])}
+        | {f"c{i}": part["confidence"] for i, part in enumerate(checked["bins"])}
+        for method, checked in metrics.get("confidence", {}).items()
+    }
+    columns = {str(i): (f"fifth {i + 1}", 2, "log-RMSE after one factor") for i in range(5)}
+    columns |= {f"c{i}": (f"confidence {i + 1}", 2, "mean confidence of these directions") for i in range(5)}
+    return [
+        *body,
+        "<h3>Error by confidence</h3>",
+        "<p>All directions of all photos in five parts of equal solid angle, the least confident first.</p>",
+        _table("method", rows, {}, columns),
+    ]
+
+
+def _table(corner: str, rows: Rows, intervals: Rows, columns: dict[str, tuple[str, int, str]]) -> str:
+    """Return a table with the columns that any row has; a known interval stands in the cell's title."""
     used = {key: column for key, column in columns.items() if any(key in scores for scores in rows.values())}
     head = "".join(f'<th title="{html.escape(note)}">{html.escape(name)}</th>' for name, _, note in used.values())
-    lines = [f"<tr><td>{html.escape(name)}</td>{''.join(_cells(scores, used))}</tr>" for name, scores in rows.items()]
+    lines = [
+        f"<tr><td>{html.escape(name)}</td>{''.join(_cells(scores, intervals.get(name, {}), used))}</tr>"
+        for name, scores in rows.items()
+    ]
     table = (
         f"<table><thead><tr><th>{html.escape(corner)}</th>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
     )
     return f'<div class="scroll">{table}</div>'
 
 
-def _cells(scores: dict[str, Any], columns: dict[str, tuple[str, int, str]]) -> Iterable[str]:
+def _cells(scores: dict[str, Any], interval: dict[str, Any], columns: dict[str, tuple[str, int, str]]) -> Iterable[str]:
     for key, (_, decimals, _) in columns.items():
-        yield f"<td>{scores[key]:.{decimals}f}</td>" if key in scores else "<td>–</td>"
+        if key not in scores:
+            yield "<td>–</td>"
+            continue
+        around = f"<small> ± {interval[key]:.{decimals}f}</small>" if key in interval else ""
+        yield f"<td>{scores[key]:.{decimals}f}{around}</td>"
 
 
 def _photo(name: str, scores: dict[str, Any], pictures: dict[str, str]) -> str:
@@ -135,4 +179,4 @@ def _photo(name: str, scores: dict[str, Any], pictures: dict[str, str]) -> str:
 
 
 def _is_panorama(title: str) -> bool:
-    return "light" in title or title == "confidence"
+    return "light" in title or title == "confidence"  # the spheres' titles name a light, too

@@ -1,4 +1,4 @@
-"""Comparisons with ground truth, where a synthetic scene brings it: light, material, surface, relighting.
+"""Comparisons of the asset with ground truth, where a synthetic scene brings it: material, surface, relighting.
 
 Truth is only ever read here, never by training or prediction.
 """
@@ -15,7 +15,6 @@ from lightprobe.decompose import Decomposition
 from lightprobe.evaluate.chamfer import mesh_chamfer
 from lightprobe.evaluate.metrics import (
     channel_scale,
-    environment_log_rmse,
     image_scores,
     mean_angle,
     on_white,
@@ -24,20 +23,9 @@ from lightprobe.evaluate.metrics import (
 from lightprobe.evaluate.relighting import load_environment, relight
 from lightprobe.evaluate.views import TestView
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
-from lightprobe.predict import Prediction
 from lightprobe.scene.photo import Photo, Scene
 
 Scores = dict[str, float]
-
-
-def light_scores(prediction: Prediction, truth: Path) -> Scores:
-    """Return the log-RMSE of a predicted environment by solid angle, and by solid angle times confidence."""
-    environment = prediction.environment
-    true = load_environment(truth, environment.device, environment.shape[1])
-    return {
-        "light_log_rmse": environment_log_rmse(environment, true),
-        "light_log_rmse_confident": environment_log_rmse(environment, true, prediction.confidence),
-    }
 
 
 def surface_scores(decomposition: Decomposition, mesh_file: Path) -> Scores:

@@ -66,6 +66,12 @@ def to_cubemap(map: Tensor, resolution: int) -> Tensor:
     return torch.stack(faces)
 
 
+def sample(map: Tensor, directions: Tensor) -> Tensor:
+    """Return the values (N, C) of a map (H, 2H, C) in unit directions (N, 3), bilinear."""
+    index, weight = _bilinear_taps(directions.double(), map.shape[0], map.dtype)
+    return weighted_gather(map.reshape(-1, map.shape[-1]), index, weight)
+
+
 def _directions(height: int, split: int, device: torch.device | str) -> Tensor:
     """Return the directions of a grid `split` times as fine as the map, (H split, 2H split, 3) float64."""
     rows = height * split

@@ -18,8 +18,9 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.probe_model import ProbeModel
 from lightprobe.distill.probe_pixels import ProbePixels
+from lightprobe.predict.confidence import confidence
 from lightprobe.predict.observation import Observation, observe
-from lightprobe.predict.prior import confidence, constant_light, coverage, sampled_probes, stacked_light
+from lightprobe.predict.prior import constant_light, coverage, sampled_probes, stacked_light
 from lightprobe.predict.solve import SolveConfig, solve_environment
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
@@ -43,8 +44,8 @@ class Prediction:
     """The light around the object in one photo, in the input frame's axes and the photo's exposure."""
 
     environment: Tensor  # (6, R, R, 3) linear radiance >= 0
-    confidence: Tensor  # (6, R, R) in [0, 1): how much of each direction the object showed
-    seconds: dict[str, float]  # wall time of "rasterise", "network", "stack", "solve" and "total"
+    confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
+    seconds: dict[str, float]  # wall time of "rasterise", "network", "stack", "solve", "confidence" and "total"
 
 
 class Predictor:
@@ -94,11 +95,13 @@ class Predictor:
             camera = camera.normalised(self.similarity)
             observation = observe(self.asset, pixels, camera, self.device, self.max_pixels)
             probes = sampled_probes(observation, self.seed)
-        environment, weight = _PRIORS[method](self, observation, probes, clock)
+        environment, _ = _PRIORS[method](self, observation, probes, clock)
         if method in _SOLVED:
             with clock.part("solve"):
                 environment = solve_environment(observation, environment, self.solve, self.seed)
-        return Prediction(environment, confidence(weight), clock.finish())
+        with clock.part("confidence"):
+            trust = confidence(observation, environment, solved=method in _SOLVED, seed=self.seed)
+        return Prediction(environment, trust, clock.finish())
 
     def _constant(self, observation: Observation, probes: ProbePixels, clock: "_Clock") -> tuple[Tensor, Tensor]:
         with clock.part("stack"):
@@ -129,7 +132,7 @@ class _Clock:
 
     def __init__(self) -> None:
         self._begin = time.perf_counter()
-        self._seconds = {"rasterise": 0.0, "network": 0.0, "stack": 0.0, "solve": 0.0}
+        self._seconds = {"rasterise": 0.0, "network": 0.0, "stack": 0.0, "solve": 0.0, "confidence": 0.0}
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:

@@ -53,11 +53,6 @@ def coverage(probes: ProbePixels, resolution: int) -> Tensor:
     return stack_everywhere(probes, torch.zeros_like(probes.color), resolution, AlphaRule.R4)[1]
 
 
-def confidence(weight: Tensor) -> Tensor:
-    """Return W / (W + Wbar) in [0, 1) for W (6, R, R): .5 where a direction was seen as much as the average one."""
-    return weight / (weight + _sphere_mean(weight).clamp_min(1e-12))
-
-
 def _sphere_mean(weight: Tensor) -> Tensor:
     angle = cubemap.solid_angles(weight.shape[1], weight.device)
     return (weight * angle).sum() / (4 * math.pi)

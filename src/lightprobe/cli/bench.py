@@ -1,0 +1,238 @@
+"""bench: trains and evaluates every scene, and writes the tables."""
+
+import math
+import os
+import platform
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import torch
+from tyro.conf import arg
+
+from lightprobe.cli.failures import INTERRUPTED
+from lightprobe.cli.options import Seed
+from lightprobe.cli.stages import model_exists
+from lightprobe.core.config import Preset
+from lightprobe.core.errors import ConfigError, ResourceError
+from lightprobe.core.files import read_json, write_bytes, write_json
+from lightprobe.core.run import RunFolder
+from lightprobe.evaluate.results import PAPER_METHOD, BenchResults, results_page
+
+SCENES = ("chair", "spot", "bottle", "cape", "liberty")
+LOSSES_SCENE = "chair"
+
+# what Phase II is trained with for the ablation
+LOSSES: dict[str, tuple[str, ...]] = {
+    "L2": ("--distill.no-sample-weight", "--distill.no-intensity-weight"),
+    "L2, intensity weight": ("--distill.no-sample-weight",),
+    "L2, sample weight": ("--distill.no-intensity-weight",),
+    "L2, both weights": (),
+    "L2, both weights, alpha² = r²": ("--distill.alpha-rule", "r2"),
+}
+
+
+def bench(
+    *,
+    scenes: Annotated[tuple[str, ...], arg(help="Names of the scenes.")] = SCENES,
+    data: Annotated[Path, arg(metavar="DIR", help="Where the scenes' folders are, at most one folder down.")] = Path(
+        "data"
+    ),
+    output: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER", help="Runs and numbers.")] = Path("runs/bench"),
+    runs: Annotated[Path | None, arg(metavar="FOLDER", help="Finished runs named as the scenes, if not there.")] = None,
+    preset: Annotated[Preset, arg(help="Size of the training.")] = Preset.QUICK,
+    seed: Seed = 0,
+    seeds: Annotated[int, arg(help="Seeds for each loss of the ablation; 0 leaves it out.")] = 3,
+    slow_photos: Annotated[int, arg(help="Test photos for methods that take more than 20 s each.")] = 2,
+    results: Annotated[
+        Path | None, arg(metavar="RESULTS.md", help="The page; by default benchmarks/RESULTS.md, else in FOLDER.")
+    ] = None,
+) -> None:
+    """Train and evaluate every scene with every method, and write the tables.
+
+    The same command goes on where an interrupted one stopped; every finished piece is a JSON file in FOLDER/pieces.
+    Scenes that are not in DIR are left out and named.
+
+    Examples:
+      lightprobe bench --data ~/light-data
+      lightprobe bench --data ~/light-data --scenes spot --runs runs --seeds 0
+    """
+    benchmark = Benchmark(output, runs or output / "runs", preset, seed, slow_photos, scenes, data)
+    found = {name: folder for name in scenes if (folder := find_scene(data, name)) is not None}
+    for name in scenes:
+        if name not in found:
+            print(f"SKIPPED {name}: there is no scene of that name in {data}; tell where it is with --data DIR.")
+    if not found:
+        raise ConfigError(f"None of {', '.join(scenes)} is in {data}; tell where they are with --data DIR.")
+    page = results or (Path("benchmarks/RESULTS.md") if Path("benchmarks").is_dir() else output / "RESULTS.md")
+    for name, folder in found.items():
+        benchmark.scene(name, folder)
+        write_bytes(page, results_page(benchmark.collect()).encode())
+    if LOSSES_SCENE in found:
+        for number in range(seeds):
+            for variant in LOSSES:
+                benchmark.loss(variant, seed + number, found[LOSSES_SCENE])
+                write_bytes(page, results_page(benchmark.collect()).encode())
+    print(f"Results: {page}")
+    if benchmark.failed:
+        raise ResourceError(f"These pieces failed, their messages stand above: {', '.join(benchmark.failed)}.")
+
+
+def find_scene(data: Path, name: str) -> Path | None:
+    """Return the folder of a scene in `data` or one folder down, or None."""
+    places = [data / name, *sorted(folder / name for folder in data.glob("*") if folder.is_dir())]
+    return next((place for place in places if place.is_dir()), None)
+
+
+class Benchmark:
+    """The pieces of a benchmark: each is a command, and the numbers it left, kept as one JSON file."""
+
+    def __init__(
+        self, folder: Path, runs: Path, preset: Preset, seed: int, slow_photos: int, scenes: Sequence[str], data: Path
+    ):
+        self.folder, self.runs, self.preset, self.seed, self.slow_photos = folder, runs, preset, seed, slow_photos
+        self.scenes, self.data = scenes, data
+        self.failed: list[str] = []
+
+    def scene(self, name: str, folder: Path) -> None:
+        """Train a scene, unless its run is finished, and evaluate it with its own and the true object."""
+        run = RunFolder(self.runs / name)
+        if not (run.asset_file.is_file() and model_exists(run)):
+            train = ("train", str(folder), "-o", str(run.path), "--preset", self.preset.value, "--seed", str(self.seed))
+            if not self._command(f"{name} training", train):
+                return
+        score = ("eval", str(run.path), "--scene", str(folder), "--slow-photos", str(self.slow_photos))
+        self._piece(f"{name}.eval", score, run, run.metrics_file)
+        if run.oracle.asset_file.is_file():  # the evaluation has found the true object
+            self._piece(f"{name}.oracle", (*score, "--oracle-asset"), run, run.oracle.metrics_file)
+
+    def loss(self, variant: str, seed: int, folder: Path) -> None:
+        """Train Phase II of the ablation's scene with one loss and seed on the same Phase I, and evaluate it."""
+        name = f"{LOSSES_SCENE}.loss.{list(LOSSES).index(variant)}.seed{seed}"
+        if self._file(name).is_file():
+            return
+        source, run = RunFolder(self.runs / LOSSES_SCENE), RunFolder(self.folder / "ablation" / name)
+        if not source.asset_file.is_file():
+            return
+        share_phase_one(source, run)
+        where = ("--scene", str(folder))
+        options = ("--preset", self.preset.value, "--seed", str(seed), *where, *LOSSES[variant])
+        if self._command(name, ("distill", str(run.path), *options)):
+            score = ("eval", str(run.path), *where, "--methods", PAPER_METHOD, "--no-unseen")
+            self._piece(name, score, run, run.metrics_file)
+
+    def collect(self) -> BenchResults:
+        """Return all numbers there are."""
+        results = BenchResults(self._about(), losses_scene=LOSSES_SCENE)
+        absent = [name for name in self.scenes if not self._file(f"{name}.eval").is_file()]
+        results.missing += [f"{name}, for which there are no numbers." for name in absent]
+        for name in self.scenes:
+            for kind, kept in (("eval", results.scenes), ("oracle", results.oracle)):
+                if self._file(f"{name}.{kind}").is_file():
+                    piece = read_json(self._file(f"{name}.{kind}"))
+                    kept[name] = piece["metrics"]
+                    results.commands.append(f"{piece['command']}   # {piece['commit']}")
+                    results.training[name] = piece["training"]
+        for number, variant in enumerate(LOSSES):
+            files = sorted((self.folder / "pieces").glob(f"{LOSSES_SCENE}.loss.{number}.seed*.json"))
+            if files:
+                results.losses[variant] = [read_json(file)["metrics"] for file in files]
+                options = " ".join(("--restart", *LOSSES[variant], "--seed K"))
+                results.commands.append(f"lightprobe distill RUN {options}   # {variant}")
+        return results
+
+    def _piece(self, name: str, command: Sequence[str], run: RunFolder, metrics: Path) -> None:
+        """Run a command that writes `metrics` and keep these, unless they are kept already."""
+        if self._file(name).is_file():
+            return
+        if self._command(name, command):
+            training = training_costs(run)
+            text = " ".join(("lightprobe", *command))
+            value = {"command": text, "commit": commit(), "training": training, "metrics": read_json(metrics)}
+            write_json(self._file(name), value)
+
+    def _command(self, name: str, command: Sequence[str]) -> bool:
+        """Run a command of the program itself; note a failure and return whether it went well."""
+        from lightprobe.cli.main import main
+
+        print(f"lightprobe {' '.join(command)}", flush=True)
+        code = main(list(command))
+        if code == INTERRUPTED:
+            raise KeyboardInterrupt
+        if code:
+            self.failed.append(name)
+        return code == 0
+
+    def _file(self, name: str) -> Path:
+        return self.folder / "pieces" / f"{name}.json"
+
+    def _about(self) -> dict[str, str]:
+        threads = os.environ.get("OMP_NUM_THREADS", "")
+        return {
+            "commit": commit(),
+            "machine": machine(),
+            "threads": f"{torch.get_num_threads()}" + (f" (OMP_NUM_THREADS={threads})" if threads else ""),
+            "preset": self.preset.value,
+            "seed": str(self.seed),
+            "command": f"`lightprobe bench --data DIR --preset {self.preset.value} --seed {self.seed}`",
+        }
+
+
+def share_phase_one(source: RunFolder, run: RunFolder) -> None:
+    """Make `run` a run with the finished Phase I of `source` and no Phase II; an existing one is left alone."""
+    if run.config_file.is_file():
+        return
+    shutil.copytree(source.mesh_folder, run.mesh_folder, dirs_exist_ok=True)
+    shutil.copyfile(source.scene_file, run.scene_file)
+    write_json(run.config_file, {"decompose": source.config("decompose")})
+
+
+def training_costs(run: RunFolder) -> dict[str, float]:
+    """Return the seconds of each phase of a run and the most memory (`memory`, GiB), from its log.
+
+    Phases that were interrupted are left out.
+    """
+    if not run.log_file.is_file():
+        return {}
+    text = run.log_file.read_text(encoding="utf-8")
+    found: dict[str, float] = {}
+    pattern = re.compile(r"(decompose|distill) finished in (\d+):(\d\d)(?:, ([\d.]+) GiB)?")
+    for phase, minutes, seconds, memory in pattern.findall(text):
+        if f"{phase} goes on from" in text:
+            continue
+        found[phase] = 60 * int(minutes) + int(seconds)
+        if memory:
+            found["memory"] = max(float(memory), found.get("memory", 0))
+    return found
+
+
+def commit() -> str:
+    """Return the commit of the checkout that the program runs from, or its version outside of one."""
+    here = Path(__file__).resolve().parent
+    questions = (["rev-parse", "--short", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
+    try:
+        name, changes = (
+            subprocess.run(["git", "-C", str(here), *words], capture_output=True, text=True, check=True).stdout.strip()
+            for words in questions
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return f"version {version('lightprobe')}"
+    return f"{name} with changes" if changes else name
+
+
+def machine() -> str:
+    """Return the processor, its cores, and the GPU if PyTorch sees one."""
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        models = re.findall(r"model name\s*: (.+)", info.read_text(encoding="utf-8"))
+        name = models[0] if models else name
+    memory = ""
+    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        memory = f", {math.ceil(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30)} GiB"
+    gpu = f", {torch.cuda.get_device_name()}" if torch.cuda.is_available() else ", no GPU"
+    return f"{name}, {os.cpu_count()} cores{memory}{gpu}, PyTorch {torch.__version__}"

@@ -1,0 +1,95 @@
+import itertools
+
+from lightprobe.evaluate.results import (
+    BenchResults,
+    comparison_table,
+    confidence_table,
+    image_table,
+    light_table,
+    loss_table,
+    object_table,
+    results_page,
+    slow_table,
+    time_table,
+)
+
+LIGHT = {"relit_psnr": 20.0, "relit_psnr_scaled": 25.0, "light_log_rmse": 1.0, "psnr_unseen": 21.0}
+
+
+def spheres(value: float) -> dict[str, float]:
+    return {f"{s}_si_rmse": value for s in ("diffuse", "matte", "mirror")}
+
+
+def metrics(gain: float = 0.0) -> dict:
+    default = {"psnr": 30.0, "ssim": 0.9, "psnr_masked": 25.0 + gain, "seconds": 0.9, **LIGHT, **spheres(0.1)}
+    default["relit_psnr_scaled"] += gain
+    paper = {"psnr": 27.0, "ssim": 0.8, "psnr_masked": 22.0, "seconds": 0.05, **LIGHT, **spheres(0.2)}
+    slow = {"psnr_masked": 24.0, "seconds": 90.0}
+    parts = [{"confidence": 0.1 * i, "log_rmse": 2.0 - 0.1 * i, "log_rmse_scaled": 1.5 - 0.1 * i} for i in range(5)]
+    return {
+        "mean": {**default, "chamfer": 0.0123, "relight_psnr": 19.0},
+        "interval": {"net": {"psnr": 1.25}},
+        "default_method": "net",
+        "methods": {"net": default, "probe-mlp": paper, "slow": slow},
+        "confidence": {"net": {"bins": parts, "falls": True}, "probe-mlp": {"bins": parts[::-1], "falls": False}},
+        "photos": {
+            "a": {"methods": {"net": default, "probe-mlp": paper, "slow": slow}},
+            "b": {"methods": {"net": {**default, "psnr_masked": 99.0}, "probe-mlp": paper}},
+        },
+    }
+
+
+def benchmark() -> BenchResults:
+    real = {"methods": {"net": {"psnr": 24.0}}, "default_method": "net", "mean": {"psnr": 24.0}, "photos": {}}
+    losses = [{"methods": {"probe-mlp": {"psnr": value, **spheres(0.3)}}} for value in (1.0, 2.0, 3.0)]
+    return BenchResults(
+        {"commit": "abc"}, {"cup": metrics(), "pot": metrics(2.0), "cape": real}, {"cup": metrics(1.0)},
+        {"cup": {"decompose": 601.0}}, {"L2": losses}, "cup", ["lightprobe train cup"], ["bottle, no numbers."],
+    )  # fmt: skip
+
+
+def test_rows_hold_means_with_intervals_and_true_objects_follow_their_scene():
+    images = image_table(benchmark())
+    assert images[2] == "| cup | net | 30.00 ± 1.25 | .900 | 25.00 | – | 21.00 |"
+    assert images[-1] == "| cape | net | 24.00 | – | – | – | – |"
+    names = [line.split("|")[1].strip() for line in light_table(benchmark())[2:]]
+    assert names == ["cup"] * 3 + ["cup, true object"] * 3 + ["pot"] * 3  # cape's light is not known
+
+
+def test_gains_over_the_papers_method_per_scene_and_in_the_mean():
+    rows = comparison_table(benchmark())
+    assert rows[2] == "| cup | +0.00 | +3.00 | +0.00 | 0.50 | 0.50 | 0.50 |"
+    assert rows[-1].startswith("| **mean** | +1.00 | +4.00 |")
+
+
+def test_a_slow_method_is_compared_on_its_own_photos():
+    rows = slow_table(benchmark())[2:]
+    assert rows[0].startswith("| cup | net (1 photos) | 25.00 |")  # not photo b
+    assert rows[1].startswith("| cup | slow (1 photos) | 24.00 | – |")
+
+
+def test_seeds_of_a_loss_have_an_interval():
+    row = loss_table(benchmark())[2]
+    assert row.startswith("| L2 | 3 | 2.00 ± 2.48 |")  # t(.975, 2) / sqrt(3)
+    assert ".3000 ± .0000" in row
+
+
+def test_confidence_object_and_time():
+    confidence = confidence_table(benchmark())
+    assert confidence[2].startswith("| cup | net | 1.50 (2.00) |")
+    assert confidence[2].endswith("| 0.00 to 0.40 | yes |")
+    assert confidence[3].endswith("**no** |")
+    assert [row.split("|")[1].strip() for row in object_table(benchmark())[2:]] == ["cup", "pot", "cup, true object"]
+    times = time_table(benchmark())
+    assert times[2] == "| cup | .90 | .05 | 90.00 | 601 | – | – |"
+
+
+def test_the_page_names_what_is_missing_and_survives_having_nothing():
+    page = results_page(benchmark())
+    assert "**Missing:** bottle, no numbers." in page
+    assert "    lightprobe train cup" in page
+    lines = page.splitlines()
+    for previous, line in itertools.pairwise(lines):
+        if line.startswith("| ---"):
+            assert previous.count("|") == line.count("|")
+    assert "## Images" not in results_page(BenchResults({}))
