@@ -51,7 +51,7 @@ def write_toy_scene(folder: Path, *, train: int = 18, test: int = 2) -> Path:
 
 TINY = [
     "--device", "cpu",
-    "--decompose.pass1-iterations", "12", "--decompose.pass2-iterations", "8", "--decompose.pass3-iterations", "6",
+    "--decompose.pass1-iterations", "12", "--decompose.pass2-iterations", "8", "--decompose.pass3-iterations", "10",
     "--decompose.pass1-side", "32", "--decompose.pass2-side", "32", "--decompose.pass3-texture-size", "96",
     "--decompose.lattice-cells", "12", "--decompose.hull-voxels", "24",
     "--decompose.hash-levels", "4", "--decompose.hash-finest", "32", "--decompose.light-resolution", "8",
