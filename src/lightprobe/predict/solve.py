@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import generator
+from lightprobe.distill.probe_pixels import tone_weight
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
@@ -68,11 +69,6 @@ class Evidence:
         difference = self.transport.apply(light) - self.observed
         difference = torch.where(self.clipped, difference.clamp(max=0), difference)
         return float((self.weight[:, None] * difference.square()).sum() / self.weight.sum())
-
-
-def tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
-    """Return pixel weights (K,) that make squared errors count as in a tone-mapped picture, at any exposure."""
-    return (color.mean(-1) / light_level + 0.05).reciprocal()
 
 
 def solve_environment(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> Tensor:
