@@ -17,8 +17,8 @@ from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
-from lightprobe.evaluate import Evaluation, ViewResult, evaluate, methods_for, spread, view_pictures, write_report
-from lightprobe.predict import Method
+from lightprobe.evaluate import Evaluation, ViewResult, evaluate, spread, view_pictures, write_report
+from lightprobe.predict import Method, methods_for
 from lightprobe.scene.photo import Scene
 
 # score -> (heading, decimals); "object": the object's pixels only, "unseen": the half the light was not predicted from

@@ -77,8 +77,8 @@ class DistillConfig:
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
         positive = (
-            "steps", "synthetic_lessons", "sphere_batch", "sphere_width", "samples", "light_resolution", "max_side", "pixels_per_photo", "width", "depth", "frequencies",
-            "checkpoint_every",
+            "steps", "synthetic_lessons", "sphere_batch", "sphere_width", "samples", "light_resolution", "max_side",
+            "pixels_per_photo", "width", "depth", "frequencies", "checkpoint_every",
         )  # fmt: skip
         for name in positive:
             if getattr(self, name) < 1:
@@ -121,6 +121,6 @@ def standard() -> DistillConfig:
 def paper() -> DistillConfig:
     """The paper's settings (sections 3.2 and 4.2): 30 k steps against 6x128x128 maps, the loss as printed."""
     return replace(
-        standard(), lessons=Lessons.TEACHER, steps=30_000, sphere_steps=0, light_resolution=128, max_side=1024, pixels_per_photo=65_536,
-        loss_space=LossSpace.LINEAR,
+        standard(), lessons=Lessons.TEACHER, steps=30_000, sphere_steps=0, light_resolution=128, max_side=1024,
+        pixels_per_photo=65_536, loss_space=LossSpace.LINEAR,
     )  # fmt: skip

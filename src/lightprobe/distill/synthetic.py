@@ -16,7 +16,7 @@ from torch import Tensor
 
 from lightprobe.core.device import generator
 from lightprobe.imaging import srgb_decode, srgb_encode
-from lightprobe.light import cubemap, prefilter
+from lightprobe.light import prefilter
 from lightprobe.light.generated import Draw, generated_light, upright
 from lightprobe.light.resize import rotate_light
 from lightprobe.render.gbuffer import GBuffer

@@ -1,6 +1,6 @@
 """Predictions and photos in, metrics, tables and the report out."""
 
-from lightprobe.evaluate.evaluation import Evaluation, ViewResult, evaluate, methods_for
+from lightprobe.evaluate.evaluation import Evaluation, ViewResult, evaluate
 from lightprobe.evaluate.pictures import view_pictures
 from lightprobe.evaluate.prediction_files import panorama, write_confidence, write_map, write_prediction
 from lightprobe.evaluate.relighting import load_environment, relight
@@ -12,7 +12,6 @@ __all__ = [
     "ViewResult",
     "evaluate",
     "load_environment",
-    "methods_for",
     "panorama",
     "relight",
     "spread",

@@ -17,9 +17,16 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.probe_model import ProbeModel
-from lightprobe.distill.probe_pixels import ProbePixels
 from lightprobe.predict.observation import Observation, observe
-from lightprobe.predict.prior import confidence, constant_light, coverage, sampled_probes, stacked_light
+from lightprobe.predict.optimize import OptimizeConfig, optimize_environment
+from lightprobe.predict.prior import (
+    confidence,
+    constant_light,
+    coverage,
+    network_light,
+    sampled_probes,
+    stacked_light,
+)
 from lightprobe.predict.solve import SolveConfig, solve_environment
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
@@ -32,10 +39,24 @@ class Method(StrEnum):
     """A grey map at the photo's light level: the floor."""
     PROBE_MLP = "probe-mlp"
     """The paper's method: the illumination MLP's probes, stacked."""
+    PROBE_NET = "probe-net"
+    """The sphere network on stacked probes and coarse least-squares lights."""
+    OPTIMIZE = "optimize"
+    """Gradient descent on every texel for this one photo, as inverse renderers do: minutes."""
     SOLVE = "solve"
     """Least squares against the photo, towards the grey map."""
     PROBE_MLP_SOLVE = "probe-mlp+solve"
     """Least squares against the photo, towards the paper's map."""
+    PROBE_NET_SOLVE = "probe-net+solve"
+    """Least squares against the photo, towards the sphere network's map."""
+
+
+def methods_for(model: ProbeModel | None) -> tuple[Method, ...]:
+    """Return the methods that a run with this model can compare in seconds a photo, the recommended one first."""
+    if model is None:
+        return (Method.SOLVE, Method.CONSTANT)
+    paper = (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
+    return paper if model.sphere is None else (Method.PROBE_NET_SOLVE, Method.PROBE_NET, *paper)
 
 
 @dataclass(frozen=True)
@@ -59,6 +80,7 @@ class Predictor:
         light_resolution: int = 32,
         max_pixels: int = 65_536,
         solve: SolveConfig | None = None,
+        optimize: OptimizeConfig | None = None,
         seed: int = 0,
     ):
         """Move asset and model to `device` (default: the CPU).
@@ -73,6 +95,7 @@ class Predictor:
         self.light_resolution = light_resolution
         self.max_pixels = max_pixels
         self.solve = solve or SolveConfig()
+        self.optimize = optimize or OptimizeConfig()
         self.seed = seed
 
     @staticmethod
@@ -93,35 +116,51 @@ class Predictor:
         with clock.part("rasterise"):
             camera = camera.normalised(self.similarity)
             observation = observe(self.asset, pixels, camera, self.device, self.max_pixels)
-            probes = sampled_probes(observation, self.light_resolution, self.seed)
-        environment, weight = _PRIORS[method](self, observation, probes, clock)
+            chosen = sampled_probes(observation, self.light_resolution, self.seed)
+        environment, weight = _PRIORS[method](self, observation, chosen, clock)
+        if method is Method.OPTIMIZE:
+            with clock.part("solve"):
+                environment = optimize_environment(observation, environment, self.optimize, self.seed)
         if method in _SOLVED:
             with clock.part("solve"):
                 environment = solve_environment(observation, environment, self.solve, self.seed)
         return Prediction(environment, confidence(weight), clock.finish())
 
-    def _constant(self, observation: Observation, probes: ProbePixels, clock: "_Clock") -> tuple[Tensor, Tensor]:
+    def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> tuple[Tensor, Tensor]:
         with clock.part("stack"):
-            weight = coverage(probes, self.light_resolution)
+            weight = coverage(observation.pixels.take(chosen), self.light_resolution)
         return constant_light(observation, self.light_resolution), weight
 
-    def _stacked(self, observation: Observation, probes: ProbePixels, clock: "_Clock") -> tuple[Tensor, Tensor]:
+    def _stacked(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> tuple[Tensor, Tensor]:
+        model, level, probes = self._trained(), observation.light_level, observation.pixels.take(chosen)
+        with clock.part("network"):
+            colors = model.network(probes, level)
+        with clock.part("stack"):
+            return stacked_light(model, colors, probes, level, self.light_resolution)
+
+    def _network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> tuple[Tensor, Tensor]:
+        model, probes = self._trained(), observation.pixels.take(chosen)
+        with clock.part("network"):
+            light = network_light(model, observation, probes, chosen, self.light_resolution, self.seed)
+        with clock.part("stack"):
+            return light, coverage(probes, self.light_resolution)
+
+    def _trained(self) -> ProbeModel:
         if self.model is None:
             raise ConfigError("This run has no trained model; run `lightprobe distill` on it, or use --method solve.")
-        level = observation.light_level
-        with clock.part("network"):
-            colors = self.model.network(probes, level)
-        with clock.part("stack"):
-            return stacked_light(self.model, colors, probes, level, self.light_resolution)
+        return self.model
 
 
 _PRIORS = {
     Method.CONSTANT: Predictor._constant,
     Method.SOLVE: Predictor._constant,
+    Method.OPTIMIZE: Predictor._constant,
     Method.PROBE_MLP: Predictor._stacked,
     Method.PROBE_MLP_SOLVE: Predictor._stacked,
+    Method.PROBE_NET: Predictor._network,
+    Method.PROBE_NET_SOLVE: Predictor._network,
 }
-_SOLVED = {Method.SOLVE, Method.PROBE_MLP_SOLVE}
+_SOLVED = {Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE}
 
 
 class _Clock:
