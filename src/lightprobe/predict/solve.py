@@ -11,7 +11,7 @@ wrong, and colours, which a wrong material imitates first, have to be well suppo
 How far the asset can be trusted differs from object to object, so lambda is chosen on the photo itself: the factor is
 solved from a part of the object and scored on parts it has not seen. Errors of the asset are alike all over it, and
 make following the photo look better than it is; so the strongest pull within a tenth of the best score is taken. At
-last brightness and contrast are fitted once more.
+last the brightness of each channel is fitted once more.
 """
 
 import math
@@ -28,7 +28,6 @@ from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
 from lightprobe.render.coarse_transport import TEXELS, CoarseTransport
-from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport
 
 STRENGTHS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01)  # lambda, from trusting the prior to trusting the photo
@@ -44,10 +43,12 @@ _LARGEST_FACTOR = 10.0
 class SolveConfig:
     """Cost of a solve."""
 
-    fitted_pixels: int = 1536
+    pixels: int = 3072
     """Pixels the factor is solved from."""
-    held_out_pixels: int = 768
-    """Pixels that judge its strength."""
+    fitted_pixels: int = 1536
+    """The same while its strength is chosen."""
+    judging_pixels: int = 768
+    """Held-out pixels that choose it."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,13 @@ class Correction:
             found.append((common + colored)[..., 0].T)
         return found
 
+    def brightness(self, light: Tensor) -> Tensor:
+        """Return the factors (3,) that bring `light` (6, R, R, 3) closest to the photo."""
+        render = self.transport.apply(light)
+        weight = self.evidence.weight[:, None] * ~(self.evidence.clipped & (render > self.evidence.observed))
+        explained = (weight * render.square()).sum(0)
+        return torch.where(explained > 0, (weight * render * self.evidence.observed).sum(0) / explained, 1.0)
+
     def error(self, change: Tensor) -> float:
         """Return the weighted mean squared error of the pixels with the factor 1 + `change` (384, 3)."""
         render = self.render + torch.einsum("cpk,kc->pc", self.matrix, change)
@@ -118,26 +126,33 @@ class Correction:
 
 def solve_environment(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> Tensor:
     """Return the light (6, R, R, 3) >= 0 that explains the photo while staying near `prior` where it says little."""
+
+    def system(candidates: Tensor, count: int, name: str) -> Correction:
+        return Correction.of(observation, Evidence.of(observation, candidates, count, seed, name), prior)
+
     fitted, held_out = _tile_split(observation, seed)
-    if len(fitted) == 0 or len(held_out) == 0:
-        fitted = held_out = torch.arange(len(observation.rows))
-    given = Correction.of(observation, Evidence.of(observation, fitted, config.fitted_pixels, seed, "fitted"), prior)
-    judging = Evidence.of(observation, held_out, config.held_out_pixels, seed, "held-out")
-    judge = Correction.of(observation, judging, prior)
-    light = changed(prior, choose_change(given, judge)[1])
-    return refit_contrast(given.transport, light, given.evidence.observed, given.evidence.clipped)
+    every = system(torch.arange(len(observation.rows)), config.pixels, "all")
+    light = prior
+    if len(fitted) > 0 and len(held_out) > 0:
+        given, judge = (
+            system(fitted, config.fitted_pixels, "fitted"),
+            system(held_out, config.judging_pixels, "held-out"),
+        )
+        strength = choose_strength(given, judge)
+        light = prior if math.isinf(strength) else changed(prior, every.solve((strength,))[0])
+    return light * every.brightness(light)
 
 
-def choose_change(given: Correction, judge: Correction) -> tuple[float, Tensor]:
-    """Return the strongest pull whose change (384, 3), solved from `given`, serves `judge` as well as any.
+def choose_strength(given: Correction, judge: Correction) -> float:
+    """Return the strongest pull whose change, solved from `given`, serves `judge` as well as any.
 
-    The strength is infinite when nothing should be changed.
+    It is infinite when nothing should be changed.
     """
     nothing = torch.zeros(TEXELS, 3, device=given.render.device)
     trials = [(math.inf, nothing), *zip(STRENGTHS, given.solve(STRENGTHS), strict=True)]
     errors = [judge.error(change) for _, change in trials]
     bearable = _AS_GOOD * min(errors)
-    return next(trial for trial, error in zip(trials, errors, strict=True) if error <= bearable)
+    return next(strength for (strength, _), error in zip(trials, errors, strict=True) if error <= bearable)
 
 
 def changed(prior: Tensor, change: Tensor) -> Tensor:
