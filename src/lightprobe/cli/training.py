@@ -98,7 +98,7 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
       lightprobe demo -o /tmp/demo
     """
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
-        _train(scene, output, device, seed, False, config.demo(), DistillConfig(), next_step=False)
+        _train(scene, output, device, seed, False, config.demo(), config_distill.demo(), next_step=False)
         evaluate_run(RunFolder.open(output), resolve_device(device), scene_folder=scene)
 
 

@@ -35,7 +35,7 @@ class DistillConfig:
 
     lessons: Lessons = Lessons.BOTH
     """What is learned from."""
-    synthetic_lessons: int = 1200
+    synthetic_lessons: int = 800
     """Re-rendered photos: the asset in the training cameras under known lights."""
     steps: int = 2000
     """Training steps of the illumination MLP, each on one photo."""
@@ -108,6 +108,11 @@ class DistillConfig:
 def quick() -> DistillConfig:
     """Two to three minutes on two CPU cores."""
     return DistillConfig()
+
+
+def demo() -> DistillConfig:
+    """The bundled scene, within about a minute on two CPU cores."""
+    return replace(quick(), steps=1500, sphere_steps=400, synthetic_lessons=300)
 
 
 def standard() -> DistillConfig:
