@@ -85,7 +85,9 @@ def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, met
     torch.testing.assert_close(2 * half, full, rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.parametrize("method", [Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE])
+@pytest.mark.parametrize(
+    "method", [Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE, Method.PROBE_NET_OPTIMIZE]
+)
 def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo, method):
     light = predictor.predict(photo, CAMERA, method).environment
     constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment
@@ -106,7 +108,7 @@ def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
 
 
 def test_the_recommended_method_is_the_best_that_the_model_allows(model):
-    assert methods_for(model)[0] is Method.PROBE_NET_SOLVE
+    assert methods_for(model)[0] is Method.PROBE_NET_OPTIMIZE
     assert methods_for(replace(model, sphere=None))[0] is Method.PROBE_MLP_SOLVE
     assert methods_for(None)[0] is Method.SOLVE
 

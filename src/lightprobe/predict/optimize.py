@@ -16,10 +16,13 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
 from lightprobe.predict.prior import random_subset
 from lightprobe.render.transport import Transport
 
+_REFINED_RESOLUTION = 16
+_DARK = 1e-4  # relative to the light level
 _USUAL_MEAN = 0.22  # linear mean of a well-exposed object: the loss is taken as if the photo were exposed so
 
 
@@ -40,6 +43,11 @@ class OptimizeConfig:
         """Refuse values no optimisation could use."""
         if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0 or self.grey < 0:
             raise ConfigError("An optimisation needs iterations and pixels of at least 1 and positive weights.")
+
+
+def brief() -> OptimizeConfig:
+    """Return a fraction of a second of it, for where a network has gone most of the way."""
+    return OptimizeConfig(iterations=30, learning_rate=0.1, pixels=3072)
 
 
 class _Render(torch.autograd.Function):
@@ -79,6 +87,19 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
         loss.backward()
         optimizer.step()
     return unit * logarithm.detach().exp()
+
+
+def refine_environment(observation: Observation, prior: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
+    """Return `prior` (6, R, R, 3) times what a short optimisation on at most 6 x 16 x 16 texels makes of it.
+
+    Few steps in log radiance are a regulariser of their own: every texel may change by a bounded factor, those that
+    the photo insists on go first, and absolute displayed errors keep a wrong spot of the asset from being explained by
+    the light. Details finer than the texels stay those of the prior.
+    """
+    coarse = resize_light(prior, min(_REFINED_RESOLUTION, prior.shape[1]))
+    dark = _DARK * observation.light_level
+    factor = (optimize_environment(observation, coarse, config, seed) + dark) / (coarse + dark)
+    return prior * magnify_light(factor.log(), prior.shape[1]).exp()
 
 
 def _displayed(color: Tensor) -> Tensor:

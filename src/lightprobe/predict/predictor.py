@@ -18,7 +18,7 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.probe_model import ProbeModel
 from lightprobe.predict.observation import Observation, observe
-from lightprobe.predict.optimize import OptimizeConfig, optimize_environment
+from lightprobe.predict.optimize import OptimizeConfig, brief, optimize_environment, refine_environment
 from lightprobe.predict.prior import (
     confidence,
     constant_light,
@@ -43,6 +43,8 @@ class Method(StrEnum):
     """The sphere network on stacked probes and coarse least-squares lights."""
     OPTIMIZE = "optimize"
     """Gradient descent on every texel for this one photo, as inverse renderers do: minutes."""
+    PROBE_NET_OPTIMIZE = "probe-net+optimize"
+    """A few steps of the same descent from the sphere network's map."""
     SOLVE = "solve"
     """Least squares against the photo, towards the grey map."""
     PROBE_MLP_SOLVE = "probe-mlp+solve"
@@ -56,7 +58,9 @@ def methods_for(model: ProbeModel | None) -> tuple[Method, ...]:
     if model is None:
         return (Method.SOLVE, Method.CONSTANT)
     paper = (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
-    return paper if model.sphere is None else (Method.PROBE_NET_SOLVE, Method.PROBE_NET, *paper)
+    return (
+        paper if model.sphere is None else (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *paper)
+    )
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,7 @@ class Predictor:
         self.max_pixels = max_pixels
         self.solve = solve or SolveConfig()
         self.optimize = optimize or OptimizeConfig()
+        self.refine = brief()
         self.seed = seed
 
     @staticmethod
@@ -106,12 +111,15 @@ class Predictor:
         return Predictor(decomposition, model, device)
 
     @torch.no_grad()
-    def predict(self, pixels: Pixels, camera: Camera, method: Method = Method.PROBE_MLP_SOLVE) -> Prediction:
+    def predict(self, pixels: Pixels, camera: Camera, method: Method | None = None) -> Prediction:
         """Return the light in the photo `pixels` taken by the input-frame `camera`; the same call gives the same bits.
+
+        method: by default the recommended one of `methods_for`.
 
         Raises `InputError` when the camera does not fit the photo or the object is not in it, and `ConfigError` when a
         learned method is asked of a predictor without a model.
         """
+        method = method or methods_for(self.model)[0]
         clock = _Clock()
         with clock.part("rasterise"):
             camera = camera.normalised(self.similarity)
@@ -121,6 +129,9 @@ class Predictor:
         if method is Method.OPTIMIZE:
             with clock.part("solve"):
                 environment = optimize_environment(observation, environment, self.optimize, self.seed)
+        if method is Method.PROBE_NET_OPTIMIZE:
+            with clock.part("solve"):
+                environment = refine_environment(observation, environment, self.refine, self.seed)
         if method in _SOLVED:
             with clock.part("solve"):
                 environment = solve_environment(observation, environment, self.solve, self.seed)
@@ -159,6 +170,7 @@ _PRIORS = {
     Method.PROBE_MLP_SOLVE: Predictor._stacked,
     Method.PROBE_NET: Predictor._network,
     Method.PROBE_NET_SOLVE: Predictor._network,
+    Method.PROBE_NET_OPTIMIZE: Predictor._network,
 }
 _SOLVED = {Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE}
 
