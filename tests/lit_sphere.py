@@ -4,10 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import AlphaRule
-from lightprobe.distill.lessons import Lesson
-from lightprobe.distill.probe_distribution import mean_distribution
-from lightprobe.distill.probe_pixels import probe_pixels
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.distill.lesson import Desk, Lesson
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, rasterize_asset
@@ -48,17 +46,12 @@ def photograph(asset: Asset, camera: Camera, light: Tensor) -> Pixels:
     return Pixels(color.reshape(*shape, 3), alpha.reshape(shape))
 
 
-def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, rule: AlphaRule = AlphaRule.R4) -> Lesson:
+def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, config: DistillConfig | None = None) -> Lesson:
     """Return the lesson of a photo whose teacher is the true light."""
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
-    pixels = probe_pixels(
-        gbuffer, torch.arange(len(gbuffer.pixel)), torch.from_numpy(photo.color).reshape(-1, 3)[gbuffer.pixel]
-    )
-    level = pixels.light_level()
-    directions = cubemap.directions(light.shape[1]).reshape(-1, 3)
-    distribution = mean_distribution(pixels, directions, rule)
-    return Lesson(name, pixels, level, distribution, light.reshape(-1, 3) / level)
+    color = torch.from_numpy(photo.color).reshape(-1, 3)[gbuffer.pixel]
+    return Desk(gbuffer, config or DistillConfig()).lesson(name, color, light)
 
 
 PATCHES = ((1.0, 0.3, 0.4), (-0.8, 0.9, 0.2), (0.2, -1.0, 0.5), (0.1, 0.2, 1.0), (-0.6, -0.6, 0.5), (0.7, 0.2, -0.5))

@@ -108,7 +108,7 @@ def stages(asset: Asset, side: int, texels: int, repeats: int) -> Stages:
         "apply transport": lambda: transport.apply(env),
         "its adjoint": lambda: transport.adjoint(radiance),
         "solve": lambda: solve_environment(observation, prior, predictor.solve, 0),
-        "confidence": lambda: confidence(observation, env, solved=True, seed=0),
+        "confidence": lambda: confidence(observation, env, fitted=True, seed=0),
         "prediction (solve)": lambda: predictor.predict(photo, view, Method.SOLVE),
     }
     return {name: seconds(work, repeats) for name, work in works.items()}

@@ -10,7 +10,7 @@ import pytest
 
 from lightprobe.cli.main import COMMANDS, main
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import read_hdr, read_ldr
+from lightprobe.imaging import read_hdr, read_ldr, write_exr
 from lightprobe.scene.camera import Camera
 from tests.toy_scene import SIZE, TINY, TINY_DISTILL, write_toy_scene
 
@@ -162,6 +162,10 @@ def test_a_phase_can_be_restarted_with_other_options(trained, tmp_path):
     succeed("distill", run.path, "--restart", *short)
     assert run.config("distill")["steps"] == 3
     assert run.asset_file.read_bytes() == before
+    maps = run.path.parent / "maps"
+    write_exr(maps / "grey.exr", np.full((16, 32, 3), 0.5, np.float32))
+    succeed("distill", run.path, "--restart", "--hdri", maps, *short)
+    assert run.config("distill")["hdri"] == str(maps.resolve())
     succeed("distill", run.path, "--restart", *TINY_DISTILL, "--device", "cpu")
 
 

@@ -14,7 +14,10 @@ from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
 
-CONFIG = DistillConfig(steps=40, samples=256, width=32, depth=2, checkpoint_every=20)
+CONFIG = DistillConfig(
+    steps=40, samples=256, width=32, depth=2, checkpoint_every=20, sphere_steps=10, sphere_batch=2, sphere_width=4
+)
+MLP_ONLY = replace(CONFIG, sphere_steps=0)
 DIRECTIONS = cubemap.directions(16).reshape(-1, 3)
 
 
@@ -37,7 +40,7 @@ def log_error(model, lesson):
 
 def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
     untrained = ProbeModel(new_network(CONFIG).requires_grad_(False), torch.ones(6, 16, 16, 3), CONFIG)
-    model = train(photos, replace(CONFIG, steps=250, width=64, learning_rate=2e-3), CPU, seed=0)
+    model = train(photos, replace(MLP_ONLY, steps=250, width=64, learning_rate=2e-3), CPU, seed=0)
     before, after = (sum(log_error(m, photo) for photo in photos) for m in (untrained, model))
     assert after < 0.75 * before
     for patch, photo in zip(PATCHES, photos, strict=True):
@@ -47,31 +50,40 @@ def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
         assert float(centre @ axis) > 0.9, f"{photo.name}: bright towards {centre.tolist()}, truth {patch}"
 
 
+def weights(model):
+    """Return the weights of both networks by name."""
+    return {f"{part}.{k}": v for part in ("network", "sphere") for k, v in getattr(model, part).state_dict().items()}
+
+
 def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
-    first, second, other = (train(photos, CONFIG, CPU, seed=s).network.state_dict() for s in (1, 1, 2))
+    first, second, other = (weights(train(photos, CONFIG, CPU, seed=s)) for s in (1, 1, 2))
     assert all(torch.equal(first[k], second[k]) for k in first)
-    assert not torch.equal(first["layers.0.weight"], other["layers.0.weight"])
+    for name in ("network.layers.0.weight", "sphere.fine.0.conv.weight"):
+        assert not torch.equal(first[name], other[name])
 
 
-def test_resuming_gives_the_bits_of_an_uninterrupted_run(photos, tmp_path):
+@pytest.mark.parametrize("killed_at", [30, 40, 47])
+def test_resuming_gives_the_bits_of_an_uninterrupted_run(photos, tmp_path, killed_at):
     class KilledError(Exception):
         pass
 
-    def kill_at_30(step, loss):
-        if step == 30:
+    def kill(step, loss):
+        if step == killed_at:
             raise KilledError
 
-    whole = train(photos, CONFIG, CPU, seed=4).network.state_dict()
+    config = replace(CONFIG, checkpoint_every=5)
+    whole = weights(train(photos, config, CPU, seed=4))
     with pytest.raises(KilledError):
-        train(photos, CONFIG, CPU, 4, Checkpoints(tmp_path), kill_at_30)
+        train(photos, config, CPU, 4, Checkpoints(tmp_path), kill)
     steps = []
-    resumed = train(photos, CONFIG, CPU, 4, Checkpoints(tmp_path), lambda step, loss: steps.append(step))
-    assert steps == list(range(21, 41))
-    assert all(torch.equal(whole[k], value) for k, value in resumed.network.state_dict().items())
+    resumed = weights(train(photos, config, CPU, 4, Checkpoints(tmp_path), lambda step, loss: steps.append(step)))
+    first = 5 * ((killed_at - 1) // 5) + 1
+    assert steps == list(range(first, 51))
+    assert all(torch.equal(whole[k], value) for k, value in resumed.items())
 
 
 def test_a_checkpoint_of_another_configuration_is_refused(photos, tmp_path):
-    train(photos, replace(CONFIG, steps=1), CPU, 0, Checkpoints(tmp_path))
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Checkpoints(tmp_path))
     with pytest.raises(ConfigError, match="another Phase II configuration"):
         train(photos, CONFIG, CPU, 0, Checkpoints(tmp_path))
 
@@ -79,7 +91,7 @@ def test_a_checkpoint_of_another_configuration_is_refused(photos, tmp_path):
 def test_a_loss_that_is_not_a_number_stops_the_training(photos):
     broken = replace(photos[0], teacher=torch.full_like(photos[0].teacher, float("nan")))
     with pytest.raises(ConvergenceError, match="photo0"):
-        train([broken], CONFIG, CPU, 0)
+        train([broken], MLP_ONLY, CPU, 0)
 
 
 OPTIONS = {
@@ -92,7 +104,7 @@ OPTIONS = {
 
 @pytest.mark.parametrize("options", [{key: value} for key, value in OPTIONS.items()], ids=list(OPTIONS))
 def test_every_option_changes_what_is_learned(photos, options):
-    config = replace(CONFIG, steps=2)
+    config = replace(MLP_ONLY, steps=2)
     plain, changed = (train(photos[:1], c, CPU, 0).network.state_dict() for c in (config, replace(config, **options)))
     assert not torch.equal(plain["layers.0.weight"], changed["layers.0.weight"])
 
@@ -122,13 +134,16 @@ def test_a_model_survives_the_disk(photos, tmp_path):
     assert loaded.config == model.config
     assert torch.equal(loaded.mean_light, model.mean_light)
     assert torch.equal(predicted(loaded, photos[0]), predicted(model, photos[0]))
+    assert all(torch.equal(value, weights(model)[name]) for name, value in weights(loaded).items())
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0).save(tmp_path / "paper")
+    assert ProbeModel.load(tmp_path / "paper").sphere is None
 
 
 def test_weights_of_another_size_are_refused(photos, tmp_path):
-    train(photos, replace(CONFIG, steps=1), CPU, 0).save(tmp_path)
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0).save(tmp_path)
     config = (tmp_path / "config.json").read_text()
     (tmp_path / "config.json").write_text(config.replace('"width": 32', '"width": 48'))
-    with pytest.raises(InputError, match="does not fit"):
+    with pytest.raises(InputError, match="do not fit"):
         ProbeModel.load(tmp_path)
 
 

@@ -9,10 +9,10 @@ import torch
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
-from lightprobe.evaluate import Protocols, evaluate, load_environment, methods_for, relight, view_pictures
+from lightprobe.evaluate import Protocols, evaluate, load_environment, relight, view_pictures
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.material.textures import Textures
-from lightprobe.predict import Method
+from lightprobe.predict import Method, methods_for
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Photo, Scene, Truth

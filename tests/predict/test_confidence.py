@@ -25,7 +25,7 @@ def flat(value: float = 0.7) -> torch.Tensor:
 
 
 def test_what_the_object_shows_is_trusted_more(observation):
-    trust = confidence(observation, flat(), solved=True, seed=0)
+    trust = confidence(observation, flat(), fitted=True, seed=0)
     towards = cubemap.directions(16) @ FRONT
     assert trust.shape == (6, 16, 16)
     assert 0 < float(trust.min()) < float(trust.max()) < 1
@@ -35,7 +35,7 @@ def test_what_the_object_shows_is_trusted_more(observation):
 def test_what_stands_out_is_trusted_less(observation):
     plain, marked = flat(), flat()
     marked[0, 4:8, 4:8], marked[2, 4:8, 4:8] = 7.0, 0.01
-    before, after = (confidence(observation, light, solved=True, seed=0) for light in (plain, marked))
+    before, after = (confidence(observation, light, fitted=True, seed=0) for light in (plain, marked))
     for face in (0, 2):
         assert float((after / before)[face, 5:7, 5:7].mean()) < 0.5
     assert float((after / before)[4].mean()) > 0.7
@@ -43,7 +43,7 @@ def test_what_stands_out_is_trusted_less(observation):
 
 def test_brightness_of_the_photo_does_not_matter(observation):
     light = patch_light((0.2, 1.0, 0.5))
-    a, b = (confidence(observation, factor * light, solved=True, seed=0) for factor in (1.0, 30.0))
+    a, b = (confidence(observation, factor * light, fitted=True, seed=0) for factor in (1.0, 30.0))
     torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-4)
 
 

@@ -8,9 +8,10 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
-from lightprobe.distill.probe_model import new_network
+from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.light import cubemap
-from lightprobe.predict import Method, Predictor
+from lightprobe.predict import Method, Predictor, methods_for
+from lightprobe.predict.optimize import OptimizeConfig
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
 from tests.lit_sphere import glossy_sphere, patch_light, photograph
@@ -33,14 +34,15 @@ def photo(sphere):
 
 @pytest.fixture(scope="module")
 def model():
-    config = DistillConfig(width=16, depth=1)
-    return ProbeModel(new_network(config).requires_grad_(False), torch.ones(6, 16, 16, 3), config)
+    config = DistillConfig(width=16, depth=1, sphere_width=4)
+    network, sphere = new_network(config).requires_grad_(False), new_sphere(config).requires_grad_(False)
+    return ProbeModel(network, torch.ones(6, 16, 16, 3), config, sphere)
 
 
 @pytest.fixture(scope="module")
 def predictor(sphere, model):
     decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
-    return Predictor(decomposition, model, light_resolution=16)
+    return Predictor(decomposition, model, light_resolution=16, optimize=OptimizeConfig(iterations=10, pixels=512))
 
 
 def rerender_error(predictor, photo, light):
@@ -83,7 +85,9 @@ def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, met
     torch.testing.assert_close(2 * half, full, rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.parametrize("method", [Method.SOLVE, Method.PROBE_MLP_SOLVE])
+@pytest.mark.parametrize(
+    "method", [Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE, Method.PROBE_NET_OPTIMIZE]
+)
 def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo, method):
     light = predictor.predict(photo, CAMERA, method).environment
     constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment
@@ -92,9 +96,26 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
     assert float(brightest(light) @ axis) > 0.97
 
 
+def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
+    patient = Predictor(
+        Decomposition(sphere, {}, predictor.similarity), light_resolution=16,
+        optimize=OptimizeConfig(iterations=150, pixels=512),
+    )  # fmt: skip
+    optimised, solved = (patient.predict(photo, CAMERA, m).environment for m in (Method.OPTIMIZE, Method.SOLVE))
+    assert rerender_error(predictor, photo, optimised) < 1.1 * rerender_error(predictor, photo, solved)
+    axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
+    assert float(brightest(optimised) @ axis) > 0.97
+
+
+def test_the_recommended_method_is_the_best_that_the_model_allows(model):
+    assert methods_for(model)[0] is Method.PROBE_NET_OPTIMIZE
+    assert methods_for(replace(model, sphere=None))[0] is Method.PROBE_MLP_SOLVE
+    assert methods_for(None)[0] is Method.SOLVE
+
+
 def test_an_untrained_network_sees_the_constant_light(predictor, sphere):
     grey = photograph(sphere, CAMERA, torch.full((6, 16, 16, 3), 0.7))
-    for method in (Method.CONSTANT, Method.PROBE_MLP):
+    for method in (Method.CONSTANT, Method.PROBE_MLP, Method.PROBE_NET):
         light = predictor.predict(grey, CAMERA, method).environment
         assert float((light - 0.7).abs().mean()) < (0.01 if method is Method.CONSTANT else 0.2)
 
@@ -145,3 +166,6 @@ def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphe
     without = Predictor(Decomposition(sphere, {}, predictor.similarity), light_resolution=16)
     with pytest.raises(ConfigError, match="no trained model"):
         without.predict(photo, CAMERA, Method.PROBE_MLP)
+    paper = Predictor(Decomposition(sphere, {}, predictor.similarity), replace(predictor.model, sphere=None))
+    with pytest.raises(ConfigError, match="without the sphere network"):
+        paper.predict(photo, CAMERA, Method.PROBE_NET)

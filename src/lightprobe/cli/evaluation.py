@@ -23,13 +23,12 @@ from lightprobe.evaluate import (
     ViewResult,
     can_be_oracle,
     evaluate,
-    methods_for,
     oracle_decomposition,
     spread,
     view_pictures,
     write_report,
 )
-from lightprobe.predict import Method
+from lightprobe.predict import Method, methods_for
 from lightprobe.scene.photo import Scene
 
 # score -> (heading, decimals); "object": the object's pixels only, "unseen": the half the light was not predicted from,

@@ -21,3 +21,7 @@ Seed = Annotated[int, arg(help="Equal seeds give equal results on a CPU.")]
 Restart = Annotated[
     FlagCreatePairsOff[bool], arg(help="Throw away what this phase has done in the run and begin anew.")
 ]
+Hdri = Annotated[
+    Path | None,
+    arg(metavar="DIR", help="Folder of .exr or .hdr environments, z up: the predictor also trains under them."),
+]

@@ -16,10 +16,12 @@ from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition, Progress, decompose
 from lightprobe.distill import ProbeModel, distill
 from lightprobe.export import write_run_outputs
+from lightprobe.light.files import load_environments
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record
 
+MAP_RESOLUTION = 32  # texels along each cubemap edge of the maps of --hdri
 _RECORD_EVERY = 10  # steps between lines of metrics.jsonl
 _LIGHTS = "lights"  # the stage that only solves for the final lights: nothing is trained, no checkpoint is written
 
@@ -54,17 +56,23 @@ def run_decompose(
 
 def run_distill(
     run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
-    device: torch.device, seed: int, meter: Meter,
+    device: torch.device, seed: int, meter: Meter, hdri: Path | None = None,
 ) -> ProbeModel:  # fmt: skip
-    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
-    run.record_config("distill", {"seed": seed, **asdict(config)})
+    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
+
+    hdri: folder of environments to train under as well.
+    """
+    maps_from = None if hdri is None else str(hdri.resolve())
+    run.record_config("distill", {"seed": seed, "hdri": maps_from, **asdict(config)})
     if model_exists(run):
         return ProbeModel.load(run.model_folder).to(device)
     started = time.monotonic()
+    maps = [] if hdri is None else load_environments(hdri, MAP_RESOLUTION)
     recorder = _Recorder(run, "distill", run.model_checkpoints)
     model = distill(
         decomposition, scene(), config, device, seed, run.model_checkpoints,
-        lambda step, loss: recorder.step(meter, "distill", step, config.steps, loss),
+        lambda step, loss: recorder.step(meter, "distill", step, config.total_steps, loss),
+        maps=maps, on_lesson=lambda done, total: meter.update("lessons", done, total),
     )  # fmt: skip
     model.save(run.model_folder)
     run.log(f"distill finished in {clock(time.monotonic() - started)}{_peak()}")

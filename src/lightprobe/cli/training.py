@@ -11,7 +11,7 @@ from tyro.conf import arg
 
 from lightprobe.cli.evaluation import evaluate_run, print_tables
 from lightprobe.cli.failures import writing
-from lightprobe.cli.options import Device, Restart, RunArg, RunOut, SceneArg, Seed
+from lightprobe.cli.options import Device, Hdri, Restart, RunArg, RunOut, SceneArg, Seed
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import open_scene, restart_decompose, restart_distill, run_decompose, run_distill
 from lightprobe.core import config, config_distill
@@ -55,7 +55,8 @@ def fit(
 
 def train(
     scene: SceneArg, *, output: RunOut, preset: PresetArg = Preset.QUICK, device: Device = "auto", seed: Seed = 0,
-    restart: Restart = False, decompose: DecomposeConfig = _FIRST, distill: DistillConfig = _SECOND,
+    restart: Restart = False, hdri: Hdri = None, decompose: DecomposeConfig = _FIRST,
+    distill: DistillConfig = _SECOND,
 ) -> None:  # fmt: skip
     """Both phases: reconstruct the object, then train the predictor of its light.
 
@@ -63,27 +64,29 @@ def train(
 
     Examples:
       lightprobe train photos/cup -o runs/cup
+      lightprobe train photos/cup -o runs/cup --hdri ~/hdris
       lightprobe train photos/cup -o runs/cup --preset paper --device cuda
     """
-    _train(scene, output, device, seed, restart, decompose, distill)
+    _train(scene, output, device, seed, restart, decompose, distill, hdri)
 
 
 def distill(
     run: RunArg, *, preset: PresetArg = Preset.QUICK, device: Device = "auto", seed: Seed = 0,
-    restart: Restart = False, scene: MovedScene = None, distill: DistillConfig = _SECOND,
+    restart: Restart = False, scene: MovedScene = None, hdri: Hdri = None, distill: DistillConfig = _SECOND,
 ) -> None:  # fmt: skip
     """Phase II: train the predictor of light of a reconstructed object.
 
     Examples:
       lightprobe distill runs/cup
-      lightprobe distill runs/cup --restart --distill.no-intensity-weight
+      lightprobe distill runs/cup --restart --hdri ~/hdris
+      lightprobe distill runs/cup --restart --distill.lessons teacher
     """
     where, folder = resolve_device(device), RunFolder.open(run)
     with writing(folder), Meter() as meter:
         if restart:
             restart_distill(folder)
         decomposition = Decomposition.load(folder, where)
-        run_distill(folder, decomposition, lambda: open_scene(folder, scene), distill, where, seed, meter)
+        run_distill(folder, decomposition, lambda: open_scene(folder, scene), distill, where, seed, meter, hdri)
     print(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}")
 
 
@@ -95,13 +98,13 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
       lightprobe demo -o /tmp/demo
     """
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
-        _train(scene, output, device, seed, False, config.demo(), DistillConfig(), next_step=False)
+        _train(scene, output, device, seed, False, config.demo(), config_distill.demo(), next_step=False)
         print_tables(evaluate_run(RunFolder.open(output), resolve_device(device), scene_folder=scene))
 
 
 def _train(
     scene_folder: Path, output: Path, device: str, seed: int, restart: bool, first: DecomposeConfig,
-    second: DistillConfig | None, *, next_step: bool = True,
+    second: DistillConfig | None, hdri: Path | None = None, *, next_step: bool = True,
 ) -> None:  # fmt: skip
     where, scene = resolve_device(device), load_scene(scene_folder)
     run = RunFolder.create(output)
@@ -110,7 +113,7 @@ def _train(
             restart_decompose(run)
         decomposition = run_decompose(run, scene, first, where, seed, meter)
         if second is not None:
-            run_distill(run, decomposition, lambda: scene, second, where, seed, meter)
+            run_distill(run, decomposition, lambda: scene, second, where, seed, meter, hdri)
     print(f"Mesh: {run.mesh_folder / 'object.glb'}\nEnvironments: {run.environment_folder}")
     if next_step:
         print(f"Next: lightprobe {'distill' if second is None else 'eval'} {output}")

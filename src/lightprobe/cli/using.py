@@ -18,7 +18,6 @@ from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate import (
     load_environment,
-    methods_for,
     panorama,
     turntable,
     write_confidence,
@@ -28,7 +27,7 @@ from lightprobe.evaluate import (
 from lightprobe.evaluate import relight as relight_image
 from lightprobe.export import export as export_files
 from lightprobe.imaging import image_size, write_exr, write_png
-from lightprobe.predict import Method, Predictor
+from lightprobe.predict import Method, Predictor, methods_for
 from lightprobe.scene import load_pixels
 from lightprobe.scene.photo import Photo
 from lightprobe.scene.pixels import fit_camera

@@ -21,12 +21,32 @@ class LossSpace(StrEnum):
     LOG = "log"
 
 
+class Lessons(StrEnum):
+    """What Phase II learns from: photos with their Phase I environments (the paper), re-rendered pairs, or both."""
+
+    TEACHER = "teacher"
+    SYNTHETIC = "synthetic"
+    BOTH = "both"
+
+
 @dataclass(frozen=True)
 class DistillConfig:
-    """Phase II: train the illumination MLP against the environments of Phase I."""
+    """Phase II: train the predictors of light, the illumination MLP and then the sphere network that builds on it."""
 
-    steps: int = 4000
-    """Training steps, each on one photo."""
+    lessons: Lessons = Lessons.BOTH
+    """What is learned from."""
+    synthetic_lessons: int = 800
+    """Re-rendered photos: the asset in the training cameras under known lights."""
+    steps: int = 2000
+    """Training steps of the illumination MLP, each on one photo."""
+    sphere_steps: int = 1000
+    """Training steps of the sphere network; 0 leaves it out."""
+    sphere_batch: int = 8
+    """Photos in each of them."""
+    sphere_width: int = 24
+    """Channels of the sphere network at its finest resolution."""
+    sphere_learning_rate: float = 2e-3
+    """Largest Adam step of the sphere network; it falls to nothing along a cosine."""
     learning_rate: float = 5e-4
     """Adam step."""
     samples: int = 1024
@@ -57,19 +77,27 @@ class DistillConfig:
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
         positive = (
-            "steps", "samples", "light_resolution", "max_side", "pixels_per_photo", "width", "depth", "frequencies",
-            "checkpoint_every",
+            "steps", "synthetic_lessons", "sphere_batch", "sphere_width", "samples", "light_resolution", "max_side",
+            "pixels_per_photo", "width", "depth", "frequencies", "checkpoint_every",
         )  # fmt: skip
         for name in positive:
             if getattr(self, name) < 1:
                 raise ConfigError(f"distill.{name} must be at least 1, not {getattr(self, name)}.")
-        if not self.learning_rate > 0:
-            raise ConfigError(f"distill.learning_rate must be positive, not {self.learning_rate}.")
+        if self.sphere_steps < 0:
+            raise ConfigError(f"distill.sphere_steps must not be negative, but is {self.sphere_steps}.")
+        for name in ("learning_rate", "sphere_learning_rate"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"distill.{name} must be positive, not {getattr(self, name)}.")
+
+    @property
+    def total_steps(self) -> int:
+        """Steps of both networks."""
+        return self.steps + self.sphere_steps
 
     @staticmethod
     def from_json(value: dict[str, Any]) -> "DistillConfig":
         """Return the configuration written as JSON."""
-        enums: dict[str, Any] = {"alpha_rule": AlphaRule, "loss_space": LossSpace}
+        enums: dict[str, Any] = {"alpha_rule": AlphaRule, "loss_space": LossSpace, "lessons": Lessons}
         try:
             values: dict[str, Any] = {k: enums[k](v) if k in enums else v for k, v in value.items()}
             return DistillConfig(**values)
@@ -78,18 +106,26 @@ class DistillConfig:
 
 
 def quick() -> DistillConfig:
-    """About a minute on two CPU cores."""
+    """Two to three minutes on two CPU cores."""
     return DistillConfig()
+
+
+def demo() -> DistillConfig:
+    """The bundled scene, within about a minute on two CPU cores."""
+    return replace(quick(), steps=1500, sphere_steps=400, synthetic_lessons=300)
 
 
 def standard() -> DistillConfig:
     """Minutes on one GPU."""
-    return replace(quick(), steps=15_000, light_resolution=32, max_side=512, pixels_per_photo=16_384)
+    return replace(
+        quick(), steps=15_000, sphere_steps=10_000, synthetic_lessons=10_000, sphere_width=48, light_resolution=32,
+        max_side=512, pixels_per_photo=16_384,
+    )  # fmt: skip
 
 
 def paper() -> DistillConfig:
     """The paper's settings (sections 3.2 and 4.2): 30 k steps against 6x128x128 maps, the loss as printed."""
     return replace(
-        standard(), steps=30_000, light_resolution=128, max_side=1024, pixels_per_photo=65_536,
-        loss_space=LossSpace.LINEAR,
+        standard(), lessons=Lessons.TEACHER, steps=30_000, sphere_steps=0, light_resolution=128, max_side=1024,
+        pixels_per_photo=65_536, loss_space=LossSpace.LINEAR,
     )  # fmt: skip

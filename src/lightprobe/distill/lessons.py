@@ -1,60 +1,61 @@
-"""What the training loop looks at: each photo's pixels on the fixed asset, and its Phase I environment as the teacher.
+"""What the training loops look at: photos with their Phase I environments, and re-rendered ones under known lights.
 
-Everything that does not change while training is computed here once: the G-buffer, the photo's light level, the
-distribution of all its pixels, and the teacher at the training resolution.
+Everything that does not change while training is computed here once.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config_distill import DistillConfig, Lessons
 from lightprobe.core.device import generator
 from lightprobe.core.errors import InputError
-from lightprobe.distill.probe_distribution import mean_distribution
-from lightprobe.distill.probe_pixels import ProbePixels, probe_pixels
-from lightprobe.light import cubemap
-from lightprobe.light.resize import resize_light
+from lightprobe.distill.lesson import Desk, Lesson
+from lightprobe.distill.probe_maps import RESOLUTION
+from lightprobe.distill.synthetic import LightPool, mean_up, rerender
+from lightprobe.light.generated import Draw
 from lightprobe.render.asset import Asset, rasterize_asset
+from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene import load_pixels
 from lightprobe.scene.photo import Photo, Scene
 
 _OPAQUE = 0.9  # below this coverage a pixel's colour is partly extrapolated from its neighbours
 _FEWEST_PIXELS = 16
+_SYNTHETIC_PIXELS = 2048
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """One training photo with M texels of teacher light, all on the training device."""
+class _Look:
+    """The trusted pixels of a training photo."""
 
-    name: str
-    pixels: ProbePixels  # N pixels, linear colour in the photo's own exposure
-    light_level: Tensor  # () radiance
-    distribution: Tensor  # (M,) mean distribution of all pixels
-    teacher: Tensor  # (M, 3) radiance / light_level
+    photo: Photo
+    gbuffer: GBuffer  # N pixels
+    color: Tensor  # (N, 3) linear
 
 
 def collect_lessons(
-    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int
-) -> list[Lesson]:
-    """Return a lesson for each training photo that has a light and shows the object, in the scene's order.
+    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int,
+    maps: Sequence[Tensor] = (), on_lesson: Callable[[int, int], None] | None = None,
+) -> list[Lesson]:  # fmt: skip
+    """Return the lessons from each training photo that has a light and shows the object, in the scene's order.
 
-    Raises `InputError` when no photo does.
+    `maps`: environments (6, R, R, 3), z up, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
+    Raises `InputError` when no photo shows the object.
     """
-    directions = cubemap.directions(config.light_resolution, device).reshape(-1, 3)
-    lessons = []
-    for photo in scene.train:
-        if photo.name not in lights:
-            continue
-        pixels = _photo_pixels(asset, photo, scene, config, device, seed)
-        if len(pixels) < _FEWEST_PIXELS:
-            continue
-        level = pixels.light_level()
-        teacher = resize_light(lights[photo.name].to(device), config.light_resolution).reshape(-1, 3) / level
-        total = mean_distribution(pixels, directions, config.alpha_rule)
-        lessons.append(Lesson(photo.name, pixels, level, total, teacher))
+    poses = [torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train]
+    pool = LightPool(mean_up(poses), [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed)
+    lessons: list[Lesson] = []
+    for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
+        if config.lessons is not Lessons.SYNTHETIC:
+            desk = Desk(look.gbuffer, config)
+            lessons.append(desk.lesson(look.photo.name, look.color, lights[look.photo.name].to(device)))
+        if config.lessons is not Lessons.TEACHER:
+            first, last = (i * config.synthetic_lessons // len(scene.train) for i in (done, done + 1))
+            lessons += _synthetic(look, pool, range(first, last), config, seed)
+        if on_lesson is not None:
+            on_lesson(done + 1, len(scene.train))
     if not lessons:
         raise InputError(
             f"None of the {len(scene.train)} training photos in {scene.root} shows the reconstructed object; "
@@ -63,16 +64,33 @@ def collect_lessons(
     return lessons
 
 
-def _photo_pixels(
-    asset: Asset, photo: Photo, scene: Scene, config: DistillConfig, device: torch.device, seed: int
-) -> ProbePixels:
-    """Return at most `pixels_per_photo` of the photo's object pixels, chosen at random."""
-    loaded, camera = load_pixels(photo, config.max_side)
-    gbuffer = rasterize_asset(asset, camera.normalised(scene.similarity), device)
-    opaque = torch.from_numpy(loaded.alpha).to(device).reshape(-1)[gbuffer.pixel] >= _OPAQUE
-    rows = opaque.nonzero()[:, 0]
-    if len(rows) > config.pixels_per_photo:
-        order = torch.randperm(len(rows), generator=generator(seed, f"distill-keep/{photo.name}"))
-        rows = rows[order[: config.pixels_per_photo].sort().values.to(device)]
-    color = torch.from_numpy(loaded.color).to(device).reshape(-1, 3)[gbuffer.pixel[rows]]
-    return probe_pixels(gbuffer, rows, color)
+def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
+    """Return the re-rendered lessons `numbers` in the camera of a photo."""
+    order = torch.randperm(len(look.color), generator=generator(seed, f"distill-rerender/{look.photo.name}"))
+    gbuffer = look.gbuffer.select(order[:_SYNTHETIC_PIXELS].to(look.color.device))
+    desk, lessons = Desk(gbuffer, config), []
+    for number in numbers:
+        light = pool.light(number).to(look.color.device)
+        color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", number)))
+        lessons.append(desk.lesson(f"synthetic {number}", color, light, exposure))
+    return lessons
+
+
+def _looks(
+    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int
+) -> Iterator[_Look]:
+    """Yield at most `pixels_per_photo` object pixels of each usable training photo, chosen at random."""
+    for photo in scene.train:
+        if photo.name not in lights:
+            continue
+        loaded, camera = load_pixels(photo, config.max_side)
+        gbuffer = rasterize_asset(asset, camera.normalised(scene.similarity), device)
+        opaque = torch.from_numpy(loaded.alpha).to(device).reshape(-1)[gbuffer.pixel] >= _OPAQUE
+        rows = opaque.nonzero()[:, 0]
+        if len(rows) < _FEWEST_PIXELS:
+            continue
+        if len(rows) > config.pixels_per_photo:
+            order = torch.randperm(len(rows), generator=generator(seed, f"distill-keep/{photo.name}"))
+            rows = rows[order[: config.pixels_per_photo].sort().values.to(device)]
+        color = torch.from_numpy(loaded.color).to(device).reshape(-1, 3)[gbuffer.pixel[rows]]
+        yield _Look(photo, gbuffer.select(rows), color)

@@ -1,4 +1,4 @@
-"""What Phase II leaves behind: a trained illumination MLP and the average light of its teachers."""
+"""What Phase II leaves behind: the trained networks and the average light of their lessons."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,8 +11,10 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import read_json, write_json
 from lightprobe.distill.illumination_mlp import IlluminationMlp
+from lightprobe.distill.sphere_net import SphereNet
 
 _WEIGHTS = "illumination_mlp.safetensors"
+_SPHERE = "sphere_net.safetensors"
 _CONFIG = "config.json"
 _PRIOR = "mean_light"
 
@@ -28,15 +30,19 @@ class ProbeModel:
     network: IlluminationMlp
     mean_light: Tensor
     config: DistillConfig
+    sphere: SphereNet | None = None  # None: trained without it (`sphere_steps` of 0)
 
     def to(self, device: torch.device) -> "ProbeModel":
         """Return the model on `device`; the network's weights move in place."""
-        return ProbeModel(self.network.to(device), self.mean_light.to(device), self.config)
+        sphere = None if self.sphere is None else self.sphere.to(device)
+        return ProbeModel(self.network.to(device), self.mean_light.to(device), self.config, sphere)
 
     def save(self, folder: Path) -> None:
-        """Write `folder`/illumination_mlp.safetensors and config.json."""
+        """Write `folder`/illumination_mlp.safetensors, sphere_net.safetensors if there is one, and config.json."""
         tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
         save_tensors(Path(folder) / _WEIGHTS, tensors | {_PRIOR: self.mean_light})
+        if self.sphere is not None:
+            save_tensors(Path(folder) / _SPHERE, self.sphere.state_dict())
         write_json(Path(folder) / _CONFIG, asdict(self.config))
 
     @staticmethod
@@ -49,11 +55,25 @@ class ProbeModel:
         try:
             network.load_state_dict(weights)
             mean_light = tensors[_PRIOR]
+            sphere = _load_sphere(Path(folder) / _SPHERE, config)
         except (RuntimeError, KeyError) as error:
-            raise InputError(f"{Path(folder) / _WEIGHTS} does not fit {_CONFIG}; distill this run again.") from error
-        return ProbeModel(network, mean_light, config)
+            raise InputError(f"The weights in {folder} do not fit {_CONFIG}; distill this run again.") from error
+        return ProbeModel(network, mean_light, config, sphere)
+
+
+def _load_sphere(path: Path, config: DistillConfig) -> SphereNet | None:
+    if config.sphere_steps == 0:
+        return None
+    sphere = new_sphere(config)
+    sphere.load_state_dict(load_tensors(path))
+    return sphere
 
 
 def new_network(config: DistillConfig, seed: int = 0) -> IlluminationMlp:
     """Return an untrained network of the configured size."""
     return IlluminationMlp(config.width, config.depth, config.frequencies, seed)
+
+
+def new_sphere(config: DistillConfig, seed: int = 0) -> SphereNet:
+    """Return an untrained sphere network of the configured size."""
+    return SphereNet(config.sphere_width, seed)

@@ -4,7 +4,7 @@ Notation: c linear colour, k_d base colour, k_s = F0, n normal, r roughness, w_o
 furnace: the pixel's colour under a constant environment of radiance 1, so c / furnace is the average light a pixel saw.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -39,6 +39,10 @@ class ProbePixels:
         """Return the pixels on `device`."""
         return ProbePixels(**{field.name: getattr(self, field.name).to(device) for field in fields(self)})
 
+    def photographed(self, color: Tensor) -> "ProbePixels":
+        """Return the same surface points in a photo in which they have the linear `color` (N, 3)."""
+        return replace(self, color=color)
+
     def light_level(self) -> Tensor:
         """Return the grey radiance () that, from everywhere, would give the pixels their summed luma; at least 1e-6.
 
@@ -50,6 +54,11 @@ class ProbePixels:
 def luma(rgb: Tensor) -> Tensor:
     """Return .299 R + .587 G + .114 B of (..., 3)."""
     return (rgb * rgb.new_tensor(_LUMA)).sum(-1)
+
+
+def tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
+    """Return pixel weights (K,) that make squared errors count as in a tone-mapped picture, at any exposure."""
+    return (color.mean(-1) / light_level + 0.05).reciprocal()
 
 
 def probe_pixels(gbuffer: GBuffer, rows: Tensor, color: Tensor) -> ProbePixels:

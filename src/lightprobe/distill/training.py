@@ -1,14 +1,14 @@
-"""Phase II training: each step stacks the probes of one photo and compares them with its Phase I environment.
+"""Phase II training: the illumination MLP photo by photo, then the sphere network on what the MLP makes of the photos.
 
 The random streams depend on (seed, step) alone and the optimiser's moments are in the checkpoint, so a resumed run
 ends with the bits of an uninterrupted one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config_distill import DistillConfig
@@ -16,15 +16,19 @@ from lightprobe.core.device import generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.illumination_mlp import IlluminationMlp
-from lightprobe.distill.lessons import Lesson, collect_lessons
+from lightprobe.distill.lesson import Lesson
+from lightprobe.distill.lessons import collect_lessons
 from lightprobe.distill.loss import intensity_weight, sample_weight, weighted_l2
 from lightprobe.distill.probe_distribution import stack
-from lightprobe.distill.probe_model import ProbeModel, new_network
+from lightprobe.distill.probe_model import ProbeModel, new_network, new_sphere
 from lightprobe.distill.sampling import sample_pixels
+from lightprobe.distill.sphere_net import SphereNet
+from lightprobe.distill.sphere_training import batch, fill_album, learning_rate, sphere_loss
 from lightprobe.light import cubemap
 from lightprobe.scene.photo import Scene
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")
+_LARGEST_GRADIENT = 1.0
 
 OnStep = Callable[[int, float], None]  # (step, loss), after every step
 
@@ -37,13 +41,19 @@ def distill(
     seed: int,
     checkpoints: Checkpoints | None = None,
     on_step: OnStep | None = None,
+    *,
+    maps: Sequence[Tensor] = (),
+    on_lesson: Callable[[int, int], None] | None = None,
 ) -> ProbeModel:
-    """Train the illumination MLP on the scene's training photos (sections 3.2 and 3.3) and return the model.
+    """Train the predictors on the scene's training photos and on re-rendered ones, and return the model.
 
+    maps: environments (6, R, R, 3), z up, to re-render under as well. on_lesson: hears of (done, all) photos prepared.
     Raises `InputError` when no photo shows the object, `ConfigError` when `checkpoints` holds another configuration's
     state, `ConvergenceError` when the loss stops being finite.
     """
-    lessons = collect_lessons(decomposition.asset, decomposition.lights, scene, config, device, seed)
+    lessons = collect_lessons(
+        decomposition.asset, decomposition.lights, scene, config, device, seed, maps, on_lesson
+    )  # fmt: skip
     return train(lessons, config, device, seed, checkpoints, on_step)
 
 
@@ -56,27 +66,23 @@ def train(
     on_step: OnStep | None = None,
 ) -> ProbeModel:
     """Train on lessons already collected; the rest as in `distill`."""
-    network = new_network(config, seed).to(device)
-    optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
-    start = _resume(network, optimizer, config, seed, checkpoints)
+    course = _Course(config, device, seed, checkpoints, on_step)
     directions = cubemap.directions(config.light_resolution, device).reshape(-1, 3)
     solid_angles = cubemap.solid_angles(config.light_resolution).to(device).reshape(-1)
-    for step in range(start, config.steps):
+    for step in range(course.done, config.steps):
         lesson = _lesson(lessons, seed, step)
-        loss = lesson_loss(network, lesson, directions, solid_angles, config, seed, step)
-        value = float(loss.detach())
-        if not torch.isfinite(loss.detach()):
-            raise ConvergenceError(f"Distillation lost its footing at step {step} (photo {lesson.name}): {value} loss.")
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        optimizer.step()
-        if on_step is not None:
-            on_step(step + 1, value)
-        if checkpoints is not None and ((step + 1) % config.checkpoint_every == 0 or step + 1 == config.steps):
-            _save(network, optimizer, config, seed, step + 1, checkpoints)
+        loss = lesson_loss(course.network, lesson, directions, solid_angles, config, seed, step)
+        course.take(course.network, loss, config.learning_rate, lesson.name)
+    if config.sphere_steps:
+        album = fill_album(course.network, lessons, config, seed)
+        for step in range(course.done - config.steps, config.sphere_steps):
+            maps, lights = batch(album, config, seed, step)
+            loss = sphere_loss(course.sphere(maps), lights)
+            course.take(course.sphere, loss, learning_rate(config, step), "several")
     side = config.light_resolution
     mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
-    return ProbeModel(network.requires_grad_(False), mean, config)
+    sphere = course.sphere.requires_grad_(False) if config.sphere_steps else None
+    return ProbeModel(course.network.requires_grad_(False), mean, config, sphere)
 
 
 def lesson_loss(
@@ -108,42 +114,68 @@ def _lesson(lessons: list[Lesson], seed: int, step: int) -> Lesson:
     return lessons[int(order[position])]
 
 
-def _save(
-    network: IlluminationMlp,
-    optimizer: torch.optim.Adam,
-    config: DistillConfig,
-    seed: int,
-    step: int,
-    checkpoints: Checkpoints,
-) -> None:
-    tensors = {}
-    for name, parameter in network.named_parameters():
-        tensors[f"network.{name}"] = parameter.detach()
-        for moment in _MOMENTS:
-            tensors[f"{moment}.{name}"] = optimizer.state[parameter][moment]
-    checkpoints.save(step, tensors, {"config": asdict(config), "seed": seed})
+class _Course:
+    """Both networks, one after the other, with their optimisers and the place in the course."""
 
+    def __init__(
+        self, config: DistillConfig, device: torch.device, seed: int, checkpoints: Checkpoints | None,
+        on_step: OnStep | None,
+    ):  # fmt: skip
+        """Begin, or go on from the newest checkpoint if there is one."""
+        self.config, self.seed, self.checkpoints, self.on_step = config, seed, checkpoints, on_step
+        self.network: IlluminationMlp = new_network(config, seed).to(device)
+        self.sphere: SphereNet = new_sphere(config, seed).to(device)
+        self._modules: dict[str, nn.Module] = {"network": self.network, "sphere": self.sphere}
+        self._optimizers = {name: torch.optim.Adam(module.parameters()) for name, module in self._modules.items()}
+        self.done = self._resume()
 
-def _resume(
-    network: IlluminationMlp,
-    optimizer: torch.optim.Adam,
-    config: DistillConfig,
-    seed: int,
-    checkpoints: Checkpoints | None,
-) -> int:
-    """Put the newest checkpoint, if there is one, into the network and the optimiser; return the next step."""
-    latest = None if checkpoints is None else checkpoints.latest()
-    if latest is None:
-        return 0
-    step, tensors, state = latest
-    if DistillConfig.from_json(state["config"]) != config or state["seed"] != seed:
-        raise ConfigError(
-            "The checkpoints of this run come from another Phase II configuration or seed; "
-            "use the same options, or remove the run's checkpoints to start anew."
-        )
-    for name, parameter in network.named_parameters():
-        with torch.no_grad():
-            parameter.copy_(tensors[f"network.{name}"])
-        moments = {moment: tensors[f"{moment}.{name}"].to(parameter.device) for moment in _MOMENTS}
-        optimizer.state[parameter] = {"step": torch.tensor(float(step)), **moments}
-    return step
+    def take(self, module: nn.Module, loss: Tensor, rate: float, photo: str) -> None:
+        """Take one step of `module` down its loss; save and report."""
+        value = float(loss.detach())
+        if not torch.isfinite(loss.detach()):
+            raise ConvergenceError(f"Distillation lost its footing at step {self.done} (photo {photo}): {value} loss.")
+        optimizer = self._optimizers["sphere" if module is self.sphere else "network"]
+        optimizer.param_groups[0]["lr"] = rate
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        if module is self.sphere:
+            nn.utils.clip_grad_norm_(module.parameters(), _LARGEST_GRADIENT)
+        optimizer.step()
+        self.done += 1
+        if self.on_step is not None:
+            self.on_step(self.done, value)
+        last = self.done in (self.config.steps, self.config.total_steps)
+        if self.checkpoints is not None and (self.done % self.config.checkpoint_every == 0 or last):
+            self._save(self.checkpoints)
+
+    def _save(self, checkpoints: Checkpoints) -> None:
+        tensors = {}
+        for prefix, module in self._modules.items():
+            for name, parameter in module.named_parameters():
+                tensors[f"{prefix}.{name}"] = parameter.detach()
+                for moment, value in self._optimizers[prefix].state.get(parameter, {}).items():
+                    if moment in _MOMENTS:
+                        tensors[f"{moment}.{prefix}.{name}"] = value
+        checkpoints.save(self.done, tensors, {"config": asdict(self.config), "seed": self.seed})
+
+    def _resume(self) -> int:
+        """Put the newest checkpoint, if there is one, into the networks and optimisers; return the steps done."""
+        latest = None if self.checkpoints is None else self.checkpoints.latest()
+        if latest is None:
+            return 0
+        done, tensors, state = latest
+        if DistillConfig.from_json(state["config"]) != self.config or state["seed"] != self.seed:
+            raise ConfigError(
+                "The checkpoints of this run come from another Phase II configuration or seed; "
+                "use the same options, or remove the run's checkpoints to start anew."
+            )
+        counts = {"network": min(done, self.config.steps), "sphere": done - self.config.steps}
+        for prefix, module in self._modules.items():
+            for name, parameter in module.named_parameters():
+                with torch.no_grad():
+                    parameter.copy_(tensors[f"{prefix}.{name}"])
+                if counts[prefix] > 0:
+                    moments = {m: tensors[f"{m}.{prefix}.{name}"].to(parameter.device) for m in _MOMENTS}
+                    state_of = {"step": torch.tensor(float(counts[prefix])), **moments}
+                    self._optimizers[prefix].state[parameter] = state_of
+        return done

@@ -1,6 +1,6 @@
 """Predictions and photos in, metrics, tables and the report out."""
 
-from lightprobe.evaluate.evaluation import Evaluation, Protocols, ViewResult, evaluate, methods_for
+from lightprobe.evaluate.evaluation import Evaluation, Protocols, ViewResult, evaluate
 from lightprobe.evaluate.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.evaluate.pictures import view_pictures
 from lightprobe.evaluate.prediction_files import panorama, write_confidence, write_map, write_prediction
@@ -15,7 +15,6 @@ __all__ = [
     "can_be_oracle",
     "evaluate",
     "load_environment",
-    "methods_for",
     "oracle_decomposition",
     "panorama",
     "relight",

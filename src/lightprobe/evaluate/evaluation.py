@@ -31,13 +31,6 @@ OnView = Callable[["ViewResult"], None]
 Scores = dict[str, float]
 
 
-def methods_for(model: ProbeModel | None) -> tuple[Method, ...]:
-    """Return the methods that a run with this model can compare, the recommended one first."""
-    if model is None:
-        return (Method.SOLVE, Method.CONSTANT)
-    return (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
-
-
 @dataclass(frozen=True)
 class ViewResult:
     """What the default method made of one test photo."""

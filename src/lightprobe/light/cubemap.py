@@ -111,6 +111,20 @@ def cells(resolution: int, device: torch.device) -> Tensor:
     return torch.stack(corners, dim=-1).reshape(-1, 4).to(device)
 
 
+@functools.lru_cache(maxsize=16)
+def padding(resolution: int, device: torch.device) -> Tensor:
+    """Return the texels of every face with a border of one neighbour on each side: int64 (6 (R + 2)^2,), flat indices.
+
+    A border texel lies on the adjacent face, across the edge at the same height. Beyond a corner there is no texel;
+    one of the two next to it stands in.
+    """
+    step = 1e-3 / resolution
+    centres = (torch.arange(-1, resolution + 1, dtype=torch.float64) + 0.5) * (2.0 / resolution) - 1.0
+    centres[0], centres[-1] = -1.0 - step, 1.0 + step
+    face, a, b = _grid(centres)
+    return nearest_texel(face_points(face, a, b), resolution).reshape(-1).to(device)
+
+
 def nearest_texel(direction: Tensor, resolution: int) -> Tensor:
     """Return the flat int64 index (...,) of the texel that contains each direction (..., 3)."""
     face, a, b = face_coordinates(direction)

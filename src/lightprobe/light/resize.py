@@ -26,3 +26,14 @@ def magnify_light(light: Tensor, resolution: int) -> Tensor:
     directions = cubemap.directions(resolution, light.device).reshape(-1, 3)
     taps = cubemap.bilinear_taps(directions, light.shape[1])
     return weighted_gather(light.reshape(-1, 3), *taps).reshape(6, resolution, resolution, 3)
+
+
+def rotate_light(light: Tensor, rotation: Tensor, resolution: int) -> Tensor:
+    """Return the light (6, R, R, 3) whose radiance in direction d is that of `light` in `rotation` (3, 3) d.
+
+    A light of another resolution is averaged or interpolated.
+    """
+    side = max(light.shape[1], resolution)
+    directions = cubemap.directions(side, light.device).reshape(-1, 3) @ rotation.to(light).T
+    taps = cubemap.bilinear_taps(directions, light.shape[1])
+    return resize_light(weighted_gather(light.reshape(-1, 3), *taps).reshape(6, side, side, 3), resolution)

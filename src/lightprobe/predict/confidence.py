@@ -49,17 +49,17 @@ class Weights:
     least: float
 
 
-SOLVED = Weights(unseen=0.15, unpinned=0.46, bright=0.51, dark=0.81, rough=0.12, least=0.28)
+FITTED = Weights(unseen=0.15, unpinned=0.46, bright=0.51, dark=0.81, rough=0.12, least=0.28)
 # The error of maps that never met the photo's pixels did not follow what the photo pins.
 ESTIMATED = Weights(unseen=0.0, unpinned=0.0, bright=0.39, dark=0.0, rough=0.64, least=0.80)
 
 
-def confidence(observation: Observation, environment: Tensor, *, solved: bool, seed: int) -> Tensor:
+def confidence(observation: Observation, environment: Tensor, *, fitted: bool, seed: int) -> Tensor:
     """Return the confidence (6, R, R) in (0, 1) of a map (6, R, R, 3) predicted from `observation`; deterministic.
 
-    solved: whether the map went through the least squares against the photo, whose errors are of another kind.
+    fitted: whether the map was fitted to the photo's pixels, which leaves errors of another kind.
     """
-    weights = SOLVED if solved else ESTIMATED
+    weights = FITTED if fitted else ESTIMATED
     error = torch.full_like(environment[..., 0], weights.least)
     for name, cause in error_causes(observation, environment, seed).items():
         error += getattr(weights, name) * cause

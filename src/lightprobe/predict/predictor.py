@@ -1,6 +1,6 @@
 """One photo in, the environment around the object out: the predictors behind one interface.
 
-    photo, camera -> observe (rasterise the asset) -> prior map (constant, or stacked probes) -> solve -> Prediction
+    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo -> Prediction
 
 Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance.
 """
@@ -17,10 +17,10 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.probe_model import ProbeModel
-from lightprobe.distill.probe_pixels import ProbePixels
 from lightprobe.predict.confidence import confidence
 from lightprobe.predict.observation import Observation, observe
-from lightprobe.predict.prior import constant_light, coverage, sampled_probes, stacked_light
+from lightprobe.predict.optimize import OptimizeConfig, brief, optimize_environment, refine_environment
+from lightprobe.predict.prior import constant_light, network_light, sampled_probes, stacked_light
 from lightprobe.predict.solve import SolveConfig, solve_environment
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
@@ -33,10 +33,28 @@ class Method(StrEnum):
     """A grey map at the photo's light level: the floor."""
     PROBE_MLP = "probe-mlp"
     """The paper's method: the illumination MLP's probes, stacked."""
+    PROBE_NET = "probe-net"
+    """The sphere network on stacked probes and coarse least-squares lights."""
+    OPTIMIZE = "optimize"
+    """Gradient descent on every texel for this one photo, as inverse renderers do: minutes."""
+    PROBE_NET_OPTIMIZE = "probe-net+optimize"
+    """A few steps of the same descent from the sphere network's map."""
     SOLVE = "solve"
     """Least squares against the photo, towards the grey map."""
     PROBE_MLP_SOLVE = "probe-mlp+solve"
     """Least squares against the photo, towards the paper's map."""
+    PROBE_NET_SOLVE = "probe-net+solve"
+    """Least squares against the photo, towards the sphere network's map."""
+
+
+def methods_for(model: ProbeModel | None) -> tuple[Method, ...]:
+    """Return the methods that a run with this model can compare in seconds a photo, the recommended one first."""
+    if model is None:
+        return (Method.SOLVE, Method.CONSTANT)
+    paper = (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
+    return (
+        paper if model.sphere is None else (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *paper)
+    )
 
 
 @dataclass(frozen=True)
@@ -60,6 +78,7 @@ class Predictor:
         light_resolution: int = 32,
         max_pixels: int = 65_536,
         solve: SolveConfig | None = None,
+        optimize: OptimizeConfig | None = None,
         seed: int = 0,
     ):
         """Move asset and model to `device` (default: the CPU).
@@ -74,6 +93,8 @@ class Predictor:
         self.light_resolution = light_resolution
         self.max_pixels = max_pixels
         self.solve = solve or SolveConfig()
+        self.optimize = optimize or OptimizeConfig()
+        self.refine = brief()
         self.seed = seed
 
     @staticmethod
@@ -84,47 +105,75 @@ class Predictor:
         return Predictor(decomposition, model, device)
 
     @torch.no_grad()
-    def predict(self, pixels: Pixels, camera: Camera, method: Method = Method.PROBE_MLP_SOLVE) -> Prediction:
+    def predict(self, pixels: Pixels, camera: Camera, method: Method | None = None) -> Prediction:
         """Return the light in the photo `pixels` taken by the input-frame `camera`; the same call gives the same bits.
+
+        method: by default the recommended one of `methods_for`.
 
         Raises `InputError` when the camera does not fit the photo or the object is not in it, and `ConfigError` when a
         learned method is asked of a predictor without a model.
         """
+        method = method or methods_for(self.model)[0]
         clock = _Clock()
         with clock.part("rasterise"):
             camera = camera.normalised(self.similarity)
             observation = observe(self.asset, pixels, camera, self.device, self.max_pixels)
-            probes = sampled_probes(observation, self.seed)
-        environment, _ = _PRIORS[method](self, observation, probes, clock)
-        if method in _SOLVED:
+            chosen = sampled_probes(observation, self.seed)
+        environment = _PRIORS[method](self, observation, chosen, clock)
+        if method in _FITTED:
             with clock.part("solve"):
-                environment = solve_environment(observation, environment, self.solve, self.seed)
+                environment = _FITTED[method](self, observation, environment)
         with clock.part("confidence"):
-            trust = confidence(observation, environment, solved=method in _SOLVED, seed=self.seed)
+            trust = confidence(observation, environment, fitted=method in _FITTED, seed=self.seed)
         return Prediction(environment, trust, clock.finish())
 
-    def _constant(self, observation: Observation, probes: ProbePixels, clock: "_Clock") -> tuple[Tensor, Tensor]:
-        with clock.part("stack"):
-            weight = coverage(probes, self.light_resolution)
-        return constant_light(observation, self.light_resolution), weight
+    def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        return constant_light(observation, self.light_resolution)
 
-    def _stacked(self, observation: Observation, probes: ProbePixels, clock: "_Clock") -> tuple[Tensor, Tensor]:
+    def _stacked(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        model, level, probes = self._trained(), observation.light_level, observation.pixels.take(chosen)
+        with clock.part("network"):
+            colors = model.network(probes, level)
+        with clock.part("stack"):
+            return stacked_light(model, colors, probes, level, self.light_resolution)
+
+    def _network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        model, probes = self._trained(), observation.pixels.take(chosen)
+        with clock.part("network"):
+            return network_light(model, observation, probes, chosen, self.light_resolution, self.seed)
+
+    def _solved(self, observation: Observation, prior: Tensor) -> Tensor:
+        return solve_environment(observation, prior, self.solve, self.seed)
+
+    def _optimized(self, observation: Observation, prior: Tensor) -> Tensor:
+        return optimize_environment(observation, prior, self.optimize, self.seed)
+
+    def _refined(self, observation: Observation, prior: Tensor) -> Tensor:
+        return refine_environment(observation, prior, self.refine, self.seed)
+
+    def _trained(self) -> ProbeModel:
         if self.model is None:
             raise ConfigError("This run has no trained model; run `lightprobe distill` on it, or use --method solve.")
-        level = observation.light_level
-        with clock.part("network"):
-            colors = self.model.network(probes, level)
-        with clock.part("stack"):
-            return stacked_light(self.model, colors, probes, level, self.light_resolution)
+        return self.model
 
 
 _PRIORS = {
     Method.CONSTANT: Predictor._constant,
     Method.SOLVE: Predictor._constant,
+    Method.OPTIMIZE: Predictor._constant,
     Method.PROBE_MLP: Predictor._stacked,
     Method.PROBE_MLP_SOLVE: Predictor._stacked,
+    Method.PROBE_NET: Predictor._network,
+    Method.PROBE_NET_SOLVE: Predictor._network,
+    Method.PROBE_NET_OPTIMIZE: Predictor._network,
 }
-_SOLVED = {Method.SOLVE, Method.PROBE_MLP_SOLVE}
+_FITTED = {
+    Method.SOLVE: Predictor._solved,
+    Method.PROBE_MLP_SOLVE: Predictor._solved,
+    Method.PROBE_NET_SOLVE: Predictor._solved,
+    Method.OPTIMIZE: Predictor._optimized,
+    Method.PROBE_NET_OPTIMIZE: Predictor._refined,
+}
 
 
 class _Clock:

@@ -1,4 +1,4 @@
-"""First guesses of a photo's light, and how much of each direction the photo saw.
+"""First guesses of a photo's light.
 
 Notation: W(w) = mean_p D_p(w) the mean distribution of the sampled pixels (1/sr), Wbar its mean over the sphere, s the
 photo's light level, P the stacked probes (Equation 5), E_m the training photos' mean light relative to their levels.
@@ -9,23 +9,26 @@ import math
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import AlphaRule
+from lightprobe.core.device import generator
+from lightprobe.core.errors import ConfigError
 from lightprobe.distill.probe_distribution import stack_everywhere
+from lightprobe.distill.probe_maps import SOLVED_PIXELS, evidence, probe_maps
 from lightprobe.distill.probe_model import ProbeModel
 from lightprobe.distill.probe_pixels import ProbePixels
 from lightprobe.distill.sampling import sample_pixels
+from lightprobe.distill.sphere_net import light_of
 from lightprobe.light import cubemap
-from lightprobe.light.resize import resize_light
+from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
+from lightprobe.render.coarse_transport import CoarseTransport
 
 _USUAL_SHARE = 0.02
 
 
-def sampled_probes(observation: Observation, seed: int) -> ProbePixels:
-    """Return a quarter of the trusted pixels, smooth ones preferred (section 3.2.3), in the photo's order."""
+def sampled_probes(observation: Observation, seed: int) -> Tensor:
+    """Return the indices (N,) of a quarter of the trusted pixels, in order, smooth ones preferred (section 3.2.3)."""
     quarter = -(-len(observation.pixels) // 4)
-    chosen = sample_pixels(observation.pixels.roughness, quarter, seed=seed, stream="predict-pixels")
-    return observation.pixels.take(chosen.sort().values)
+    return sample_pixels(observation.pixels.roughness, quarter, seed=seed, stream="predict-pixels").sort().values
 
 
 def constant_light(observation: Observation, resolution: int) -> Tensor:
@@ -35,8 +38,8 @@ def constant_light(observation: Observation, resolution: int) -> Tensor:
 
 def stacked_light(
     model: ProbeModel, colors: Tensor, probes: ProbePixels, light_level: Tensor, resolution: int
-) -> tuple[Tensor, Tensor]:
-    """Return the map (6, R, R, 3) of the network's probe `colors` (N, 3), and W (6, R, R).
+) -> Tensor:
+    """Return the map (6, R, R, 3) of the network's probe `colors` (N, 3).
 
     Directions at which hardly a pixel looks take over the light that is usual there:
     E = (W P + e Wbar s E_m) / (W + e Wbar), e = 0.02.
@@ -45,12 +48,36 @@ def stacked_light(
     usual = light_level * resize_light(model.mean_light, resolution)
     share = (_USUAL_SHARE * _sphere_mean(weight)).clamp_min(1e-12)
     seen = weight[..., None]
-    return (seen * stacked + share * usual) / (seen + share), weight
+    return (seen * stacked + share * usual) / (seen + share)
 
 
-def coverage(probes: ProbePixels, resolution: int) -> Tensor:
-    """Return W (6, R, R) of pixels, with the renderer's own lobes."""
-    return stack_everywhere(probes, torch.zeros_like(probes.color), resolution, AlphaRule.R4)[1]
+def network_light(
+    model: ProbeModel, observation: Observation, probes: ProbePixels, chosen: Tensor, resolution: int, seed: int
+) -> Tensor:
+    """Return the sphere network's map (6, R, R, 3) from the pixels `probes`, which are the observation's `chosen`.
+
+    Raises `ConfigError` when the model was trained without that network.
+    """
+    if model.sphere is None:
+        raise ConfigError(
+            "This run was trained without the sphere network; distill it again with --distill.sphere-steps above 0."
+        )
+    level, seen = observation.light_level, observation.pixels
+    some = random_subset(len(seen), SOLVED_PIXELS, seed, "coarse-light").to(chosen.device)
+    transport = CoarseTransport.of(observation.gbuffer.select(observation.rows[some]))
+    solved = evidence(transport, seen.color[some], level)
+    colors = model.network(probes, level)
+    maps = probe_maps(probes, colors, observation.clipped[chosen], level, solved, model.config.alpha_rule)
+    log_light = magnify_light(model.sphere(maps[None])[0].permute(1, 2, 3, 0).contiguous(), resolution)
+    return light_of(log_light.permute(3, 0, 1, 2), level)
+
+
+def random_subset(total: int, count: int, seed: int, name: str) -> Tensor:
+    """Return at most `count` of the numbers below `total`, chosen at random, in ascending order."""
+    if total <= count:
+        return torch.arange(total)
+    order = torch.randperm(total, generator=generator(seed, f"subset/{name}"))
+    return order[:count].sort().values
 
 
 def _sphere_mean(weight: Tensor) -> Tensor:

@@ -1,0 +1,55 @@
+"""One photo to learn from: its pixels on the fixed asset, and the light it was taken in."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.distill.probe_distribution import mean_distribution
+from lightprobe.distill.probe_maps import SOLVED_PIXELS, evidence
+from lightprobe.distill.probe_pixels import ProbePixels, probe_pixels
+from lightprobe.light import cubemap
+from lightprobe.light.resize import resize_light
+from lightprobe.render.coarse_transport import CoarseTransport
+from lightprobe.render.gbuffer import GBuffer
+
+CLIPPED = 0.98  # linear; half of the last code below 255 of an 8-bit sRGB photo is .989
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """One photo with M texels of its light, all on the training device."""
+
+    name: str
+    pixels: ProbePixels  # N pixels, linear colour in the photo's own exposure
+    clipped: Tensor  # (N, 3) bool
+    light_level: Tensor  # () radiance
+    distribution: Tensor  # (M,) mean distribution of all pixels
+    solved: Tensor  # (2, 384, 3) from `probe_maps.evidence`
+    teacher: Tensor  # (M, 3) radiance / light_level
+
+
+class Desk:
+    """One camera's view of the asset, from which any number of lessons under different lights are made."""
+
+    def __init__(self, gbuffer: GBuffer, config: DistillConfig):
+        """Take the G-buffer of the N pixels of all lessons, in any order."""
+        self.gbuffer = gbuffer
+        self.config = config
+        some = -(-len(gbuffer.pixel) // SOLVED_PIXELS)
+        self._some = torch.arange(0, len(gbuffer.pixel), some, device=gbuffer.pixel.device)
+        self._transport = CoarseTransport.of(gbuffer.select(self._some))
+        rows = torch.arange(len(gbuffer.pixel), device=gbuffer.pixel.device)
+        self._pixels = probe_pixels(gbuffer, rows, torch.zeros_like(gbuffer.base_color))
+        directions = cubemap.directions(config.light_resolution, rows.device).reshape(-1, 3)
+        self._distribution = mean_distribution(self._pixels, directions, config.alpha_rule)
+
+    def lesson(self, name: str, color: Tensor, light: Tensor, exposure: Tensor | float = 1.0) -> Lesson:
+        """Return the lesson of a photo with linear colours (N, 3), taken in `light` (6, R, R, 3) times `exposure`."""
+        pixels = self._pixels.photographed(color)
+        level = pixels.light_level()
+        side = self.config.light_resolution
+        teacher = (resize_light(light, side) * exposure).reshape(-1, 3) / level
+        solved = evidence(self._transport, color[self._some], level)
+        return Lesson(name, pixels, color >= CLIPPED, level, self._distribution, solved, teacher)

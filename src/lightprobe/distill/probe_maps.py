@@ -1,0 +1,65 @@
+"""What one photo says about its light, gathered on the sphere: the input of the sphere network.
+
+Every map lives on a cubemap of 6 x 16 x 16 texels and is relative to the photo's light level s, so that nothing depends
+on exposure. Per texel, with `e` against the logarithm of nothing:
+
+    3   log(P0 + e), P0 the stacked average light each pixel saw (Equation 5 with the untrained network's colours)
+    3   log(P + e), P the stacked colours of the illumination MLP
+    3   stacked: share of clipped pixels, roughness, log of the white-furnace luma
+    6   log(max(E, 0) + e) of the coarse least-squares lights of two strengths (`render.coarse_transport`)
+    1   log coverage: the mean distribution of the pixels against its mean over the sphere
+    4   direction, and its cosine with the mean view direction
+
+Local averages and the global inversion fail in different places; both come with what tells how far to trust them.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config_distill import AlphaRule
+from lightprobe.distill.probe_distribution import stack
+from lightprobe.distill.probe_pixels import ProbePixels, luma, tone_weight
+from lightprobe.light import cubemap
+from lightprobe.light.prefilter import BLOCKS
+from lightprobe.light.resize import magnify_light
+from lightprobe.render.coarse_transport import CoarseTransport
+
+RESOLUTION = 16
+STRENGTHS = (0.3, 0.03)
+CHANNELS = 20
+BLACK = 0.02  # e, relative to the light level
+SOLVED_PIXELS = 1024
+
+
+def evidence(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> Tensor:
+    """Return the coarse lights (2, 384, 3) that explain the pixels' colours (P, 3), relative to the light level."""
+    weight = tone_weight(color, light_level)[:, None].expand_as(color)
+    return transport.solve(color, weight, light_level, STRENGTHS) / light_level
+
+
+def probe_maps(
+    pixels: ProbePixels, colors: Tensor, clipped: Tensor, light_level: Tensor, solved: Tensor, rule: AlphaRule
+) -> Tensor:
+    """Return the maps (20, 6, 16, 16) of N sampled pixels; no gradient.
+
+    colors (N, 3): the illumination MLP's; clipped (N, 3) bool; solved (2, 384, 3): from `evidence`.
+    """
+    directions = cubemap.directions(RESOLUTION, colors.device)
+    flat = directions.reshape(-1, 3)
+    relative = pixels.color / light_level + BLACK
+    whiteness = luma(pixels.furnace)
+    kinds = torch.stack([clipped.float().mean(1), pixels.roughness, (whiteness + BLACK).log()], 1)
+    seen, weight = stack(pixels, relative / (pixels.furnace + BLACK), flat, rule)
+    learned, _ = stack(pixels, colors / light_level, flat, rule)
+    what, _ = stack(pixels, kinds, flat, rule)
+    angle = cubemap.solid_angles(RESOLUTION, colors.device).reshape(-1)
+    mean_weight = (weight * angle).sum() / (4 * math.pi)
+    coverage = (weight / mean_weight.clamp(min=1e-12) + 1e-3).log()[:, None]
+    lights = [magnify_light(one.reshape(6, BLOCKS, BLOCKS, 3), RESOLUTION).reshape(-1, 3) for one in solved]
+    view = torch.nn.functional.normalize(pixels.view.mean(0), dim=0)
+    logs = [(part.clamp(min=0) + BLACK).log() for part in (seen, learned)]
+    logs += [(part.clamp(min=0) + BLACK).log() for part in lights]
+    maps = torch.cat([*logs[:2], what, *logs[2:], coverage, flat, (flat @ view)[:, None]], 1)
+    return maps.T.reshape(CHANNELS, 6, RESOLUTION, RESOLUTION).contiguous()

@@ -1,0 +1,97 @@
+"""The photo as a linear function of a coarse light, written out as matrices, and the light that inverts them.
+
+At 6 x 8 x 8 texels (eleven degrees) the operator A of `render.transport` is small enough to be stored, and its
+least-squares inverse is exact and takes milliseconds. It is blurred, and may be negative where the photo contradicts
+itself: it is evidence for what knows better, not a prediction.
+"""
+
+import functools
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.kernels import weighted_gather
+from lightprobe.light import cubemap
+from lightprobe.light import prefilter as prefilters
+from lightprobe.light.prefilter import BLOCKS
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.openness import Openness
+from lightprobe.render.split_sum import occlude, reflectance, specular_taps
+
+TEXELS = 6 * BLOCKS**2
+
+
+@dataclass(frozen=True)
+class CoarseTransport:
+    """The matrices (3, P, 384) from each channel of a light of 6 x 8 x 8 texels to P pixels; no autograd."""
+
+    matrix: Tensor
+
+    @staticmethod
+    @torch.no_grad()
+    def of(gbuffer: GBuffer) -> "CoarseTransport":
+        """Return the matrices of all pixels of a G-buffer."""
+        operator, lobes = _dense_prefilter(gbuffer.normal.device)
+        r = reflectance(gbuffer)
+        sharp = weighted_gather(lobes, *specular_taps(r, gbuffer.normal, operator))
+        if gbuffer.openness is None:
+            wide = weighted_gather(lobes, *operator.diffuse_taps(gbuffer.normal))
+            parts = [(r.specular, sharp), (r.diffuse, wide)]
+        else:
+            diffuse, ambient, opened = _open_averages(gbuffer.openness, gbuffer.normal)
+            lobe, bounce = occlude(gbuffer, r, opened)
+            parts = [(lobe * r.specular, sharp), (r.diffuse, diffuse), (bounce, ambient)]
+        matrix = torch.zeros(3, *sharp.shape, device=sharp.device)
+        for factor, average in parts:
+            for channel in range(3):
+                matrix[channel].addcmul_(factor[:, channel, None], average)
+        return CoarseTransport(matrix)
+
+    def solve(self, observed: Tensor, weight: Tensor, level: Tensor, strengths: tuple[float, ...]) -> Tensor:
+        """Return the lights (S, 384, 3) closest to `observed` (P, 3), pulled towards a grey `level` ().
+
+        weight (P, 3) >= 0. The objective is that of `transport.solve_light` with each of the `strengths`, without its
+        bounds.
+        """
+        angle = cubemap.solid_angles(BLOCKS, observed.device).reshape(-1) / (4 * math.pi)
+        lights = []
+        for channel in range(3):
+            a, w = self.matrix[channel], weight[:, channel] / weight[:, channel].sum().clamp(min=1e-12)
+            white = a.sum(1)
+            weighted = w[:, None] * a
+            normal, right = weighted.T @ a, weighted.T @ (observed[:, channel] - level * white)
+            gain = (w * white.square()).sum()
+            for strength in strengths:
+                ridge = torch.diag(strength * gain * angle + 1e-9)
+                lights.append(torch.cholesky_solve(right[:, None], torch.linalg.cholesky(normal + ridge))[:, 0] + level)
+        return torch.stack(lights, 1).reshape(TEXELS, 3, len(strengths)).permute(2, 0, 1).contiguous()
+
+
+@functools.lru_cache(maxsize=4)
+def _dense_prefilter(device: torch.device) -> tuple[prefilters.Prefilter, Tensor]:
+    """Return the prefilter of the coarse light and its levels as a matrix (T, 384)."""
+    operator = prefilters.cached(BLOCKS, device)
+    columns = [operator.apply(part.reshape(6, BLOCKS, BLOCKS, 3)) for part in _unit_lights(device)]
+    return operator, torch.cat(columns, 1)[: operator.first_block].contiguous()
+
+
+def _unit_lights(device: torch.device) -> Tensor:
+    """Return (128, 384, 3): lights that are 1 in one texel of each channel, so that together they are the identity."""
+    return torch.eye(TEXELS, device=device).reshape(TEXELS, TEXELS // 3, 3).permute(1, 0, 2).contiguous()
+
+
+def _open_averages(openness: Openness, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the weights (P, 384) of `kernels.occluded_light`'s diffuse and ambient light, and its open share (P,)."""
+    directions = cubemap.directions(BLOCKS, normal.device).reshape(-1, 3)
+    angle = cubemap.solid_angles(BLOCKS, normal.device).reshape(-1)
+    seen = torch.zeros(len(normal), TEXELS, device=normal.device)
+    for corner in range(openness.index.shape[1]):
+        rows = openness.table.index_select(0, openness.index[:, corner].long())
+        seen.addcmul_(openness.weight[:, corner, None] / 255, rows.to(seen.dtype))
+    cosine = (normal @ directions.T).clamp(min=0) * angle
+    total = cosine.sum(1, keepdim=True).clamp(min=1e-12)
+    diffuse = seen * cosine / total
+    ambient = seen * angle
+    return diffuse, ambient / ambient.sum(1, keepdim=True).clamp(min=1e-12), diffuse.sum(1)
