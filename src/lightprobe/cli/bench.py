@@ -26,6 +26,8 @@ from lightprobe.evaluate.results import PAPER_METHOD, BenchResults, results_page
 SCENES = ("chair", "spot", "bottle", "cape", "liberty")
 LOSSES_SCENE = "chair"
 
+PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II as published
+
 # what Phase II is trained with for the ablation
 LOSSES: dict[str, tuple[str, ...]] = {
     "L2": ("--distill.no-sample-weight", "--distill.no-intensity-weight"),
@@ -120,7 +122,7 @@ class Benchmark:
             return
         share_phase_one(source, run)
         where = ("--scene", str(folder))
-        options = ("--preset", self.preset.value, "--seed", str(seed), *where, *LOSSES[variant])
+        options = ("--preset", self.preset.value, "--seed", str(seed), *where, *PAPER, *LOSSES[variant])
         if self._command(name, ("distill", str(run.path), *options)):
             score = ("eval", str(run.path), *where, "--methods", PAPER_METHOD, "--no-unseen")
             self._piece(name, score, run, run.metrics_file)
@@ -141,7 +143,7 @@ class Benchmark:
             files = sorted((self.folder / "pieces").glob(f"{LOSSES_SCENE}.loss.{number}.seed*.json"))
             if files:
                 results.losses[variant] = [read_json(file)["metrics"] for file in files]
-                options = " ".join(("--restart", *LOSSES[variant], "--seed K"))
+                options = " ".join(("--restart", *PAPER, *LOSSES[variant], "--seed K"))
                 results.commands.append(f"lightprobe distill RUN {options}   # {variant}")
         return results
 
