@@ -47,7 +47,7 @@ class OptimizeConfig:
 
 def brief() -> OptimizeConfig:
     """Return a fraction of a second of it, for where a network has gone most of the way."""
-    return OptimizeConfig(iterations=30, learning_rate=0.1, pixels=3072)
+    return OptimizeConfig(iterations=60, learning_rate=0.1, pixels=3072)
 
 
 class _Render(torch.autograd.Function):
