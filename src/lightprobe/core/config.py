@@ -174,7 +174,7 @@ def quick() -> DecomposeConfig:
 
 def demo() -> DecomposeConfig:
     """The bundled scene, whose photos are small, within a few minutes on two CPU cores."""
-    return replace(quick(), pass1_iterations=800, pass2_iterations=400, lattice_cells=64, max_faces=16000)
+    return replace(quick(), pass1_iterations=650, pass2_iterations=330, lattice_cells=64, max_faces=16000)
 
 
 def standard() -> DecomposeConfig:
