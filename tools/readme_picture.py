@@ -11,7 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
-COLUMNS = 10  # pictures of one photo, in the order of the report
+COLUMNS = 12  # pictures of one photo, in the order of the report
 SIDE = 128
 ROWS = 3
 
