@@ -1,6 +1,6 @@
 """Fits the weights of `predict.confidence` to runs on scenes whose training photos have known lights.
 
-    python tools/fit_confidence.py runs/chair runs/spot runs/bottle --method probe-mlp+solve
+    python tools/fit_confidence.py runs/chair runs/spot runs/bottle --method probe-net+optimize
 
 For every n-th training photo of every run the light is predicted, and the error of ln radiance after one factor is
 explained, direction by direction, by non-negative least squares on the causes that `error_causes` names. Prints the
@@ -74,7 +74,7 @@ def main() -> None:
     """Read the command line and print the weights and the check."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("runs", type=Path, nargs="+")
-    parser.add_argument("--method", type=Method, default=Method.PROBE_MLP_SOLVE)
+    parser.add_argument("--method", type=Method, default=Method.PROBE_NET_OPTIMIZE)
     parser.add_argument("--every", type=int, default=8, help="use every n-th training photo")
     given = parser.parse_args()
     parts = [samples(path, given.method, given.every) for path in given.runs]

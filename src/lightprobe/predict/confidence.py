@@ -49,7 +49,7 @@ class Weights:
     least: float
 
 
-FITTED = Weights(unseen=0.15, unpinned=0.46, bright=0.51, dark=0.81, rough=0.12, least=0.28)
+FITTED = Weights(unseen=0.0, unpinned=0.15, bright=0.25, dark=0.20, rough=0.40, least=0.52)
 # The error of maps that never met the photo's pixels did not follow what the photo pins.
 ESTIMATED = Weights(unseen=0.0, unpinned=0.0, bright=0.39, dark=0.0, rough=0.64, least=0.80)
 
