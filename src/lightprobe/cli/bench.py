@@ -107,7 +107,7 @@ class Benchmark:
             train = ("train", str(folder), "-o", str(run.path), "--preset", self.preset.value, "--seed", str(self.seed))
             if not self._command(f"{name} training", train):
                 return
-        score = ("eval", str(run.path), "--scene", str(folder), "--slow-photos", str(self.slow_photos))
+        score = ("eval", str(run.path), "--scene", str(folder), "--slow", "--slow-photos", str(self.slow_photos))
         self._piece(f"{name}.eval", score, run, run.metrics_file)
         if run.oracle.asset_file.is_file():  # the evaluation has found the true object
             self._piece(f"{name}.oracle", (*score, "--oracle-asset"), run, run.oracle.metrics_file)

@@ -66,6 +66,7 @@ def eval(  # the name of the command
         FlagCreatePairsOff[bool],
         arg(help="Put the scene's true object in place of the reconstructed one; results go to RUN/oracle."),
     ] = False,
+    slow: Annotated[bool, arg(help="Also score `optimize`, which takes a minute or more a photo.")] = False,
     slow_photos: Annotated[int, arg(help="Test photos that methods slower than 20 s a photo are scored on.")] = 4,
     device: Device = "auto",
 ) -> None:
@@ -79,14 +80,14 @@ def eval(  # the name of the command
     chosen = Protocols(unseen=unseen, slow_photos=slow_photos)
     result = evaluate_run(
         RunFolder.open(run), resolve_device(device), methods=methods, scene_folder=scene, protocols=chosen,
-        output=output, oracle=oracle_asset,
+        output=output, oracle=oracle_asset, slow=slow,
     )  # fmt: skip
     print_tables(result)
 
 
 def evaluate_run(
     run: RunFolder, device: torch.device, *, methods: tuple[Method, ...] = (), scene_folder: Path | None = None,
-    protocols: Protocols | None = None, output: Path | None = None, oracle: bool = False,
+    protocols: Protocols | None = None, output: Path | None = None, oracle: bool = False, slow: bool = False,
 ) -> Evaluation:  # fmt: skip
     """Evaluate a run into its folder, or with the true object into its folder `oracle`, and name the report."""
     pictures: dict[str, dict[str, str]] = {}
@@ -104,7 +105,8 @@ def evaluate_run(
 
         result = evaluate(
             true_object if oracle and true_object is not None else decomposition, model, scene,
-            methods=methods or methods_for(model), device=device, run=out, protocols=protocols, true_object=true_object,
+            methods=methods or (*methods_for(model), *((Method.OPTIMIZE,) if slow else ())), device=device, run=out,
+            protocols=protocols, true_object=true_object,
             on_view=keep, on_photo=lambda done, total: meter.update("evaluate", done, total),
         )  # fmt: skip
         metrics = result.to_json()
