@@ -11,7 +11,7 @@ import pytest
 
 from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
-KILLS = 10
+KILLS = 6
 
 
 def start(scene: Path, run: Path) -> subprocess.Popen:
