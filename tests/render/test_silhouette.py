@@ -6,10 +6,16 @@ from lightprobe.render.surface import View, visible_surface
 from tests.shapes import camera_at, sphere
 
 
+def covered(surface, picture):
+    mask = torch.zeros(picture.height * picture.width, dtype=torch.bool)
+    mask[surface.pixel] = True
+    return mask.reshape(picture.height, picture.width)
+
+
 def covered_area(vertices, faces, view):
     surface = visible_surface(vertices, faces, view)
     screen = view.project(vertices)
-    mask = surface.visibility.face >= 0
+    mask = covered(surface, view)
     crossings = silhouette_crossings(screen, faces, edge_faces(faces), mask, view)
     return coverage(surface.pixel, crossings, mask.numel()), surface, crossings
 
@@ -30,7 +36,7 @@ def test_coverage_sums_to_the_area_of_the_outline():
 def supersampled(vertices, faces, camera, factor):
     fine = camera.resized(camera.width * factor, camera.height * factor)
     surface = visible_surface(vertices, faces, View.of(fine, torch.device("cpu")))
-    mask = (surface.visibility.face >= 0).float()
+    mask = covered(surface, fine).float()
     return torch.nn.functional.avg_pool2d(mask[None], factor)[0]
 
 
