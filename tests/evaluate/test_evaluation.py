@@ -152,3 +152,14 @@ def test_a_scene_without_test_photos_says_so(known):
     decomposition, scene = known
     with pytest.raises(InputError, match="no test photos"):
         evaluate(decomposition, None, dataclasses.replace(scene, test=()), methods=methods_for(None), device=CPU)
+
+
+def test_slow_methods_see_few_photos_but_the_default_all(known):
+    decomposition, scene = known
+    slow = Protocols(unseen=False, slow_seconds=0.0, slow_photos=1)
+    methods = (Method.CONSTANT, Method.SOLVE)
+    found = evaluate(decomposition, None, scene, methods=methods, device=CPU, protocols=slow)
+    scored = [set(scores) for scores in found.photos.values()]
+    assert len(scored) > 1
+    assert scored == [set(methods), *[{Method.CONSTANT}] * (len(scored) - 1)]
+    assert found.to_json()["mean"]["psnr"] > 0
