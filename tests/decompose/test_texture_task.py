@@ -48,6 +48,7 @@ def refine(asset, photos, steps):
     return model.asset(), losses
 
 
+@pytest.mark.slow
 def test_blotches_come_back():
     true = glossy_sphere()
     photos = targets(true)

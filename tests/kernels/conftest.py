@@ -25,7 +25,13 @@ class Body:
         return [tensor.to(self.device) for tensor in tensors]
 
 
-@pytest.fixture(params=["numba", "triton", pytest.param("cuda", marks=pytest.mark.cuda)])
+@pytest.fixture(
+    params=[
+        "numba",
+        pytest.param("triton", marks=pytest.mark.slow),  # through the interpreter
+        pytest.param("cuda", marks=pytest.mark.cuda),
+    ]
+)
 def body(request, monkeypatch):
     """Numba's body, Triton's in its interpreter, and whatever serves a GPU where there is one."""
     if request.param == "numba":
