@@ -27,3 +27,10 @@ def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
     """
     digest = hashlib.blake2b(f"{seed}/{stream}/{step}".encode(), digest_size=8).digest()
     return torch.Generator().manual_seed(int.from_bytes(digest, "little") >> 1)
+
+
+def draw_rows(rows: torch.Tensor, count: int, random: torch.Generator) -> torch.Tensor:
+    """Return at most `count` of the row numbers (N,), drawn without replacement, in their order."""
+    if len(rows) <= count:
+        return rows
+    return rows[torch.randperm(len(rows), generator=random)[:count].sort().values.to(rows.device)]

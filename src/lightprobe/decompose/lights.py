@@ -10,11 +10,12 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.core.device import generator
 from lightprobe.decompose.losses import tone_weight
-from lightprobe.decompose.photos import CLIPPED, Target
+from lightprobe.decompose.photos import Target
 from lightprobe.light import prefilter as prefilters
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
+from lightprobe.scene.photo import CLIPPED
 
 
 def solve_target_light(

@@ -10,8 +10,6 @@ from lightprobe.render.surface import View
 from lightprobe.scene import load_pixels
 from lightprobe.scene.photo import Photo, Scene
 
-CLIPPED = 0.98  # linear value from which an 8-bit photo is taken as saturated
-
 
 @dataclass(frozen=True)
 class Target:

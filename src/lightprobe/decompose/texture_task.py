@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.device import generator
+from lightprobe.core.device import draw_rows, generator
 from lightprobe.decompose.lights import Lights, solve_target_light
 from lightprobe.decompose.losses import brightness_anchor, color_gauge, material_prior, one_sided, tone_map
 from lightprobe.decompose.optimisation import Stage, photo_order
@@ -45,13 +45,13 @@ class PhotoPixels:
         """Return at most `_POOL` pixels of a photo of the asset, drawn at random."""
         surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
         inside = (target.alpha[surface.pixel] > 0.99).nonzero()[:, 0]
-        surface = surface.select(_draw(inside, _POOL, generator(seed, f"pool/{target.name}")))
+        surface = surface.select(draw_rows(inside, _POOL, generator(seed, f"pool/{target.name}")))
         return PhotoPixels(target.name, target.view, surface, target.color[surface.pixel])
 
     def sample(self, seed: int, step: int) -> "PhotoPixels":
         """Return at most `_PIXELS` of the pixels, drawn at random."""
         every = torch.arange(len(self.color), device=self.color.device)
-        rows = _draw(every, _PIXELS, generator(seed, f"texture/{self.name}", step))
+        rows = draw_rows(every, _PIXELS, generator(seed, f"texture/{self.name}", step))
         return PhotoPixels(self.name, self.view, self.surface.select(rows), self.color[rows])
 
 
@@ -149,10 +149,3 @@ class TextureTask:
         table = self.model.openness
         openness = None if table is None else blend(table, self._mesh.faces, surface.face, surface.barycentric)
         return gbuffer_of(surface, photo.view, normal, material, openness)
-
-
-def _draw(rows: Tensor, count: int, random: torch.Generator) -> Tensor:
-    """Return at most `count` of the rows (N,), drawn without replacement, in their order."""
-    if len(rows) <= count:
-        return rows
-    return rows[torch.randperm(len(rows), generator=random)[:count].sort().values.to(rows.device)]

@@ -13,8 +13,7 @@ from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.gbuffer import GBuffer
-
-CLIPPED = 0.98  # linear; half of the last code below 255 of an 8-bit sRGB photo is .989
+from lightprobe.scene.photo import CLIPPED
 
 
 @dataclass(frozen=True)

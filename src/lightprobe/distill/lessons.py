@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig, Lessons
-from lightprobe.core.device import generator
+from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import InputError
 from lightprobe.distill.lesson import Desk, Lesson
 from lightprobe.distill.probe_maps import RESOLUTION
@@ -89,8 +89,6 @@ def _looks(
         rows = opaque.nonzero()[:, 0]
         if len(rows) < _FEWEST_PIXELS:
             continue
-        if len(rows) > config.pixels_per_photo:
-            order = torch.randperm(len(rows), generator=generator(seed, f"distill-keep/{photo.name}"))
-            rows = rows[order[: config.pixels_per_photo].sort().values.to(device)]
+        rows = draw_rows(rows, config.pixels_per_photo, generator(seed, f"distill-keep/{photo.name}"))
         color = torch.from_numpy(loaded.color).to(device).reshape(-1, 3)[gbuffer.pixel[rows]]
         yield _Look(photo, gbuffer.select(rows), color)

@@ -18,11 +18,10 @@ from lightprobe.imaging import resize_area
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import Pixels
+from lightprobe.scene.photo import CLIPPED, Pixels
 
 _OPAQUE = 0.9
 _FEWEST_PIXELS = 16
-_CLIPPED = 0.98  # linear; half of the last code below 255 of an 8-bit sRGB photo is .989
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ def _reduced(pixels: Pixels, max_pixels: int) -> tuple[np.ndarray, np.ndarray, n
     """
     color, alpha = pixels.color, pixels.alpha
     has_white = float(color.max(initial=0.0)) <= 1.01
-    clipped = (color >= _CLIPPED) & (alpha[..., None] > 0) & has_white
+    clipped = (color >= CLIPPED) & (alpha[..., None] > 0) & has_white
     masked = float((alpha >= _OPAQUE).sum())
     if masked <= max_pixels:
         return color, alpha, clipped

@@ -13,12 +13,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
-from lightprobe.predict.prior import random_subset
 from lightprobe.render.transport import Transport
 
 _REFINED_RESOLUTION = 16
@@ -65,7 +65,8 @@ class _Render(torch.autograd.Function):
 
 def optimize_environment(observation: Observation, start: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
     """Return the light (6, R, R, 3) > 0 found from `start` (6, R, R, 3)."""
-    chosen = random_subset(len(observation.rows), config.pixels, seed, "optimize").to(start.device)
+    every = torch.arange(len(observation.rows), device=start.device)
+    chosen = draw_rows(every, config.pixels, generator(seed, "subset/optimize"))
     operator = prefilters.cached(start.shape[1], start.device)
     transport = Transport(observation.gbuffer, operator, observation.rows[chosen])
     color, clipped = observation.pixels.color[chosen], observation.clipped[chosen]

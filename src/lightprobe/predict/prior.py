@@ -9,7 +9,7 @@ import math
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import generator
+from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.distill.probe_distribution import stack_everywhere
 from lightprobe.distill.probe_maps import SOLVED_PIXELS, evidence, probe_maps
@@ -63,21 +63,14 @@ def network_light(
             "This run was trained without the sphere network; distill it again with --distill.sphere-steps above 0."
         )
     level, seen = observation.light_level, observation.pixels
-    some = random_subset(len(seen), SOLVED_PIXELS, seed, "coarse-light").to(chosen.device)
+    every = torch.arange(len(seen), device=chosen.device)
+    some = draw_rows(every, SOLVED_PIXELS, generator(seed, "subset/coarse-light"))
     transport = CoarseTransport.of(observation.gbuffer.select(observation.rows[some]))
     solved = evidence(transport, seen.color[some], level)
     colors = model.network(probes, level)
     maps = probe_maps(probes, colors, observation.clipped[chosen], level, solved, model.config.alpha_rule)
     log_light = magnify_light(model.sphere(maps[None])[0].permute(1, 2, 3, 0).contiguous(), resolution)
     return light_of(log_light.permute(3, 0, 1, 2), level)
-
-
-def random_subset(total: int, count: int, seed: int, name: str) -> Tensor:
-    """Return at most `count` of the numbers below `total`, chosen at random, in ascending order."""
-    if total <= count:
-        return torch.arange(total)
-    order = torch.randperm(total, generator=generator(seed, f"subset/{name}"))
-    return order[:count].sort().values
 
 
 def _sphere_mean(weight: Tensor) -> Tensor:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import generator
+from lightprobe.core.device import draw_rows, generator
 from lightprobe.distill.probe_pixels import tone_weight
 from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
@@ -63,7 +63,7 @@ class Evidence:
     @staticmethod
     def of(observation: Observation, candidates: Tensor, count: int, seed: int, name: str) -> "Evidence":
         """Return at most `count` of the trusted pixels `candidates` (N,) int64, chosen at random."""
-        chosen = _subset(candidates, count, seed, name).to(observation.rows.device)
+        chosen = draw_rows(candidates, count, generator(seed, f"solve-{name}")).to(observation.rows.device)
         color = observation.pixels.color[chosen]
         weight = tone_weight(color, observation.light_level)
         return Evidence(observation.rows[chosen], color, weight, observation.clipped[chosen])
@@ -176,11 +176,3 @@ def _tile_split(observation: Observation, seed: int) -> tuple[Tensor, Tensor]:
     held = torch.rand(count, generator=generator(seed, "solve-tiles")) < _HELD_OUT
     held = held.to(pixel.device)[tile]
     return (~held).nonzero()[:, 0], held.nonzero()[:, 0]
-
-
-def _subset(indices: Tensor, count: int, seed: int, name: str) -> Tensor:
-    """Return at most `count` of the indices (N,), chosen at random, in their order."""
-    if len(indices) <= count:
-        return indices
-    order = torch.randperm(len(indices), generator=generator(seed, f"solve-{name}"))
-    return indices[order[:count].sort().values.to(indices.device)]

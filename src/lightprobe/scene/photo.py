@@ -10,6 +10,8 @@ import numpy as np
 
 from lightprobe.scene.camera import Camera, Similarity
 
+CLIPPED = 0.98  # linear value from which an 8-bit photo is taken as saturated; half a code below 255 is .989
+
 
 @dataclass(frozen=True)
 class Truth:
