@@ -27,9 +27,15 @@ class MovingShadows:
 
     def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> Openness:
         """Return the openness at the visible points of the mesh as it is now."""
-        row = torch.from_numpy(self.tree.query(_points(vertices, faces))[1]).to(vertices.device)
         near = blend(self.table, faces, surface.face, surface.barycentric)
-        return Openness(self.table, row[near.index.long()], near.weight)
+        corners = near.index.long()
+        seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
+        seen[corners.reshape(-1)] = True
+        points = _points(vertices, faces)[seen.cpu().numpy()]
+        row = torch.empty(len(vertices), dtype=torch.long, device=vertices.device)
+        found = self.tree.query(points, workers=torch.get_num_threads())[1]
+        row[seen] = torch.from_numpy(found).to(vertices.device)
+        return Openness(self.table, row[corners], near.weight)
 
 
 @torch.no_grad()

@@ -20,7 +20,8 @@ class TetLattice:
 
     vertices: Tensor  # (V, 3) float32
     edges: Tensor  # (E, 2) int64, unique, lower index first
-    tets: Tensor  # (T, 4) int64, positively oriented
+    cells: Tensor  # (8, C) int64: the corners x + 2y + 4z of each kept cell, whose six tetrahedra follow one another
+    tets: Tensor  # (T, 4) int64, positively oriented; T = 6 C
     tet_edges: Tensor  # (T, 6) int64 into edges, in the order of TET_EDGES
     boundary: Tensor  # (V,) bool: on the outer border of the kept part, where the surface must not pass
     cell: float
@@ -28,7 +29,8 @@ class TetLattice:
     def to(self, device: torch.device) -> "TetLattice":
         """Return the lattice on another device."""
         moved = {
-            name: getattr(self, name).to(device) for name in ("vertices", "edges", "tets", "tet_edges", "boundary")
+            name: getattr(self, name).to(device)
+            for name in ("vertices", "edges", "cells", "tets", "tet_edges", "boundary")
         }
         return replace(self, **moved)
 
@@ -61,10 +63,12 @@ def build_lattice(keep: np.ndarray, lower: np.ndarray, cell: float) -> TetLattic
     pairs = np.sort(tets[:, np.array(TET_EDGES)].reshape(-1, 2), axis=1)
     keys, tet_edges = np.unique(pairs[:, 0] * len(grid_ids) + pairs[:, 1], return_inverse=True)
     edges = np.stack([keys // len(grid_ids), keys % len(grid_ids)], axis=-1)
-    used = np.bincount(np.searchsorted(grid_ids, corner_ids.ravel()), minlength=len(grid_ids))
+    own_corners = np.searchsorted(grid_ids, corner_ids)
+    used = np.bincount(own_corners.ravel(), minlength=len(grid_ids))
     return TetLattice(
         vertices=torch.from_numpy((coordinates * cell + lower).astype(np.float32)),
         edges=torch.from_numpy(edges),
+        cells=torch.from_numpy(np.ascontiguousarray(own_corners.T)),
         tets=torch.from_numpy(tets),
         tet_edges=torch.from_numpy(tet_edges.reshape(-1, 6)),
         boundary=torch.from_numpy(used < 8),  # an inner vertex belongs to eight kept cells

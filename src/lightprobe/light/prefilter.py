@@ -28,7 +28,7 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
 from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
-from lightprobe.light.sparse import SparseOperator
+from lightprobe.light.sparse import ChosenRows, SparseOperator
 
 MIN_ROUGHNESS, MAX_ROUGHNESS = 0.08, 1.4
 BLOCKS = 8  # blocks along each edge of the cubemap: about ten degrees
@@ -145,7 +145,7 @@ class Prefilter:
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the stacked levels and blocks (T, 3) of the cubemap env (6, R, R, 3); differentiable in env."""
-        self._check(env)
+        self.check(env)
         return _Apply.apply(env, self)
 
     def adjoint(self, levels: Tensor) -> Tensor:
@@ -183,10 +183,40 @@ class Prefilter:
         below = known.index_select(0, level)
         return level, (sharpness - below) / (known.index_select(0, level + 1) - below)
 
-    def _check(self, env: Tensor) -> None:
+    def check(self, env: Tensor) -> None:
+        """Raise `ConfigError` unless env is (6, R, R, 3) of this resolution."""
         size = self.resolution
         if env.shape != (6, size, size, 3):
             raise ConfigError(f"This prefilter takes cubemaps (6, {size}, {size}, 3), not {tuple(env.shape)}.")
+
+
+class PrefilterPart:
+    """The rows of a prefilter's levels that somebody looks up, and its blocks: all that one photo needs of it."""
+
+    def __init__(self, prefilter: Prefilter, rows: Tensor):
+        """Restrict the levels to `rows` (K,), indices into the stack of levels."""
+        self.prefilter, self.first_block = prefilter, len(rows)
+        self._index = torch.cat([rows.long(), torch.arange(prefilter.first_block, prefilter.total, device=rows.device)])
+        self._lobes = None if rows.is_cuda else ChosenRows.of(prefilter.lobes.forward, rows)
+
+    def apply(self, env: Tensor) -> Tensor:
+        """Return the chosen levels and below them the blocks (K + 384, 3) of env (6, R, R, 3); no gradient."""
+        if self._lobes is None:
+            return self.prefilter.apply(env.detach())[self._index]
+        self.prefilter.check(env)
+        texels = env.detach().reshape(-1, 3)
+        levels = self._lobes.apply(self.prefilter.nodes.apply(texels))
+        return torch.cat([levels, self.prefilter.blocks.apply(texels)])
+
+    def adjoint(self, levels: Tensor) -> Tensor:
+        """Return the transpose of `apply`, (6, R, R, 3), on (K + 384, 3)."""
+        if self._lobes is None:
+            every = levels.new_zeros(self.prefilter.total, 3)
+            return self.prefilter.adjoint(every.index_copy(0, self._index, levels))
+        gradient = self.prefilter.nodes.adjoint(self._lobes.adjoint(levels[: self.first_block]))
+        gradient += self.prefilter.blocks.adjoint(levels[self.first_block :])
+        size = self.prefilter.resolution
+        return gradient.reshape(6, size, size, 3)
 
 
 @functools.lru_cache(maxsize=8)

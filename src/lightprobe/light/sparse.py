@@ -16,27 +16,47 @@ from torch import Tensor
 from lightprobe.core.jit import compiled, threads
 
 
+PARTS = 8  # partial sums of a transposed product over chosen rows: fixed, so that the thread count changes no bit
+
+
 @compiled(parallel=True, fastmath={"contract"})
-def _multiply(start: np.ndarray, column: np.ndarray, value: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
+def _multiply(start, column, value, rows, x, out):
     """Rows of x are padded to four, so that one vector holds one; four sums at a time hide the adds' latency."""
-    for i in numba.prange(start.size - 1):
+    padded = np.zeros((x.shape[0], 4), out.dtype)
+    padded[:, :3] = x
+    for q in numba.prange(rows.size):
         a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = out.dtype.type(0)
         c0 = c1 = c2 = c3 = d0 = d1 = d2 = d3 = out.dtype.type(0)
-        first, end = start[i], start[i + 1]
+        first, end = start[rows[q]], start[rows[q] + 1]
         whole = first + (end - first) // 4 * 4
         for k in range(first, whole, 4):
             j, w = column[k], value[k]
-            a0, a1, a2, a3 = a0 + w * x[j, 0], a1 + w * x[j, 1], a2 + w * x[j, 2], a3 + w * x[j, 3]
+            a0, a1, a2, a3 = a0 + w * padded[j, 0], a1 + w * padded[j, 1], a2 + w * padded[j, 2], a3 + w * padded[j, 3]
             j, w = column[k + 1], value[k + 1]
-            b0, b1, b2, b3 = b0 + w * x[j, 0], b1 + w * x[j, 1], b2 + w * x[j, 2], b3 + w * x[j, 3]
+            b0, b1, b2, b3 = b0 + w * padded[j, 0], b1 + w * padded[j, 1], b2 + w * padded[j, 2], b3 + w * padded[j, 3]
             j, w = column[k + 2], value[k + 2]
-            c0, c1, c2, c3 = c0 + w * x[j, 0], c1 + w * x[j, 1], c2 + w * x[j, 2], c3 + w * x[j, 3]
+            c0, c1, c2, c3 = c0 + w * padded[j, 0], c1 + w * padded[j, 1], c2 + w * padded[j, 2], c3 + w * padded[j, 3]
             j, w = column[k + 3], value[k + 3]
-            d0, d1, d2, d3 = d0 + w * x[j, 0], d1 + w * x[j, 1], d2 + w * x[j, 2], d3 + w * x[j, 3]
+            d0, d1, d2, d3 = d0 + w * padded[j, 0], d1 + w * padded[j, 1], d2 + w * padded[j, 2], d3 + w * padded[j, 3]
         for k in range(whole, end):
             j, w = column[k], value[k]
-            a0, a1, a2, a3 = a0 + w * x[j, 0], a1 + w * x[j, 1], a2 + w * x[j, 2], a3 + w * x[j, 3]
-        out[i, 0], out[i, 1], out[i, 2] = a0 + b0 + c0 + d0, a1 + b1 + c1 + d1, a2 + b2 + c2 + d2
+            a0, a1, a2, a3 = a0 + w * padded[j, 0], a1 + w * padded[j, 1], a2 + w * padded[j, 2], a3 + w * padded[j, 3]
+        out[q, 0], out[q, 1], out[q, 2] = a0 + b0 + c0 + d0, a1 + b1 + c1 + d1, a2 + b2 + c2 + d2
+
+
+@compiled(parallel=True, fastmath={"contract"})
+def _spread(start, column, value, rows, bounds, y, parts):
+    """Add the transposed product of the rows[bounds[c] : bounds[c + 1]] to parts[c] (columns, 4), for each c."""
+    for c in numba.prange(parts.shape[0]):
+        part = parts[c]
+        for q in range(bounds[c], bounds[c + 1]):
+            y0, y1, y2, y3 = y[q, 0], y[q, 1], y[q, 2], parts.dtype.type(0)
+            for k in range(start[rows[q]], start[rows[q] + 1]):
+                j, w = column[k], value[k]
+                part[j, 0] += w * y0
+                part[j, 1] += w * y1
+                part[j, 2] += w * y2
+                part[j, 3] += w * y3
 
 
 @dataclass(frozen=True)
@@ -59,10 +79,45 @@ class CompressedRows:
             shape = (rows, self.columns)
             return torch.sparse_csr_tensor(self.start, self.column, self.value.to(x.dtype), shape) @ x
         out = torch.empty((rows, 3), dtype=x.dtype)
-        padded = torch.nn.functional.pad(x, (0, 1))
         threads(2 * self.value.numel())
-        _multiply(self.start.numpy(), self.column.numpy(), self.value.numpy(), padded.numpy(), out.numpy())
+        _multiply(*self._stored(), np.arange(rows, dtype=np.int32), x.contiguous().numpy(), out.numpy())
         return out
+
+    def _stored(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.start.numpy(), self.column.numpy(), self.value.numpy()
+
+
+@dataclass(frozen=True)
+class ChosenRows:
+    """Some rows (K,) int32 of a matrix, which costs only what these hold."""
+
+    matrix: CompressedRows
+    rows: Tensor
+    bounds: np.ndarray  # (PARTS + 1,) where each of the parts starts in `rows`; all hold about as many entries
+
+    @staticmethod
+    def of(matrix: CompressedRows, rows: Tensor) -> "ChosenRows":
+        """Return the rows (K,) of a matrix on the CPU."""
+        rows = rows.int()
+        start = matrix.start.numpy()
+        filled = np.cumsum((start[1:] - start[:-1])[rows.numpy()])
+        total = int(filled[-1]) if len(filled) else 0
+        bounds = np.searchsorted(filled, np.arange(1, PARTS) * (total / PARTS))
+        return ChosenRows(matrix, rows, np.concatenate([[0], bounds, [len(rows)]]).astype(np.int32))
+
+    def apply(self, x: Tensor) -> Tensor:
+        """Return the product (K, 3) with x (columns, 3); no gradient."""
+        out = torch.empty((len(self.rows), 3), dtype=x.dtype)
+        threads(len(self.rows) * 2 * self.matrix.value.numel() // self.matrix.start.numel())
+        _multiply(*self.matrix._stored(), self.rows.numpy(), x.detach().contiguous().numpy(), out.numpy())
+        return out
+
+    def adjoint(self, y: Tensor) -> Tensor:
+        """Return the transposed product (columns, 3) with y (K, 3); no gradient."""
+        parts = torch.zeros((PARTS, self.matrix.columns, 4), dtype=y.dtype)
+        threads(len(self.rows) * 4 * self.matrix.value.numel() // self.matrix.start.numel())
+        _spread(*self.matrix._stored(), self.rows.numpy(), self.bounds, y.detach().contiguous().numpy(), parts.numpy())
+        return parts.sum(0)[:, :3]
 
 
 @dataclass(frozen=True)

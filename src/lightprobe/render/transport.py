@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.light import cubemap
-from lightprobe.light.prefilter import Prefilter
+from lightprobe.light.prefilter import BLOCKS, Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import occlude, reflectance, specular_taps
@@ -30,7 +30,6 @@ class Transport:
         """Precompute taps and factors for the rows (P,) int64 of the G-buffer, or for all of them."""
         if rows is not None:
             gbuffer = gbuffer.select(rows)
-        self.prefilter = prefilter
         r = reflectance(gbuffer)
         taps = [specular_taps(r, gbuffer.normal, prefilter)]
         factors = [r.specular, r.diffuse]
@@ -41,14 +40,16 @@ class Transport:
             lobe, bounce = occlude(gbuffer, r, gbuffer.openness.share(gbuffer.normal))
             factors = [lobe * r.specular, r.diffuse, bounce]
         self._factors = torch.stack(factors)  # (2 or 3, P, 3)
-        self._taps = SparseOperator.build(_tap_matrix(taps, prefilter.total), gbuffer.normal.device)
+        used, matrix = _tap_matrix(taps, prefilter.total)
+        self._prefilter = PrefilterPart(prefilter, used.to(gbuffer.normal.device))
+        self._taps = SparseOperator.build(matrix, gbuffer.normal.device)
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
-        levels = self.prefilter.apply(env.detach())
-        lobes = self._taps.apply(levels)
+        levels = self._prefilter.apply(env)
+        lobes = self._taps.apply(levels[: self._prefilter.first_block])
         if self._openness is not None:
-            arriving = self._openness.light(levels[self.prefilter.first_block :], self._normal)
+            arriving = self._openness.light(levels[self._prefilter.first_block :], self._normal)
             lobes = torch.cat([lobes, arriving[:, :3], arriving[:, 3:6]])
         return (self._factors * lobes.reshape(self._factors.shape)).sum(0)
 
@@ -56,19 +57,30 @@ class Transport:
         """Return the transpose of `apply` on (P, 3): (6, R, R, 3)."""
         lobes = self._factors * radiance
         if self._openness is None:
-            return self.prefilter.adjoint(self._taps.adjoint(lobes.reshape(-1, 3)))
-        levels = self._taps.adjoint(lobes[0])
-        levels[self.prefilter.first_block :] += self._openness.adjoint(lobes[1], lobes[2], self._normal)
-        return self.prefilter.adjoint(levels)
+            levels, blocks = self._taps.adjoint(lobes.reshape(-1, 3)), lobes.new_zeros(6 * BLOCKS**2, 3)
+        else:
+            levels = self._taps.adjoint(lobes[0])
+            blocks = self._openness.adjoint(lobes[1], lobes[2], self._normal)
+        return self._prefilter.adjoint(torch.cat([levels, blocks]))
 
 
-def _tap_matrix(taps: list[tuple[Tensor, Tensor]], columns: int) -> scipy.sparse.csr_array:
-    """Return look-ups, each of index (P, K) and weight (P, K), as a matrix (P per look-up, T), one below the other."""
+def _tap_matrix(taps: list[tuple[Tensor, Tensor]], count: int) -> tuple[Tensor, scipy.sparse.csr_array]:
+    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (P each, U).
+
+    taps: look-ups of index (P, K) and weight (P, K); their rows stand one below the other.
+    """
     index = np.concatenate([index.cpu().numpy().ravel() for index, _ in taps])
     weight = np.concatenate([weight.cpu().numpy().ravel() for _, weight in taps])
     lengths = np.repeat([index.shape[1] for index, _ in taps], [len(index) for index, _ in taps])
+    filled = weight > 0
+    looked_up = np.zeros(count, bool)
+    looked_up[index[filled]] = True
+    place = np.cumsum(looked_up) - 1
+    # Texels that only weightless taps name get some place; it does not matter which.
     start = np.concatenate([[0], np.cumsum(lengths)])
-    return scipy.sparse.csr_array((weight, index, start), shape=(len(lengths), columns))
+    used = np.flatnonzero(looked_up)
+    column = np.where(filled, place[index], 0)
+    return torch.from_numpy(used), scipy.sparse.csr_array((weight, column, start), shape=(len(lengths), len(used)))
 
 
 @torch.no_grad()
