@@ -73,9 +73,9 @@ class DecomposeConfig:
     """How lights are fitted."""
     light_solve_pixels: int = 3072
     """Pixels a light solve looks at."""
-    light_solve_iterations: int = 8
+    light_solve_iterations: int = 5
     """Iterations of a light solve, warm-started from the previous visit."""
-    light_regularisation: float = 0.1
+    light_regularisation: float = 0.02
     """Pull of a light towards its own mean in places the photo does not pin down."""
     shadows: bool = True
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
@@ -115,6 +115,8 @@ class DecomposeConfig:
     """Weight of the change of the Laplacian against the start mesh in the second pass."""
     coverage_weight: float = 4.0
     """Weight of the squared coverage error beside the colour loss."""
+    carving: float = 0.0
+    """Weight of surface seen where a photo shows background, which it pushes inwards."""
     max_faces: int = 40000
     """The mesh is decimated to at most this many triangles before unwrapping."""
     crease_degrees: float = 40.0

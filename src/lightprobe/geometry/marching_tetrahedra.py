@@ -49,7 +49,7 @@ def _mixed_tetrahedra(lattice: TetLattice, inside: Tensor) -> Tensor:
     All others can be left out, and looking at cells takes a third of looking at every tetrahedron.
     """
     flags = inside.to(torch.uint8)
-    corners = sum(flags.index_select(0, corner) for corner in lattice.cells)
+    corners = torch.stack([flags.index_select(0, corner) for corner in lattice.cells]).sum(0, dtype=torch.uint8)
     mixed = ((corners > 0) & (corners < len(lattice.cells))).nonzero()[:, 0]
     return (6 * mixed[:, None] + torch.arange(6, device=mixed.device)).reshape(-1)
 

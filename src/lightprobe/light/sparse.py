@@ -15,7 +15,6 @@ from torch import Tensor
 
 from lightprobe.core.jit import compiled, threads
 
-
 PARTS = 8  # partial sums of a transposed product over chosen rows: fixed, so that the thread count changes no bit
 
 

@@ -20,6 +20,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import occlude, reflectance, specular_taps
 
 _TINY = 1e-30
+_FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps along a direction before the line search; 1 is safe, 4 still common
 
 
 class Transport:
@@ -104,16 +105,16 @@ def solve_light(
     not depend on the number of pixels, the exposure, or how dark the object is. Texels the photo does not pin go to
     the prior. observed (P, 3) linear; weight (P,) >= 0; where clipped (P, 3) bool, a brighter render costs nothing.
 
-    Conjugate gradients on the texels off the bound, each step projected to E >= 0; the preconditioner M majorises the
-    Hessian, as A has no negative entry (`_Problem`). An iteration costs one adjoint and one application, or two if the
-    bound was met. `start` (default: the prior) warms up the search.
+    Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0, and an
+    exact line search follows between the light and the projected point: all of that segment is valid, so an iteration
+    costs one application and one adjoint. The preconditioner M is the majorant of the Hessian that comes free with
+    A >= 0 (`_Problem`). `start` (default: the prior) warms up the search.
     """
     problem = _Problem.build(transport, observed, weight, clipped, prior, regularisation)
     light = (prior if start is None else start).clamp(min=0)
-    if problem is None:
-        return light
     state = _State(light, transport.apply(light))
     direction = previous = None
+    trial = torch.full((), _FIRST_TRIAL, device=light.device)
     for _ in range(iterations):
         gradient = problem.gradient(state)
         free = (state.light > 0) | (gradient < 0)
@@ -121,7 +122,10 @@ def solve_light(
         scaled = gradient / problem.majorant
         direction = _conjugate(scaled, gradient, free, direction, previous)
         previous = gradient, (scaled * gradient).sum()
-        state = problem.step(state, direction, gradient)
+        move = (state.light + trial * direction).clamp(min=0) - state.light
+        state, share = problem.step(state, move, gradient)
+        direction = move / trial
+        trial = (2 * share * trial).clamp(min=_LEAST_TRIAL)
     return state.light
 
 
@@ -150,7 +154,7 @@ class _Problem:
     """The objective of `solve_light`; gradients and curvatures leave out its factor 2.
 
     majorant: M = A^T W A 1 + the regulariser's diagonal. For A >= 0, x^T A^T W A x <= x^T diag(A^T W A 1) x by
-    Cauchy-Schwarz, so a step of gradient / M, projected, never raises the objective (De Pierro 1995).
+    Cauchy-Schwarz, so a step of gradient / M never raises the objective (De Pierro 1995).
     """
 
     transport: Transport
@@ -164,12 +168,9 @@ class _Problem:
     @staticmethod
     def build(
         transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float
-    ) -> "_Problem | None":
-        """Return the problem, or None when no pixel has any weight."""
-        total = weight.sum()
-        if not bool(total > 0):
-            return None
-        weight = (weight / total)[:, None]
+    ) -> "_Problem":
+        """Return the problem; when no pixel has any weight, every light solves it."""
+        weight = (weight / weight.sum().clamp(min=_TINY))[:, None]
         white = transport.apply(torch.ones_like(prior))
         gain = (weight * white.square()).sum(0).mean()
         solid_angle = cubemap.solid_angles(prior.shape[1], prior.device)[..., None]
@@ -187,29 +188,13 @@ class _Problem:
         data = self.transport.adjoint(self.weight * self.residual(state.render))
         return data + self.stiffness * (state.light - self.prior)
 
-    def objective(self, state: _State) -> Tensor:
-        """Return the objective, a scalar."""
-        data = (self.weight * self.residual(state.render).square()).sum()
-        return data + (self.stiffness * (state.light - self.prior).square()).sum()
+    def step(self, state: _State, move: Tensor, gradient: Tensor) -> tuple[_State, Tensor]:
+        """Return the best state between the present one and `move` away, and which share () of the move that is.
 
-    def step(self, state: _State, direction: Tensor, gradient: Tensor) -> _State:
-        """Return the state after the exact line search along `direction` and the projection to E >= 0.
-
-        If clipping at the bound, or pixels that become clipped on the way, made it worse, the step is that of M.
+        Exact while no clipped pixel changes sides on the way.
         """
-        change = self.transport.apply(direction)
+        change = self.transport.apply(move)
         active = ~(self.clipped & (state.render > self.observed))
-        curvature = (self.weight * active * change.square()).sum() + (self.stiffness * direction.square()).sum()
-        length = -(gradient * direction).sum() / curvature.clamp(min=_TINY)
-        moved = state.light + length * direction
-        if bool((moved >= 0).all()):
-            after = _State(moved, state.render + length * change)
-        else:
-            after = self._at(moved)
-        if bool(self.objective(after) <= self.objective(state)):
-            return after
-        return self._at(state.light - gradient / self.majorant)
-
-    def _at(self, light: Tensor) -> _State:
-        light = light.clamp(min=0)
-        return _State(light, self.transport.apply(light))
+        curvature = (self.weight * active * change.square()).sum() + (self.stiffness * move.square()).sum()
+        share = (-(gradient * move).sum() / curvature.clamp(min=_TINY)).clamp(0, 1)
+        return _State(state.light + share * move, state.render + share * change), share
