@@ -1,5 +1,6 @@
 """bench: trains and evaluates every scene, and writes the tables."""
 
+import functools
 import math
 import os
 import platform
@@ -21,12 +22,17 @@ from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.files import read_json, write_bytes, write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluate.results import PAPER_METHOD, BenchResults, results_page
+from lightprobe.evaluate.results import PAPER_METHOD, BenchResults, Metrics, results_page
+from lightprobe.light.files import environment_files
+from lightprobe.predict import Method
 
 SCENES = ("chair", "spot", "bottle", "cape", "liberty")
 LOSSES_SCENE = "chair"
 
 PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II as published
+
+# what gives the same light whatever Phase II has learned
+WITHOUT_MODEL = (Method.CONSTANT, Method.SOLVE, Method.OPTIMIZE)
 
 # what Phase II is trained with for the ablation
 LOSSES: dict[str, tuple[str, ...]] = {
@@ -50,6 +56,10 @@ def bench(
     seed: Seed = 0,
     seeds: Annotated[int, arg(help="Seeds for each loss of the ablation; 0 leaves it out.")] = 3,
     slow_photos: Annotated[int, arg(help="Test photos for methods that take more than 20 s each.")] = 2,
+    hdri: Annotated[
+        Path | None,
+        arg(metavar="DIR", help="Folder of .exr or .hdr environments, z up: a second Phase II also trains under them."),
+    ] = None,
     results: Annotated[
         Path | None, arg(metavar="RESULTS.md", help="The page; by default benchmarks/RESULTS.md, else in FOLDER.")
     ] = None,
@@ -62,8 +72,11 @@ def bench(
     Examples:
       lightprobe bench --data ~/light-data
       lightprobe bench --data ~/light-data --scenes spot --runs runs --seeds 0
+      lightprobe bench --data ~/light-data --hdri ~/hdris
     """
-    benchmark = Benchmark(output, runs or output / "runs", preset, seed, slow_photos, scenes, data)
+    if hdri is not None:
+        _check_hdri(hdri, preset)
+    benchmark = Benchmark(output, runs or output / "runs", preset, seed, slow_photos, scenes, data, hdri)
     found = {name: folder for name in scenes if (folder := find_scene(data, name)) is not None}
     for name in scenes:
         if name not in found:
@@ -71,14 +84,15 @@ def bench(
     if not found:
         raise ConfigError(f"None of {', '.join(scenes)} is in {data}; tell where they are with --data DIR.")
     page = results or (Path("benchmarks/RESULTS.md") if Path("benchmarks").is_dir() else output / "RESULTS.md")
-    for name, folder in found.items():
-        benchmark.scene(name, folder)
-        write_bytes(page, results_page(benchmark.collect()).encode())
+    steps = [functools.partial(benchmark.scene, name, folder) for name, folder in found.items()]
+    if hdri is not None:
+        steps += [functools.partial(benchmark.hdri_lessons, name, folder, hdri) for name, folder in found.items()]
     if LOSSES_SCENE in found:
-        for number in range(seeds):
-            for variant in LOSSES:
-                benchmark.loss(variant, seed + number, found[LOSSES_SCENE])
-                write_bytes(page, results_page(benchmark.collect()).encode())
+        losses = [(variant, seed + number) for number in range(seeds) for variant in LOSSES]
+        steps += [functools.partial(benchmark.loss, *loss, found[LOSSES_SCENE]) for loss in losses]
+    for step in steps:
+        step()
+        write_bytes(page, results_page(benchmark.collect()).encode())
     print(f"Results: {page}")
     if benchmark.failed:
         raise ResourceError(f"These pieces failed, their messages stand above: {', '.join(benchmark.failed)}.")
@@ -90,14 +104,22 @@ def find_scene(data: Path, name: str) -> Path | None:
     return next((place for place in places if place.is_dir()), None)
 
 
+def _check_hdri(hdri: Path, preset: Preset) -> None:
+    """Raise now what would otherwise stop the first Phase II with HDRIs, hours later."""
+    if preset is Preset.PAPER:
+        raise ConfigError("--hdri changes nothing with --preset paper, which re-renders no photos; leave one out.")
+    environment_files(hdri)
+
+
 class Benchmark:
     """The pieces of a benchmark: each is a command, and the numbers it left, kept as one JSON file."""
 
     def __init__(
-        self, folder: Path, runs: Path, preset: Preset, seed: int, slow_photos: int, scenes: Sequence[str], data: Path
-    ):
+        self, folder: Path, runs: Path, preset: Preset, seed: int, slow_photos: int, scenes: Sequence[str], data: Path,
+        hdri: Path | None = None,
+    ):  # fmt: skip
         self.folder, self.runs, self.preset, self.seed, self.slow_photos = folder, runs, preset, seed, slow_photos
-        self.scenes, self.data = scenes, data
+        self.scenes, self.data, self.hdri = scenes, data, hdri
         self.failed: list[str] = []
 
     def scene(self, name: str, folder: Path) -> None:
@@ -108,9 +130,24 @@ class Benchmark:
             if not self._command(f"{name} training", train):
                 return
         score = ("eval", str(run.path), "--scene", str(folder), "--slow", "--slow-photos", str(self.slow_photos))
-        self._piece(f"{name}.eval", score, run, run.metrics_file)
-        if run.oracle.asset_file.is_file():  # the evaluation has found the true object
-            self._piece(f"{name}.oracle", (*score, "--oracle-asset"), run, run.oracle.metrics_file)
+        self._evaluate(name, score, run)
+
+    def hdri_lessons(self, name: str, folder: Path, hdri: Path) -> None:
+        """Train a second Phase II on a scene's Phase I, with the folder `hdri`, and evaluate what it changes."""
+        source, run = RunFolder(self.runs / name), RunFolder(self.folder / "hdri" / name)
+        if not self._file(f"{name}.eval").is_file():  # it has the methods, and the rows to compare with
+            return
+        where = ("--scene", str(folder))
+        if not self._file(f"{name}.hdri.eval").is_file():
+            if not source.asset_file.is_file():
+                return
+            share_phase_one(source, run)
+            options = ("--preset", self.preset.value, "--seed", str(self.seed), *where, "--hdri", str(hdri))
+            if not self._command(f"{name}.hdri training", ("distill", str(run.path), *options)):
+                return
+        methods = learned_methods(read_json(self._file(f"{name}.eval"))["metrics"])
+        score = ("eval", str(run.path), *where, "--slow-photos", str(self.slow_photos), "--methods", *methods)
+        self._evaluate(f"{name}.hdri", score, run)
 
     def loss(self, variant: str, seed: int, folder: Path) -> None:
         """Train Phase II of the ablation's scene with one loss and seed on the same Phase I, and evaluate it."""
@@ -130,15 +167,25 @@ class Benchmark:
     def collect(self) -> BenchResults:
         """Return all numbers there are."""
         results = BenchResults(self._about(), losses_scene=LOSSES_SCENE)
-        absent = [name for name in self.scenes if not self._file(f"{name}.eval").is_file()]
-        results.missing += [f"{name}, for which there are no numbers." for name in absent]
+        wanted = {"": "eval"} if self.hdri is None else {"": "eval", " with HDRI lessons": "hdri.eval"}
+        for words, kind in wanted.items():
+            absent = [name for name in self.scenes if not self._file(f"{name}.{kind}").is_file()]
+            results.missing += [f"{name}{words}, for which there are no numbers." for name in absent]
+        kinds = {
+            "eval": results.scenes, "oracle": results.oracle,
+            "hdri.eval": results.hdri, "hdri.oracle": results.hdri_oracle,
+        }  # fmt: skip
         for name in self.scenes:
-            for kind, kept in (("eval", results.scenes), ("oracle", results.oracle)):
+            for kind, kept in kinds.items():
                 if self._file(f"{name}.{kind}").is_file():
                     piece = read_json(self._file(f"{name}.{kind}"))
                     kept[name] = piece["metrics"]
-                    results.commands.append(f"{piece['command']}   # {piece['commit']}")
-                    results.training[name] = piece["training"]
+                    results.commands.append(f"{self._unplaced(piece['command'])}   # {piece['commit']}")
+                    if kept is results.scenes or kept is results.oracle:
+                        results.training[name] = piece["training"]
+        if results.hdri:
+            options = f"--restart --preset {self.preset.value} --seed {self.seed} --hdri HDRI"
+            results.commands.append(f"lightprobe distill RUN {options}   # HDRI lessons")
         for number, variant in enumerate(LOSSES):
             files = sorted((self.folder / "pieces").glob(f"{LOSSES_SCENE}.loss.{number}.seed*.json"))
             if files:
@@ -147,13 +194,19 @@ class Benchmark:
                 results.commands.append(f"lightprobe distill RUN {options}   # {variant}")
         return results
 
+    def _evaluate(self, name: str, score: Sequence[str], run: RunFolder) -> None:
+        """Run the command `score` on a run's own object, and on the scene's true one where there is one."""
+        self._piece(f"{name}.eval", score, run, run.metrics_file)
+        if run.oracle.asset_file.is_file():  # the evaluation has found the true object
+            self._piece(f"{name}.oracle", (*score, "--oracle-asset"), run, run.oracle.metrics_file)
+
     def _piece(self, name: str, command: Sequence[str], run: RunFolder, metrics: Path) -> None:
         """Run a command that writes `metrics` and keep these, unless they are kept already."""
         if self._file(name).is_file():
             return
         if self._command(name, command):
             training = training_costs(run)
-            text = " ".join(("lightprobe", *command))
+            text = self._unplaced(" ".join(("lightprobe", *command)))
             value = {"command": text, "commit": commit(), "training": training, "metrics": read_json(metrics)}
             write_json(self._file(name), value)
 
@@ -172,7 +225,11 @@ class Benchmark:
     def _file(self, name: str) -> Path:
         return self.folder / "pieces" / f"{name}.json"
 
+    def _unplaced(self, command: str) -> str:
+        return without_places(command, {"DATA": self.data, "RUNS": self.runs, "FOLDER": self.folder})
+
     def _about(self) -> dict[str, str]:
+        lessons = "" if self.hdri is None else " --hdri HDRI"
         threads = os.environ.get("OMP_NUM_THREADS", "")
         return {
             "commit": commit(),
@@ -180,7 +237,7 @@ class Benchmark:
             "threads": f"{torch.get_num_threads()}" + (f" (OMP_NUM_THREADS={threads})" if threads else ""),
             "preset": self.preset.value,
             "seed": str(self.seed),
-            "command": f"`lightprobe bench --data DIR --preset {self.preset.value} --seed {self.seed}`",
+            "command": f"`lightprobe bench --data DATA --preset {self.preset.value} --seed {self.seed}{lessons}`",
         }
 
 
@@ -191,6 +248,20 @@ def share_phase_one(source: RunFolder, run: RunFolder) -> None:
     shutil.copytree(source.mesh_folder, run.mesh_folder, dirs_exist_ok=True)
     shutil.copyfile(source.scene_file, run.scene_file)
     write_json(run.config_file, {"decompose": source.config("decompose")})
+
+
+def learned_methods(metrics: Metrics) -> list[str]:
+    """Return the methods of an evaluation that depend on Phase II, the default one first."""
+    methods = [metrics["default_method"], *metrics["methods"]]
+    return [method for method in dict.fromkeys(methods) if method not in WITHOUT_MODEL]
+
+
+def without_places(command: str, places: dict[str, Path]) -> str:
+    """Return a command without this machine's folders: names stand for `places`, other absolute paths lose theirs."""
+    spellings = {str(spelling): name for name, place in places.items() for spelling in (place, place.resolve())}
+    for spelling in sorted(spellings, key=len, reverse=True):  # one place may lie inside another
+        command = re.sub(rf"(?<!\S){re.escape(spelling)}(?=[/\\])", spellings[spelling], command)
+    return re.sub(r"(?<!\S)(?:/|[A-Za-z]:[/\\])(?:\S*[/\\])?(?=\S)", "", command)
 
 
 def training_costs(run: RunFolder) -> dict[str, float]:

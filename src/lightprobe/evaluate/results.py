@@ -10,6 +10,8 @@ from lightprobe.evaluate.metrics import interval
 Metrics = dict[str, Any]  # the content of a metrics.json
 PAPER_METHOD = "probe-mlp"
 SPHERES = ("diffuse", "matte", "mirror")
+PUBLISHED_SCENES = ("spot", "bottle")  # lit as the scenes of the published numbers
+PUBLISHED_SI_RMSE = (0.077, 0.196, 0.442)  # of SPHERES, the best under such lights
 
 
 @dataclass
@@ -24,6 +26,8 @@ class BenchResults:
     losses_scene: str = ""
     commands: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)  # sentences
+    hdri: dict[str, Metrics] = field(default_factory=dict)  # the same scenes, Phase II with a folder of HDRIs
+    hdri_oracle: dict[str, Metrics] = field(default_factory=dict)
 
 
 def results_page(results: BenchResults) -> str:
@@ -31,7 +35,9 @@ def results_page(results: BenchResults) -> str:
     sections = [
         ("Images", _IMAGES_NOTE, image_table(results)),
         ("Light", _LIGHT_NOTE, light_table(results)),
+        ("", _PUBLISHED_NOTE, published_table(results)),
         ("The default against the paper's method", _DEFAULT_NOTE, comparison_table(results)),
+        ("", _HDRI_DEFAULT_NOTE, hdri_comparison_table(results)),
         ("Against slow methods, on the same photos", "", slow_table(results)),
         ("The object", _OBJECT_NOTE, object_table(results)),
         ("Error by confidence", _CONFIDENCE_NOTE, confidence_table(results)),
@@ -42,10 +48,12 @@ def results_page(results: BenchResults) -> str:
     lines += [f"- {name}: {value}" for name, value in results.about.items()]
     if results.missing:
         lines += ["", *(f"**Missing:** {sentence}" for sentence in results.missing)]
+    if results.hdri:
+        lines += ["", _HDRI_NOTE]
     for title, note, table in sections:
         if table:
-            lines += ["", f"## {title}", "", *([note, ""] if note else []), *table]
-    lines += ["", "## Commands", "", *(f"    {command}" for command in results.commands)]
+            lines += [*(["", f"## {title}"] if title else []), *(["", note] if note else []), "", *table]
+    lines += ["", "## Commands", "", _COMMANDS_NOTE, "", *(f"    {command}" for command in results.commands)]
     return "\n".join(lines) + "\n"
 
 
@@ -53,11 +61,12 @@ def image_table(results: BenchResults) -> list[str]:
     """Return PSNR and SSIM under protocols A and B, method by scene."""
     columns = {"psnr": 2, "ssim": 3, "psnr_masked": 2, "ssim_masked": 3, "psnr_unseen": 2}
     heads = ["PSNR", "SSIM", "PSNR object", "SSIM object", "PSNR unseen"]
-    return _method_table(results, heads, columns, results.scenes)
+    sources = [(results.scenes, ""), (results.hdri, ", HDRI lessons")]
+    return _method_table(heads, columns, results.scenes, sources)
 
 
 def light_table(results: BenchResults) -> list[str]:
-    """Return the errors of the lights, method by scene, with the true object's rows below."""
+    """Return the errors of the lights, method by scene, with the rows of the true object and of HDRIs below."""
     columns = {
         "relit_psnr": 2, "relit_psnr_scaled": 2, **{f"{s}_si_rmse": 3 for s in SPHERES},
         **{f"{s}_angular": 1 for s in SPHERES}, "light_log_rmse": 2, "light_log_rmse_scaled": 2,
@@ -65,26 +74,62 @@ def light_table(results: BenchResults) -> list[str]:
     }  # fmt: skip
     heads = ["relit", "scaled", *SPHERES, *(f"{s} °" for s in SPHERES), "log-RMSE", "scaled", "per channel"]
     known = {name: m for name, m in results.scenes.items() if _has(m, "light_log_rmse")}
-    return _method_table(results, heads, columns, known, results.oracle)
+    return _method_table(heads, columns, known, _sources(results))
+
+
+def published_table(results: BenchResults) -> list[str]:
+    """Return the default's three spheres in the mean of the scenes that published numbers can be held against."""
+    columns = {**{f"{s}_si_rmse": 3 for s in SPHERES}, **{f"{s}_angular": 1 for s in SPHERES}}
+    lights = [("default" + (mark or ", own object"), _picked(source)) for source, mark in _sources(results)]
+    rows = []
+    for label, scores in [*lights, ("constant map", _picked(results.scenes, "constant"))]:
+        if len(scores) == len(PUBLISHED_SCENES):
+            means = {key: _mean([each[key] for each in scores]) for key in columns if all(key in s for s in scores)}
+            rows.append([label, *_cells(means, {}, columns)])
+    published = dict(zip(columns, PUBLISHED_SI_RMSE, strict=False))  # angles are not published
+    rows.append(["best published", *_cells(published, {}, columns)])
+    return _table(["light", *SPHERES, *(f"{s} °" for s in SPHERES)], rows) if len(rows) > 1 else []
+
+
+def _picked(source: dict[str, Metrics], method: str | None = None) -> list[dict[str, float]]:
+    """Return a method's scores, by default the default's, on those of the compared scenes whose lights are known."""
+    found = [source[name] for name in PUBLISHED_SCENES if name in source]
+    scores = [metrics["methods"].get(method or metrics["default_method"], {}) for metrics in found]
+    return [each for each in scores if f"{SPHERES[0]}_si_rmse" in each]
 
 
 def comparison_table(results: BenchResults) -> list[str]:
     """Return what the default method gains over the paper's, per scene and in the mean."""
+    rows = _gains(results.scenes, results.scenes)
+    return _table(["scene", *_GAINS], [[name, *cells] for name, cells in rows]) if rows else []
+
+
+def hdri_comparison_table(results: BenchResults) -> list[str]:
+    """Return what the default with HDRI lessons gains over the paper's method with the usual and with HDRI lessons."""
     rows = []
-    for name, metrics in results.scenes.items():
-        default, paper = metrics["methods"][metrics["default_method"]], metrics["methods"].get(PAPER_METHOD)
-        if paper is None or "relit_psnr_scaled" not in default:
+    for papers, lessons in ((results.scenes, "usual"), (results.hdri, "HDRI")):
+        against = f"{PAPER_METHOD}, {lessons} lessons"
+        rows += [[name, against, *cells] for name, cells in _gains(results.hdri, papers)]
+    return _table(["default, HDRI lessons", "against", *_GAINS], rows) if rows else []
+
+
+def _gains(scored: dict[str, Metrics], papers: dict[str, Metrics]) -> list[tuple[str, list[str]]]:
+    """Return (scene, cells under `_GAINS`) of the default in `scored` against the paper's method in `papers`.
+
+    Only scenes with known lights; below more than one stands their mean.
+    """
+    rows: list[tuple[str, list[float]]] = []
+    for name, metrics in scored.items():
+        default, paper = _default(metrics), papers.get(name, {}).get("methods", {}).get(PAPER_METHOD, {})
+        if not paper or "relit_psnr_scaled" not in default:
             continue
-        gains = [default[k] - paper[k] for k in ("relit_psnr_scaled", "psnr_masked", "psnr_unseen") if k in paper]
-        ratios = [default[f"{s}_si_rmse"] / paper[f"{s}_si_rmse"] for s in SPHERES]
-        rows.append((name, gains + [math.nan] * (3 - len(gains)) + ratios))
-    if not rows:
-        return []
+        keys = ("relit_psnr_scaled", "psnr_masked", "psnr_unseen")
+        gains = [default[k] - paper[k] if k in paper and k in default else math.nan for k in keys]
+        rows.append((name, gains + [default[f"{s}_si_rmse"] / paper[f"{s}_si_rmse"] for s in SPHERES]))
     if len(rows) > 1:
-        means = [sum(values) / len(rows) for values in zip(*(values for _, values in rows), strict=True)]
+        means = [_mean(values) for values in zip(*(values for _, values in rows), strict=True)]
         rows.append(("**mean**", means))
-    cells = [[name, *(f"{v:+.2f}" for v in values[:3]), *(f"{v:.2f}" for v in values[3:])] for name, values in rows]
-    return _table(["scene", "relit, dB", "object, dB", "unseen, dB", *(f"{s}, ratio" for s in SPHERES)], cells)
+    return [(name, [_signed(v) for v in values[:3]] + [f"{v:.2f}" for v in values[3:]]) for name, values in rows]
 
 
 def slow_table(results: BenchResults) -> list[str]:
@@ -123,7 +168,7 @@ def object_table(results: BenchResults) -> list[str]:
 def confidence_table(results: BenchResults) -> list[str]:
     """Return the log-RMSE in the five bins of confidence, and whether it falls."""
     rows = []
-    for source, mark in ((results.scenes, ""), (results.oracle, ", true object")):
+    for source, mark in _sources(results):
         for name, metrics in source.items():
             for method, checked in metrics.get("confidence", {}).items():
                 bins = checked["bins"]
@@ -161,13 +206,27 @@ def loss_table(results: BenchResults) -> list[str]:
     return _table(head, rows) if rows else []
 
 
+def _sources(results: BenchResults) -> list[tuple[dict[str, Metrics], str]]:
+    """Return every kind of evaluation with what its rows add to the scene's name."""
+    return [
+        (results.scenes, ""),
+        (results.oracle, ", true object"),
+        (results.hdri, ", HDRI lessons"),
+        (results.hdri_oracle, ", true object, HDRI lessons"),
+    ]
+
+
+def _default(metrics: Metrics) -> dict[str, float]:
+    scores: dict[str, float] = metrics["methods"][metrics["default_method"]]
+    return scores
+
+
 def _method_table(
-    results: BenchResults, heads: list[str], columns: dict[str, int], scenes: dict[str, Metrics],
-    oracle: dict[str, Metrics] | None = None,
-) -> list[str]:  # fmt: skip
+    heads: list[str], columns: dict[str, int], scenes: Iterable[str], sources: Sequence[tuple[dict[str, Metrics], str]]
+) -> list[str]:
     rows = []
     for name in scenes:
-        for source, mark in ((scenes, ""), (oracle or {}, ", true object")):
+        for source, mark in sources:
             for method, scores in source.get(name, {}).get("methods", {}).items():
                 around = source[name].get("interval", {}).get(method, {})
                 rows.append([name + mark, method, *_cells(scores, around, columns)])
@@ -196,8 +255,12 @@ def _number(value: float | None, decimals: int) -> str:
     return text.replace("0.", ".", 1) if text.startswith("0.") else text
 
 
+def _signed(value: float) -> str:
+    return f"{value:+.2f}" if math.isfinite(value) else "–"
+
+
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    marks = ["---" if i == 0 or name == "method" else "---:" for i, name in enumerate(head)]
+    marks = ["---" if i == 0 or name in ("method", "against") else "---:" for i, name in enumerate(head)]
     return [f"| {' | '.join(cells)} |" for cells in (head, marks, *rows)]
 
 
@@ -231,7 +294,24 @@ _LIGHT_NOTE = (
     "mean angle. Log-RMSE of radiance by solid angle, raw, after one factor, after one per channel. *True object*: the "
     "scene's own mesh and material in place of the reconstructed ones; the learned methods keep the run's model."
 )
+_PUBLISHED_NOTE = (
+    f"The three spheres in the mean of {' and '.join(PUBLISHED_SCENES)}, beside the best that is published for such "
+    "lights, on other photos."
+)
+_GAINS = ["relit, dB", "object, dB", "unseen, dB", *(f"{s}, ratio" for s in SPHERES)]
 _DEFAULT_NOTE = "Gains in dB; ratios of three-sphere si-RMSE, less than 1 is better."
+_HDRI_DEFAULT_NOTE = (
+    "The same for the default with HDRI lessons: against the paper's method of the table above, whose lessons are the "
+    "usual ones, and against it with HDRI lessons as well. Means over the scenes whose lights are known."
+)
+_HDRI_NOTE = (
+    "*HDRI lessons*: a second Phase II on the same Phase I (`distill --hdri`), for which about half of the re-rendered "
+    "photos are lit by the environment maps of a folder of HDRIs in place of generated lights and those of Phase I."
+)
+_COMMANDS_NOTE = (
+    "DATA stands for the folder of the scenes, RUNS for that of the runs, FOLDER for the benchmark's own, HDRI for the "
+    "environment maps."
+)
 _OBJECT_NOTE = (
     "Relighting: the object under the scene's novel lights against its renders, PSNR of its pixels, raw and after one "
     "factor per channel. The rows of true objects show what is left to the renderer."

@@ -35,9 +35,14 @@ def load_environments(folder: Path, resolution: int) -> list[Tensor]:
 
     Raises `InputError` when the folder has none, or one that cannot be used.
     """
+    return [load_environment(path, torch.device("cpu"), resolution) for path in environment_files(folder)]
+
+
+def environment_files(folder: Path) -> list[Path]:
+    """Return every .exr and .hdr file of a folder in the order of their names; raise `InputError` when it has none."""
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder of environment maps.")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
     if not paths:
         raise InputError(f"{folder} has no .exr or .hdr environment map.")
-    return [load_environment(path, torch.device("cpu"), resolution) for path in paths]
+    return paths
