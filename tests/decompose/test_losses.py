@@ -6,13 +6,11 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.losses import (
     USUAL_ROUGHNESS,
     brightness_anchor,
-    carving,
     color_gauge,
     image_loss,
     material_prior,
     one_sided,
 )
-from lightprobe.render.gbuffer import GBuffer
 
 
 def material(base: float, roughness: float, metallic: float) -> torch.Tensor:
@@ -65,19 +63,3 @@ def test_missing_coverage_costs_whatever_the_colour():
     hole = torch.tensor([1.0, 1.0, 1.0, 0.0])
     assert float(full) < 1e-6
     assert float(image_loss(photo * hole[:, None], hole, photo, alpha, background, 4.0)) > 0.9
-
-
-def test_carving_pushes_surface_out_of_the_background_and_leaves_the_rest():
-    """Rows of a plate that faces the camera; the photo shows the object in the upper half only."""
-    size = 12
-    position = torch.zeros(size * size, 3, requires_grad=True)
-    towards = torch.tensor([0.0, 0.0, 1.0]).expand(size * size, 3)
-    one = torch.ones(size * size)
-    pixel = torch.arange(size * size)
-    plate = GBuffer(size, size, pixel, pixel, position, towards, towards, towards, one, one)
-    alpha = (pixel < 6 * size).float()
-    carving(plate, alpha).backward()
-    assert position.grad is not None
-    away = -position.grad.reshape(size, size, 3)  # the step of descent
-    assert (away[8:, :, 2] < 0).all()
-    assert (away[:8] == 0).all()  # two pixels beside the object are left to the silhouette

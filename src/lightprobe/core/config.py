@@ -115,8 +115,6 @@ class DecomposeConfig:
     """Weight of the change of the Laplacian against the start mesh in the second pass."""
     coverage_weight: float = 4.0
     """Weight of the squared coverage error beside the colour loss."""
-    carving: float = 0.0
-    """Weight of surface seen where a photo shows background, which it pushes inwards."""
     max_faces: int = 40000
     """The mesh is decimated to at most this many triangles before unwrapping."""
     crease_degrees: float = 40.0

@@ -11,7 +11,7 @@ from lightprobe.core.device import generator
 from lightprobe.decompose.gauge import choose_brightness
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
-from lightprobe.decompose.losses import carving, color_gauge, image_loss
+from lightprobe.decompose.losses import color_gauge, image_loss
 from lightprobe.decompose.optimisation import Stage, photo_order
 from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
@@ -96,8 +96,7 @@ class ImageTask:
         background = torch.rand(3, generator=generator(self.seed, "background", step)).to(radiance.device)
         loss = image_loss(image, cover, target.color, target.alpha, background, self.config.coverage_weight)
         gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
-        carved = self.config.carving * carving(seen.gbuffer, target.alpha)
-        return loss + light_loss + seen.regularisation + gauge + carved
+        return loss + light_loss + seen.regularisation + gauge
 
     def _target(self, iteration: int) -> Target:
         return self.targets[photo_order(self.seed, self.stage.name, len(self.targets), iteration)]

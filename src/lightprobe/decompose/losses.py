@@ -8,7 +8,6 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.imaging import srgb_encode
-from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene.photo import CLIPPED
 
 USUAL_BASE = 0.2  # linear base colour of common things, geometric mean of the channels
@@ -49,21 +48,6 @@ def image_loss(
     theirs = tone_map(photo + (1 - alpha)[:, None] * background)
     area = alpha.sum().clamp(min=1)
     return (ours - theirs).abs().sum() / (3 * area) + weight * (cover - alpha).square().sum() / area
-
-
-def carving(gbuffer: GBuffer, alpha: Tensor) -> Tensor:
-    """Return how far surface stands before what a photo, alpha (H * W,), shows to be background, per object pixel.
-
-    Its gradient pushes such surface inwards. The silhouette loss cannot: it moves outlines, and a hole that the surface
-    closes has none. Background closer than two pixels to the object is left to that loss.
-    """
-    image = alpha.reshape(1, 1, gbuffer.height, gbuffer.width)
-    near = torch.nn.functional.max_pool2d(image, 5, stride=1, padding=2).reshape(-1)
-    wrong = (near[gbuffer.pixel] == 0).nonzero()[:, 0]
-    view = gbuffer.view.index_select(0, wrong).detach()
-    slope = (view * gbuffer.normal.index_select(0, wrong)).sum(1).detach().clamp(0, 1)
-    towards = (gbuffer.position.index_select(0, wrong) * view).sum(1)
-    return (slope * (towards - towards.detach() + 1)).sum() / alpha.sum().clamp(min=1)
 
 
 def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:

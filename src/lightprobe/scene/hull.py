@@ -1,7 +1,9 @@
 """The visual hull: the part of space that lies inside the masks of the photos that see it.
 
 What lies outside a photo's frame is unknown to that photo, not empty, so close-ups that crop the object do not cut it.
-Votes are robust: a voxel is kept when nearly all, not all, of the masks that see it contain it.
+Votes are robust: a voxel is kept when nearly all, not all, of the masks that see it contain it. A voxel far out in
+the background of a photo counts against itself several times: masks and cameras err by a few pixels, but a hole that
+few photos look through is background in these, and inside the mask of all others.
 Grids are indexed [x, y, z]; voxel k of N along an axis has its centre at lo + (k + 0.5) (hi - lo) / N.
 """
 
@@ -16,13 +18,16 @@ from scipy import ndimage
 from lightprobe.core.jit import compiled, threads
 from lightprobe.scene.camera import Camera
 
+_FAR = 0.02  # of a photo's longer side: background further than this from the object is beyond the errors of masks
+_FAR_VOTES = 3  # against a voxel, by a photo that has it there; fewer where that one photo would decide alone
+
 
 @dataclass(frozen=True)
 class Hull:
     """Votes on a grid of voxels."""
 
     occupancy: np.ndarray  # (N, N, N) bool
-    score: np.ndarray  # (N, N, N) float32: share of the masks that see a voxel and contain it; 0 where too few see it
+    score: np.ndarray  # (N, N, N) float32 <= 1: 1 - votes against / photos that see a voxel; 0 where too few see it
     lo: np.ndarray  # (3,) float64, lower corner of the grid
     hi: np.ndarray  # (3,) float64, upper corner
 
@@ -64,21 +69,33 @@ def visual_hull(
     """Vote on `resolution`^3 voxels of the box lo..hi, given in the frame of `cameras` (normalised, by default).
 
     `alphas` (H, W) may be smaller than their cameras' images. A voxel is occupied when at least `seen_by` of the photos
-    (and two, where there are two) see it and at least `agreement` of those have it inside the mask (alpha >= 0.5);
-    see `usual_agreement` for the default.
+    (and two, where there are two) see it and at least `agreement` of those have it inside the mask (alpha >= 0.5),
+    where one that has it far outside counts up to `_FAR_VOTES` times; see `usual_agreement` for the default.
     """
     needed = usual_agreement(len(alphas)) if agreement is None else agreement
     sized = [camera.resized(alpha.shape[1], alpha.shape[0]) for camera, alpha in zip(cameras, alphas, strict=True)]
     projections = np.stack([projection_matrix(camera) for camera in sized])
     sizes = np.array([alpha.shape for alpha in alphas], np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
-    masks = np.concatenate([(np.asarray(alpha) >= 0.5).reshape(-1) for alpha in alphas])
+    far_votes = max(1, min(_FAR_VOTES, int((1 - needed) * len(alphas))))
+    ballots = np.concatenate([_ballot(np.asarray(alpha) >= 0.5, far_votes).reshape(-1) for alpha in alphas])
     low, high = np.asarray(lo, np.float64), np.asarray(hi, np.float64)
     threads(len(sized) * resolution**3)
-    inside, seen = _vote(projections, sizes, starts, masks, low, (high - low) / resolution, resolution)
+    votes, seen = _vote(projections, sizes, starts, ballots, low, (high - low) / resolution, resolution)
     enough = max(min(2, len(sized)), int(np.ceil(seen_by * len(sized))))
-    score = np.where(seen >= enough, inside / np.maximum(seen, 1), 0).astype(np.float32)
+    score = np.where(seen >= enough, votes / np.maximum(seen, 1), 0).astype(np.float32)
     return Hull(score >= np.float32(needed), score, low, high)
+
+
+def _ballot(mask: np.ndarray, far_votes: int) -> np.ndarray:
+    """Return what each pixel of a mask (H, W) bool adds to the votes for a voxel, (H, W) int8.
+
+    A photo without the object knows no distance to it and has one vote.
+    """
+    if not mask.any():
+        return np.zeros(mask.shape, np.int8)
+    far = ndimage.distance_transform_edt(~mask) > _FAR * max(mask.shape)
+    return np.where(mask, 1, np.where(far, 1 - far_votes, 0)).astype(np.int8)
 
 
 def usual_agreement(photos: int) -> float:
@@ -101,13 +118,13 @@ def _vote(
     projections: np.ndarray,
     sizes: np.ndarray,
     starts: np.ndarray,
-    masks: np.ndarray,
+    ballots: np.ndarray,
     lo: np.ndarray,
     voxel: np.ndarray,
     resolution: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Count, per voxel centre, the masks that contain it and the photos that see it; two (N, N, N) int32."""
-    inside = np.zeros((resolution, resolution, resolution), np.int32)
+    """Sum, per voxel centre, the ballots of the photos that see it, and count these; two (N, N, N) int32."""
+    votes = np.zeros((resolution, resolution, resolution), np.int32)
     seen = np.zeros((resolution, resolution, resolution), np.int32)
     for i in numba.prange(resolution):
         x = lo[0] + (i + 0.5) * voxel[0]
@@ -128,8 +145,8 @@ def _vote(
                     if column < 0 or row < 0 or column >= width or row >= height:
                         continue
                     seen[i, j, k] += 1
-                    inside[i, j, k] += masks[starts[view] + int(row) * width + int(column)]
-    return inside, seen
+                    votes[i, j, k] += ballots[starts[view] + int(row) * width + int(column)]
+    return votes, seen
 
 
 @compiled(parallel=True)
