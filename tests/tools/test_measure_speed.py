@@ -5,7 +5,7 @@ import torch
 
 from lightprobe.core.run import RunFolder
 from lightprobe.kernels.numba import stacking
-from speed import cases, training
+from speed import cases, phase1, training
 from speed.ball import ball, camera
 from speed.clock import Parts
 from speed.growth import exponent, growth_rows
@@ -114,14 +114,14 @@ def test_cameras_look_at_the_ball_from_all_around():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [training.first_pass, training.second_pass])
+@pytest.mark.parametrize("make", [phase1.first_pass, phase1.second_pass])
 def test_the_profile_takes_apart_the_loss_that_is_trained_with(make):
     config = training.small().decompose
     task, same = (make(ball(2, 128), 2, config, 3) for _ in range(2))
     for one in (task, same):
         one.refresh(0, 0.0)
     parts = Parts()
-    assert torch.equal(training.image_loss_parts(task, 1, parts), same.loss(1, 1 / 3))
+    assert torch.equal(phase1.image_loss_parts(task, 1, parts), same.loss(1, 1 / 3))
     assert len(parts.medians()) == 4
 
 
@@ -138,6 +138,13 @@ def test_a_small_page():
     text = page(Plan(quick=True))
     for kernel in all_kernels(quick=True):
         assert f"| {kernel.name} |" in text
-    for title in ("object pixels", "texels of the light", "triangles", "photos, ms", "first pass of Phase I"):
+    for title in (
+        "object pixels",
+        "texels of the light",
+        "triangles",
+        "photos, ms",
+        "first pass of Phase I",
+        "sphere network of Phase II",
+    ):
         assert f"| {title}" in text
     assert "nan" not in text

@@ -17,6 +17,7 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
 CPU = torch.device("cpu")
+LIT = 16  # texels along each edge of the lights that photos to train on are taken in
 DISTANCE, FOCAL = 3.2, 1.4  # of the cameras: from the ball's centre in radii, and per side of the picture
 COVERED = math.pi * FOCAL**2 / (DISTANCE**2 - 1)  # share of the picture that the ball fills
 

@@ -22,7 +22,7 @@ def probes(pixels: int = 1024, resolution: int = 64) -> tuple[Tensor, ...]:
     return torch.rand(pixels, 3), normals, views, alpha2, unit(6 * resolution**2)
 
 
-def sphere_pixels(across: int = 73) -> tuple[Tensor, ...]:
+def sphere_pixels(across: int = 73) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return colours, normals, views and alpha2 of a sphere's pixels in the order of a photo, mirrors to matte."""
     y, x = torch.meshgrid(torch.linspace(-1, 1, across), torch.linspace(-1, 1, across), indexing="ij")
     inside = x * x + y * y < 0.98

@@ -4,6 +4,9 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import pairwise
+
+WARM = 2  # steps of a training that are not counted
 
 
 def seconds(work: Callable[[], object], repeats: int, *, warm_up: bool = True) -> float:
@@ -39,3 +42,8 @@ class Parts:
     def medians(self, skip: int = 0) -> dict[str, float]:
         """Return the median time of each part over all rounds but the first `skip`."""
         return {name: statistics.median(found[skip:]) for name, found in self._seconds.items()}
+
+
+def median_gap(stamps: list[float]) -> float:
+    """Return the median time between the ends of steps, the first `WARM` steps left out."""
+    return statistics.median(after - before for before, after in pairwise(stamps[WARM - 1 :]))

@@ -1,5 +1,6 @@
 """The stages of a prediction, and how their cost grows with pixels, texels and triangles."""
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -42,19 +43,19 @@ def stages(asset: Asset, side: int, texels: int, repeats: int) -> dict[str, floa
         "confidence": lambda: confidence(observation, env, fitted=True, seed=0),
         "prediction (solve)": lambda: predictor.predict(photo, view, Method.SOLVE),
     }
-    return {name: seconds(work, repeats) for name, work in works.items()}
+    return {name: seconds(work, repeats, warm_up=repeats > 1) for name, work in works.items()}
 
 
 def stage_tables(repeats: int, *, quick: bool) -> list[str]:
     """Return the three tables of growth; where a size is not varied it is the usual one."""
-    side, texels, levels = (128, 16, 4) if quick else (320, 32, 5)
-    sides = (128, 181) if quick else (128, 181, 256, 362, 512)
-    lights = (16, 32) if quick else (16, 32, 64)
-    asset = ball(levels)
-    pixels: Cases = {COVERED * s**2: stages(asset, s, texels, repeats) for s in sides}
-    lit: Cases = {6.0 * r * r: stages(asset, side, r, repeats) for r in lights}
-    balls = (3, 4) if quick else (3, 4, 5, 6)
-    faces: Cases = {20.0 * 4**n: stages(ball(n), side, texels, repeats) for n in balls}
+    side, texels, levels = (128, 16, 3) if quick else (320, 32, 5)
+    sides = (64, 128) if quick else (128, 181, 256, 362, 512)
+    lights = (8, 16) if quick else (16, 32, 64)
+    balls = (2, 3) if quick else (3, 4, 5, 6)
+    made = functools.cache(ball)
+    pixels: Cases = {COVERED * s**2: stages(made(levels), s, texels, repeats) for s in sides}
+    lit: Cases = {6.0 * r * r: stages(made(levels), side, r, repeats) for r in lights}
+    faces: Cases = {20.0 * 4**n: stages(made(n), side, texels, repeats) for n in balls}
     return [
         f"Milliseconds; a ball of {20 * 4**levels:,} triangles, a photo of {side} x {side} and a light of",
         f"6 x {texels} x {texels} where not varied. A prediction reduces photos to 65 536 object pixels and solves",
