@@ -43,7 +43,7 @@ def stages(asset: Asset, side: int, texels: int, repeats: int) -> dict[str, floa
         "confidence": lambda: confidence(observation, env, fitted=True, seed=0),
         "prediction (solve)": lambda: predictor.predict(photo, view, Method.SOLVE),
     }
-    return {name: seconds(work, repeats, warm_up=repeats > 1) for name, work in works.items()}
+    return {name: seconds(work, repeats) for name, work in works.items()}
 
 
 def stage_tables(repeats: int, *, quick: bool) -> list[str]:
