@@ -3,16 +3,20 @@
 Without that option each body runs once, so that the suite cannot rot. `extra_info` names the work in one call.
 """
 
-import math
-
 import pytest
 import torch
 
-from lightprobe.kernels import gather_rows, hash_encode, probe_weight, rasterize, stack_probes, weighted_gather
-
-
-def unit(count):
-    return torch.nn.functional.normalize(torch.randn(count, 3), dim=1)
+from lightprobe.kernels import (
+    gather_rows,
+    hash_encode,
+    occluded_light,
+    occluded_light_adjoint,
+    probe_weight,
+    rasterize,
+    stack_probes,
+    weighted_gather,
+)
+from speed import cases
 
 
 def run_backward(benchmark, out, wanted):
@@ -23,12 +27,8 @@ def run_backward(benchmark, out, wanted):
 
 @pytest.fixture
 def probes():
-    """1024 pixels and 6 x 64 x 64 texels: 25 million pairs."""
-    torch.manual_seed(0)
-    normals, views = unit(1024), unit(1024)
-    views = views * (normals * views).sum(dim=1, keepdim=True).sign()
-    alpha2 = (0.08 + 0.92 * torch.rand(1024)) ** 4
-    return torch.rand(1024, 3, requires_grad=True), normals, views, alpha2, unit(6 * 64 * 64)
+    colors, *lobes = cases.probes()
+    return colors.requires_grad_(), *lobes
 
 
 @pytest.mark.benchmark(group="stacking, 25 M pairs")
@@ -51,18 +51,7 @@ def test_probe_weight(benchmark, probes):
 
 @pytest.fixture
 def bumpy_sphere():
-    """81 796 faces that fill most of 512 x 512 pixels."""
-    rings, size = 143, 512
-    polar, around = torch.linspace(0, math.pi, rings + 1)[:, None], torch.arange(2 * rings)[None] * math.pi / rings
-    radius = 1 + 0.1 * torch.sin(5 * polar) * torch.cos(4 * around)
-    x, y, z = radius * polar.sin() * around.cos(), radius * polar.cos(), radius * polar.sin() * around.sin()
-    points = torch.stack([x, y, 3 - z], dim=2).reshape(-1, 3)
-    screen = torch.cat([size / 2 + 1.15 * size * points[:, :2] / points[:, 2:], points[:, 2:]], dim=1)
-    i, j = torch.meshgrid(torch.arange(rings), torch.arange(2 * rings), indexing="ij")
-    a, b = i * 2 * rings + j, i * 2 * rings + (j + 1) % (2 * rings)
-    below = 2 * rings
-    faces = torch.cat([torch.stack([a, b, a + below], dim=2), torch.stack([b, b + below, a + below], dim=2)])
-    return screen, faces.reshape(-1, 3).int()
+    return cases.bumpy_sphere()
 
 
 @pytest.mark.benchmark(group="rasteriser, 82 k faces, 512 x 512")
@@ -74,10 +63,8 @@ def test_rasterize(benchmark, bumpy_sphere):
 
 @pytest.fixture
 def grid():
-    """65 536 points, 8 levels of 2^17 rows, 2 features."""
-    torch.manual_seed(0)
-    cells = torch.tensor([int(12 * (256 / 12) ** (level / 7) + 1e-6) for level in range(8)])
-    return torch.rand(65536, 3), torch.randn(8, 2**17, 2, requires_grad=True), cells
+    points, table, cells = cases.grid()
+    return points, table.requires_grad_(), cells
 
 
 @pytest.mark.benchmark(group="hash grid, 65 k points x 8 levels x 2")
@@ -92,10 +79,8 @@ def test_hash_encode_backward(benchmark, grid):
 
 @pytest.fixture
 def taps():
-    """65 536 queries of 8 rows among 32 768 rows of 3 channels."""
-    torch.manual_seed(0)
-    index = torch.randint(0, 32768, (65536, 8), dtype=torch.int32)
-    return torch.randn(32768, 3, requires_grad=True), index, torch.rand(65536, 8, requires_grad=True)
+    values, index, weight = cases.taps()
+    return values.requires_grad_(), index, weight.requires_grad_()
 
 
 @pytest.mark.benchmark(group="gather, 65 k x 8 taps x 3")
@@ -111,3 +96,16 @@ def test_weighted_gather_backward(benchmark, taps):
 @pytest.mark.benchmark(group="gather, 65 k x 8 taps x 3")
 def test_gather_rows_backward(benchmark, taps):
     run_backward(benchmark, gather_rows(taps[0], taps[1]), taps[0])
+
+
+@pytest.mark.benchmark(group="occluded light, 12 k pixels x 384 directions")
+def test_occluded_light(benchmark):
+    case = cases.shadowed()
+    benchmark(lambda: occluded_light(*case))
+
+
+@pytest.mark.benchmark(group="occluded light, 12 k pixels x 384 directions")
+def test_occluded_light_adjoint(benchmark):
+    case = cases.shadowed()
+    arriving = torch.rand(len(case[1]), 6)
+    benchmark(lambda: occluded_light_adjoint(arriving, *case[1:]))

@@ -1,0 +1,121 @@
+"""Phase I on the ball, step by step: its passes, the time of a step, and what its parts take.
+
+`profile` does what `decompose.image_task.ImageTask.loss` and `optimise` do, piece by piece; a test holds them together.
+"""
+
+import time
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import generator
+from lightprobe.decompose.image_task import ImageTask
+from lightprobe.decompose.lattice_model import LatticeModel
+from lightprobe.decompose.lights import Lights
+from lightprobe.decompose.losses import color_gauge, image_loss
+from lightprobe.decompose.optimisation import Progress, Stage, optimise, photo_order
+from lightprobe.decompose.phase1 import BOX
+from lightprobe.decompose.photos import Target
+from lightprobe.decompose.start import start_from_hull
+from lightprobe.decompose.surface_model import SurfaceModel
+from lightprobe.render.asset import Asset
+from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import View
+from lightprobe.scene import visual_hull
+from speed.ball import CPU, LIT, camera, light, photograph
+from speed.clock import WARM, Parts, median_gap, seconds
+
+SEED = 0
+
+
+def picture(asset: Asset, side: int, number: int, count: int) -> Target:
+    """Return one of `count` photos of the asset as Phase I holds it."""
+    view = camera(side, number, count)
+    pixels = photograph(asset, view, light(LIT, number))
+    alpha = torch.from_numpy(pixels.alpha).reshape(-1)
+    color = torch.from_numpy(pixels.color).reshape(-1, 3) * alpha[:, None]
+    return Target(f"{number:03d}", View.of(view, CPU), color, alpha)
+
+
+def first_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) -> ImageTask:
+    """Return the first pass on `count` photos, from their visual hull."""
+    targets = [picture(asset, config.pass1_side, number, count) for number in range(count)]
+    cameras = [camera(config.pass1_side, number, count) for number in range(count)]
+    masks = [target.alpha.reshape(target.view.height, target.view.width).numpy() for target in targets]
+    hull = visual_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
+    model = LatticeModel(start_from_hull(hull, config.lattice_cells), config, CPU, SEED)
+    return _task(model, targets, config, Stage("pass1", 0, steps))
+
+
+def second_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) -> ImageTask:
+    """Return the second pass on `count` photos, from the asset itself."""
+    targets = [picture(asset, config.pass2_side, number, count) for number in range(count)]
+    return _task(SurfaceModel(asset, config), targets, config, Stage("pass2", 0, steps))
+
+
+def _task(model: LatticeModel | SurfaceModel, targets: list[Target], config: DecomposeConfig, stage: Stage
+          ) -> ImageTask:  # fmt: skip
+    lights = Lights([target.name for target in targets], config, CPU, SEED)
+    return ImageTask(model, targets, lights, stage, config, SEED)
+
+
+def image_loss_parts(task: ImageTask, iteration: int, parts: Parts) -> Tensor:
+    """Return the loss of a step, as `ImageTask.loss` does, and time its parts."""
+    stage, config = task.stage, task.config
+    fraction, step = iteration / stage.iterations, stage.first_step + iteration
+    target = task.targets[photo_order(task.seed, stage.name, len(task.targets), iteration)]
+    height, width = target.view.height, target.view.width
+    with parts.part("surface, material, regularisation"):
+        seen = task.model.see(target.view, step, fraction)
+    with parts.part("light solve and prefilter"):
+        levels, light_loss = task.lights.levels(target, seen.gbuffer, step)
+    with parts.part("shade"):
+        radiance = shade(seen.gbuffer, task.lights.prefilter, levels)
+    with parts.part("silhouette and image loss"):
+        covered = torch.zeros(height * width, dtype=torch.bool)
+        covered[seen.gbuffer.pixel] = True
+        shaped = covered.reshape(height, width)
+        crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, shaped, target.view)
+        cover = coverage(seen.gbuffer.pixel, crossings, height * width)
+        image = spread_color(radiance, seen.gbuffer.pixel, crossings, cover)
+        background = torch.rand(3, generator=generator(task.seed, "background", step))
+        loss = image_loss(image, cover, target.color, target.alpha, background, config.coverage_weight)
+        gauge = config.color_gauge * color_gauge(seen.gbuffer.base_color, task.lights.cast())
+        return loss + light_loss + seen.regularisation + gauge
+
+
+def profile(task: ImageTask, steps: int) -> dict[str, float]:
+    """Return the median seconds of each part of a step of one of the first two passes."""
+    parts = Parts()
+    optimiser = torch.optim.Adam(task.groups(), betas=(0.9, 0.99), eps=1e-12)
+    task.refresh(0, 0.0)
+    for iteration in range(steps + WARM):
+        optimiser.zero_grad(set_to_none=True)
+        loss = image_loss_parts(task, iteration, parts)
+        with parts.part("backward"):
+            loss.backward()
+        with parts.part("optimiser"):
+            optimiser.step()
+            task.project()
+    return parts.medians(WARM)
+
+
+def renewal_seconds(task: ImageTask) -> float:
+    """Return the seconds of what a pass renews now and then: shadows, and the brightness of the base colours."""
+    return seconds(lambda: task.refresh(1, 0.0), 1, warm_up=False)
+
+
+def step_seconds(task: ImageTask, steps: int) -> float:
+    """Return the median seconds of a step of `optimise`."""
+    stamps: list[float] = []
+    progress = Progress(on_step=lambda *_: stamps.append(time.perf_counter()))
+    optimise(task, Stage(task.stage.name, 0, steps + WARM), task.config, progress)
+    return median_gap(stamps)
+
+
+def held(task: ImageTask) -> float:
+    """Return the bytes of the photos and lights that a pass holds."""
+    tensors = [tensor for target in task.targets for tensor in (target.color, target.alpha)] + task.lights.maps
+    return float(sum(tensor.numel() * tensor.element_size() for tensor in tensors))

@@ -1,0 +1,68 @@
+"""Phase II on the ball, step by step: its lessons, the time of a step of each network, and what its parts take."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from torch import nn
+
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.distill.lesson import Desk, Lesson
+from lightprobe.distill.probe_model import new_network, new_sphere
+from lightprobe.distill.sphere_training import batch, fill_album, sphere_loss
+from lightprobe.distill.training import lesson_loss, train
+from lightprobe.light import cubemap
+from lightprobe.render.asset import Asset, rasterize_asset
+from speed.ball import CPU, LIT, camera, light
+from speed.clock import WARM, Parts, median_gap
+from speed.phase1 import SEED, picture
+
+
+def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[Lesson]:
+    """Return a lesson from each of `count` cameras."""
+    lessons = []
+    for number in range(count):
+        gbuffer = rasterize_asset(asset, camera(config.max_side, number, count), CPU)
+        photo = picture(asset, config.max_side, number, count)
+        desk = Desk(gbuffer, config)
+        lessons.append(desk.lesson(photo.name, photo.color[gbuffer.pixel], light(LIT, number)))
+    return lessons
+
+
+def step_seconds(lessons: list[Lesson], config: DistillConfig, steps: int) -> dict[str, float]:
+    """Return the median seconds of a step of the illumination MLP and of the sphere network."""
+    stamps: list[float] = []
+    short = replace(config, steps=steps + WARM, sphere_steps=steps + WARM)
+    train(lessons, short, CPU, SEED, on_step=lambda *_: stamps.append(time.perf_counter()))
+    return {
+        "step of Phase II's MLP": median_gap(stamps[: short.steps]),
+        "step of the sphere network": median_gap(stamps[short.steps :]),
+    }
+
+
+def profile(lessons: Sequence[Lesson], config: DistillConfig, steps: int) -> dict[str, dict[str, float]]:
+    """Return the median seconds of each part of a step of both networks."""
+    network, sphere = new_network(config, SEED), new_sphere(config, SEED)
+    directions = cubemap.directions(config.light_resolution).reshape(-1, 3)
+    angles = cubemap.solid_angles(config.light_resolution).reshape(-1)
+    album = fill_album(network, lessons, config, SEED)
+    modules: dict[str, nn.Module] = {"MLP": network, "sphere network": sphere}
+    found = {}
+    for name, module in modules.items():
+        parts, optimiser = Parts(), torch.optim.Adam(module.parameters())
+        for step in range(steps + WARM):
+            optimiser.zero_grad(set_to_none=True)
+            with parts.part("network and loss"):
+                if module is sphere:
+                    maps, lights = batch(album, config, SEED, step)
+                    loss = sphere_loss(sphere(maps), lights)
+                else:
+                    lesson = lessons[step % len(lessons)]
+                    loss = lesson_loss(network, lesson, directions, angles, config, SEED, step)
+            with parts.part("backward"):
+                loss.backward()
+            with parts.part("optimiser"):
+                optimiser.step()
+        found[name] = parts.medians(WARM)
+    return found
