@@ -9,6 +9,7 @@ from lightprobe.decompose.losses import (
     color_gauge,
     image_loss,
     material_prior,
+    neighbour_difference,
     one_sided,
 )
 
@@ -63,3 +64,10 @@ def test_missing_coverage_costs_whatever_the_colour():
     hole = torch.tensor([1.0, 1.0, 1.0, 0.0])
     assert float(full) < 1e-6
     assert float(image_loss(photo * hole[:, None], hole, photo, alpha, background, 4.0)) > 0.9
+
+
+def test_the_difference_of_neighbours_and_its_gradient():
+    maps = torch.rand(5, 7, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0)).requires_grad_()
+    plain = (maps[:, 1:] - maps[:, :-1]).abs().mean() + (maps[1:] - maps[:-1]).abs().mean()
+    assert torch.isclose(neighbour_difference(maps), plain)
+    assert torch.autograd.gradcheck(neighbour_difference, maps)

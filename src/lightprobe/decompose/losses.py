@@ -3,6 +3,8 @@
 Tone mapping T(x) = sRGB(log(1 + x)) keeps highlights from owning the sum (Munkberg et al. 2022, section 3.4).
 """
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -50,13 +52,41 @@ def image_loss(
     return (ours - theirs).abs().sum() / (3 * area) + weight * (cover - alpha).square().sum() / area
 
 
+def neighbour_difference(maps: Tensor) -> Tensor:
+    """Return the mean absolute difference of texels beside each other plus that of texels below, for maps (H, W, C)."""
+    return _NeighbourDifference.apply(maps)
+
+
+class _NeighbourDifference(torch.autograd.Function):
+    """The gradient is made along the way: through slices it would take a dozen passes over the maps."""
+
+    @staticmethod
+    def forward(ctx: Any, maps: Tensor) -> Tensor:
+        total, gradient = maps.new_zeros(()), torch.zeros_like(maps)
+        for axis in (0, 1):
+            count = maps.shape[axis] - 1
+            difference = maps.narrow(axis, 1, count) - maps.narrow(axis, 0, count)
+            total += difference.abs().mean()
+            sign = difference.sign_().div_(difference.numel())
+            gradient.narrow(axis, 1, count).add_(sign)
+            gradient.narrow(axis, 0, count).sub_(sign)
+        ctx.save_for_backward(gradient)
+        return total
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, outer: Tensor) -> Tensor:
+        (gradient,) = ctx.saved_tensors
+        return outer * gradient
+
+
 def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:
     """Return what materials (N, >= 5), channels as in `material.field`, cost for being unusual.
 
     Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, and
     a sharp lobe under a blurred light a wide lobe under a sharp one.
     """
-    roughness, metallic = material[:, 3], material[:, 4]
+    roughness, metallic = material.unbind(1)[3:5]  # slices would each cost a gradient of the whole
     return (
         config.metallic_prior * metallic.mean() + config.roughness_prior * (roughness - USUAL_ROUGHNESS).square().mean()
     )

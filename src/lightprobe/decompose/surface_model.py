@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.lattice_model import Seen
-from lightprobe.decompose.losses import brightness_anchor, material_prior
+from lightprobe.decompose.losses import brightness_anchor, material_prior, neighbour_difference
 from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
 from lightprobe.kernels import gather_rows, scatter_rows
 from lightprobe.material.field import MIN_ROUGHNESS
@@ -80,13 +80,12 @@ class SurfaceModel(nn.Module):
     def _texture_loss(self, texels: Tensor) -> Tensor:
         """Return the weighted mean difference of neighbouring texels plus the priors of the material."""
         size = round(len(texels) ** 0.5)
-        maps = texels.view(size, size, -1)
-        difference = (maps[:, 1:] - maps[:, :-1]).abs().mean() + (maps[1:] - maps[:-1]).abs().mean()
+        bends = torch.stack(self.finish.unbind(1)[2:4])
         return (
-            self.config.smoothness_texture * difference
-            + 0.2 * self.config.normal_prior * texels[:, 5:7].square().mean()
+            self.config.smoothness_texture * neighbour_difference(texels.view(size, size, -1))
+            + 0.2 * self.config.normal_prior * bends.square().mean()
             + material_prior(texels, self.config)
-            + self.config.brightness_anchor * brightness_anchor(texels[:, :3], self.mean_color)
+            + self.config.brightness_anchor * brightness_anchor(self.color, self.mean_color)
         )
 
     @torch.no_grad()

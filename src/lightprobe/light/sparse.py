@@ -5,6 +5,7 @@ On the CPU the product is a Numba loop, because PyTorch's own needs MKL, which n
 PyTorch's CSR product.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numba
@@ -73,14 +74,19 @@ class CompressedRows:
     def multiply(self, x: Tensor) -> Tensor:
         """Return the product (rows, 3) with x (columns, 3), in x's dtype; no gradient."""
         x = x.detach()
-        rows = self.start.numel() - 1
         if x.is_cuda:
-            shape = (rows, self.columns)
-            return torch.sparse_csr_tensor(self.start, self.column, self.value.to(x.dtype), shape) @ x
+            return self._on_gpu @ x.to(self.value.dtype)
+        rows = self.start.numel() - 1
         out = torch.empty((rows, 3), dtype=x.dtype)
         threads(2 * self.value.numel())
         _multiply(*self._stored(), np.arange(rows, dtype=np.int32), x.contiguous().numpy(), out.numpy())
         return out
+
+    @functools.cached_property
+    def _on_gpu(self) -> Tensor:
+        """The matrix as PyTorch's, made once: its checks wait for the device."""
+        shape = (self.start.numel() - 1, self.columns)
+        return torch.sparse_csr_tensor(self.start, self.column, self.value, shape)
 
     def _stored(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.start.numpy(), self.column.numpy(), self.value.numpy()
