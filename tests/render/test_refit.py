@@ -4,14 +4,13 @@ import pytest
 import torch
 
 from lightprobe.light.prefilter import cached
-from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport
 from tests.render.test_split_sum import R, sky, sphere_gbuffer
 
 
-def case(exposure=1.0, roughness=0.3):
-    transport = Transport(sphere_gbuffer(800, roughness=roughness, metallic=0.5), cached(R))
+def case(exposure=1.0):
+    transport = Transport(sphere_gbuffer(800, roughness=0.3, metallic=0.5), cached(R))
     light = exposure * sky(R).clamp(max=4)
     return transport, light, transport.apply(light)
 
@@ -23,22 +22,9 @@ def dimmed(light, brightness, contrast):
 
 @pytest.mark.parametrize("exposure", [1.0, 0.01, 50.0])
 def test_brightness_and_contrast_come_back(exposure):
-    transport, light, observed = case(exposure, roughness=0.08)
+    transport, light, observed = case(exposure)
     found = refit_contrast(transport, dimmed(light, 0.8, 0.75), observed, torch.zeros_like(observed, dtype=torch.bool))
-    torch.testing.assert_close(found, light, rtol=2e-3, atol=1e-3 * exposure)
-    torch.testing.assert_close(transport.apply(found), observed, rtol=2e-3, atol=1e-4 * exposure)
-
-
-def test_lost_details_come_back_but_only_as_far_as_the_surface_shows_them():
-    error = {}
-    for roughness in (0.08, 0.8):
-        transport, light, observed = case(roughness=roughness)
-        coarse = magnify_light(resize_light(light, 4), R)
-        blurred = coarse + 0.6 * (light - coarse)
-        found = refit_contrast(transport, blurred, observed, torch.zeros_like(observed, dtype=torch.bool))
-        error[roughness] = float((found - light).norm() / (blurred - light).norm())
-    assert error[0.08] < 0.25  # bands overlap a little, so not nothing
-    assert error[0.8] < 1.05, error
+    torch.testing.assert_close(found, light, rtol=1e-3, atol=1e-3 * exposure)
 
 
 def test_stray_and_clipped_pixels_do_not_count():
