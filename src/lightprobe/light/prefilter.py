@@ -112,8 +112,7 @@ class _Apply(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, env: Tensor, prefilter: "Prefilter") -> Tensor:
         ctx.prefilter = prefilter
-        texels = env.reshape(-1, 3)
-        return torch.cat([prefilter.lobes.apply(prefilter.nodes.apply(texels)), prefilter.blocks.apply(texels)])
+        return prefilter.averages(env, prefilter.lobes)
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
@@ -150,8 +149,17 @@ class Prefilter:
 
     def adjoint(self, levels: Tensor) -> Tensor:
         """Return the transpose of `apply`, (6, R, R, 3), on levels (T, 3); no gradient of its own."""
-        gradient = self.nodes.adjoint(self.lobes.adjoint(levels[: self.first_block]))
-        gradient += self.blocks.adjoint(levels[self.first_block :])
+        return self.spread(levels, self.lobes, self.first_block)
+
+    def averages(self, env: Tensor, lobes: SparseOperator | ChosenRows) -> Tensor:
+        """Return what `lobes`, all or some, see of env (6, R, R, 3), and below it the blocks."""
+        texels = env.reshape(-1, 3)
+        return torch.cat([lobes.apply(self.nodes.apply(texels)), self.blocks.apply(texels)])
+
+    def spread(self, levels: Tensor, lobes: SparseOperator | ChosenRows, first_block: int) -> Tensor:
+        """Return the transpose of `averages`, (6, R, R, 3), on `levels` whose blocks start at `first_block`."""
+        gradient = self.nodes.adjoint(lobes.adjoint(levels[:first_block]))
+        gradient += self.blocks.adjoint(levels[first_block:])
         return gradient.reshape(6, self.resolution, self.resolution, 3)
 
     def specular_taps(self, direction: Tensor, roughness: Tensor, scale: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
@@ -196,27 +204,16 @@ class PrefilterPart:
     def __init__(self, prefilter: Prefilter, rows: Tensor):
         """Restrict the levels to `rows` (K,), indices into the stack of levels."""
         self.prefilter, self.first_block = prefilter, len(rows)
-        self._index = torch.cat([rows.long(), torch.arange(prefilter.first_block, prefilter.total, device=rows.device)])
-        self._lobes = None if rows.is_cuda else ChosenRows.of(prefilter.lobes.forward, rows)
+        self._lobes = ChosenRows.of(prefilter.lobes, rows)
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the chosen levels and below them the blocks (K + 384, 3) of env (6, R, R, 3); no gradient."""
-        if self._lobes is None:
-            return self.prefilter.apply(env.detach())[self._index]
         self.prefilter.check(env)
-        texels = env.detach().reshape(-1, 3)
-        levels = self._lobes.apply(self.prefilter.nodes.apply(texels))
-        return torch.cat([levels, self.prefilter.blocks.apply(texels)])
+        return self.prefilter.averages(env.detach(), self._lobes)
 
     def adjoint(self, levels: Tensor) -> Tensor:
         """Return the transpose of `apply`, (6, R, R, 3), on (K + 384, 3)."""
-        if self._lobes is None:
-            every = levels.new_zeros(self.prefilter.total, 3)
-            return self.prefilter.adjoint(every.index_copy(0, self._index, levels))
-        gradient = self.prefilter.nodes.adjoint(self._lobes.adjoint(levels[: self.first_block]))
-        gradient += self.prefilter.blocks.adjoint(levels[self.first_block :])
-        size = self.prefilter.resolution
-        return gradient.reshape(6, size, size, 3)
+        return self.prefilter.spread(levels, self._lobes, self.first_block)
 
 
 @functools.lru_cache(maxsize=8)

@@ -79,7 +79,7 @@ class CompressedRows:
         rows = self.start.numel() - 1
         out = torch.empty((rows, 3), dtype=x.dtype)
         threads(2 * self.value.numel())
-        _multiply(*self._stored(), np.arange(rows, dtype=np.int32), x.contiguous().numpy(), out.numpy())
+        _multiply(*self.stored(), np.arange(rows, dtype=np.int32), x.contiguous().numpy(), out.numpy())
         return out
 
     @functools.cached_property
@@ -88,41 +88,9 @@ class CompressedRows:
         shape = (self.start.numel() - 1, self.columns)
         return torch.sparse_csr_tensor(self.start, self.column, self.value, shape)
 
-    def _stored(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def stored(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return start, column and value as arrays; on the CPU only."""
         return self.start.numpy(), self.column.numpy(), self.value.numpy()
-
-
-@dataclass(frozen=True)
-class ChosenRows:
-    """Some rows (K,) int32 of a matrix, which costs only what these hold."""
-
-    matrix: CompressedRows
-    rows: Tensor
-    bounds: np.ndarray  # (PARTS + 1,) where each of the parts starts in `rows`; all hold about as many entries
-
-    @staticmethod
-    def of(matrix: CompressedRows, rows: Tensor) -> "ChosenRows":
-        """Return the rows (K,) of a matrix on the CPU."""
-        rows = rows.int()
-        start = matrix.start.numpy()
-        filled = np.cumsum((start[1:] - start[:-1])[rows.numpy()])
-        total = int(filled[-1]) if len(filled) else 0
-        bounds = np.searchsorted(filled, np.arange(1, PARTS) * (total / PARTS))
-        return ChosenRows(matrix, rows, np.concatenate([[0], bounds, [len(rows)]]).astype(np.int32))
-
-    def apply(self, x: Tensor) -> Tensor:
-        """Return the product (K, 3) with x (columns, 3); no gradient."""
-        out = torch.empty((len(self.rows), 3), dtype=x.dtype)
-        threads(len(self.rows) * 2 * self.matrix.value.numel() // self.matrix.start.numel())
-        _multiply(*self.matrix._stored(), self.rows.numpy(), x.detach().contiguous().numpy(), out.numpy())
-        return out
-
-    def adjoint(self, y: Tensor) -> Tensor:
-        """Return the transposed product (columns, 3) with y (K, 3); no gradient."""
-        parts = torch.zeros((PARTS, self.matrix.columns, 4), dtype=y.dtype)
-        threads(len(self.rows) * 4 * self.matrix.value.numel() // self.matrix.start.numel())
-        _spread(*self.matrix._stored(), self.rows.numpy(), self.bounds, y.detach().contiguous().numpy(), parts.numpy())
-        return parts.sum(0)[:, :3]
 
 
 @dataclass(frozen=True)
@@ -149,6 +117,47 @@ class SparseOperator:
     def nonzeros(self) -> int:
         """Number of stored entries."""
         return self.forward.value.numel()
+
+
+@dataclass(frozen=True)
+class ChosenRows:
+    """Some rows (K,) of an operator; on the CPU they cost only what they hold."""
+
+    operator: SparseOperator
+    rows: Tensor  # int32 on the CPU, int64 elsewhere
+    bounds: np.ndarray | None  # (PARTS + 1,) where each of the parts starts in `rows`; all hold about as many entries
+
+    @staticmethod
+    def of(operator: SparseOperator, rows: Tensor) -> "ChosenRows":
+        """Return the rows (K,) of an operator on the same device."""
+        if rows.is_cuda:
+            return ChosenRows(operator, rows.long(), None)
+        rows = rows.int()
+        start = operator.forward.start.numpy()
+        filled = np.cumsum((start[1:] - start[:-1])[rows.numpy()])
+        total = int(filled[-1]) if len(filled) else 0
+        bounds = np.searchsorted(filled, np.arange(1, PARTS) * (total / PARTS))
+        return ChosenRows(operator, rows, np.concatenate([[0], bounds, [len(rows)]]).astype(np.int32))
+
+    def apply(self, x: Tensor) -> Tensor:
+        """Return the product (K, 3) with x (columns, 3); no gradient."""
+        if self.bounds is None:
+            return self.operator.apply(x).index_select(0, self.rows)
+        out, matrix = torch.empty((len(self.rows), 3), dtype=x.dtype), self.operator.forward
+        threads(len(self.rows) * 2 * matrix.value.numel() // matrix.start.numel())
+        _multiply(*matrix.stored(), self.rows.numpy(), x.detach().contiguous().numpy(), out.numpy())
+        return out
+
+    def adjoint(self, y: Tensor) -> Tensor:
+        """Return the transposed product (columns, 3) with y (K, 3); no gradient."""
+        matrix = self.operator.forward
+        if self.bounds is None:
+            every = y.new_zeros(matrix.start.numel() - 1, 3)
+            return self.operator.adjoint(every.index_copy(0, self.rows, y))
+        parts = torch.zeros((PARTS, matrix.columns, 4), dtype=y.dtype)
+        threads(len(self.rows) * 4 * matrix.value.numel() // matrix.start.numel())
+        _spread(*matrix.stored(), self.rows.numpy(), self.bounds, y.detach().contiguous().numpy(), parts.numpy())
+        return parts.sum(0)[:, :3]
 
 
 def _compress(matrix: scipy.sparse.csr_array, device: torch.device | str) -> CompressedRows:
