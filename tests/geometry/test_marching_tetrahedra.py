@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.geometry.marching_tetrahedra import CASES, marching_tetrahedra, sign_change_loss
+from lightprobe.geometry.marching_tetrahedra import CASES, Crossing, marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import edge_faces, face_normals
 from lightprobe.geometry.tet_lattice import TET_EDGES, build_lattice, kuhn_tetrahedra
 
@@ -33,7 +33,7 @@ def test_lattice_border_is_marked():
 def test_sphere_is_closed_outward_and_has_the_right_volume():
     lattice = cube_lattice(24)
     distance = lattice.vertices.norm(dim=1) - 0.7
-    vertices, faces = marching_tetrahedra(lattice, lattice.vertices, distance)
+    vertices, faces = marching_tetrahedra(lattice, Crossing.of(lattice, distance), lattice.vertices, distance)
     edges = edge_faces(faces)
     assert (edges.faces[:, 0] != edges.faces[:, 1]).all()
     assert len(vertices) - len(edges.vertices) + len(faces) == 2
@@ -50,7 +50,7 @@ def test_gradient_reaches_distances_and_positions():
     positions = lattice.vertices.double().requires_grad_()
 
     def volume(p, s):
-        vertices, faces = marching_tetrahedra(lattice, p, s)
+        vertices, faces = marching_tetrahedra(lattice, Crossing.of(lattice, s), p, s)
         a, b, c = vertices[faces.long()].unbind(1)
         return (torch.linalg.cross(a, b) * c).sum()
 
@@ -59,7 +59,11 @@ def test_gradient_reaches_distances_and_positions():
 
 def test_sign_change_loss_falls_when_a_floater_goes():
     lattice = cube_lattice(8)
+
+    def loss(distance):
+        return sign_change_loss(lattice, Crossing.of(lattice, distance), distance)
+
     clean = lattice.vertices.norm(dim=1) - 0.6
     floater = clean.clone()
     floater[(lattice.vertices - 0.75).norm(dim=1) < 0.2] = -0.1
-    assert sign_change_loss(lattice, floater) > sign_change_loss(lattice, clean)
+    assert loss(floater) > loss(clean)

@@ -9,18 +9,15 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.device import generator
 from lightprobe.decompose.image_task import ImageTask
 from lightprobe.decompose.lattice_model import LatticeModel
 from lightprobe.decompose.lights import Lights
-from lightprobe.decompose.losses import color_gauge, image_loss
-from lightprobe.decompose.optimisation import Progress, Stage, optimise, photo_order
+from lightprobe.decompose.optimisation import Progress, Stage, optimise
 from lightprobe.decompose.phase1 import BOX
 from lightprobe.decompose.photos import Target
 from lightprobe.decompose.start import start_from_hull
 from lightprobe.decompose.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset
-from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.scene import visual_hull
@@ -63,27 +60,16 @@ def _task(model: LatticeModel | SurfaceModel, targets: list[Target], config: Dec
 
 def image_loss_parts(task: ImageTask, iteration: int, parts: Parts) -> Tensor:
     """Return the loss of a step, as `ImageTask.loss` does, and time its parts."""
-    stage, config = task.stage, task.config
-    fraction, step = iteration / stage.iterations, stage.first_step + iteration
-    target = task.targets[photo_order(task.seed, stage.name, len(task.targets), iteration)]
-    height, width = target.view.height, target.view.width
+    stage = task.stage
+    target, step = task.target(iteration), stage.first_step + iteration
     with parts.part("surface, material, regularisation"):
-        seen = task.model.see(target.view, step, fraction)
+        seen = task.model.see(target.view, step, iteration / stage.iterations)
     with parts.part("light solve and prefilter"):
         levels, light_loss = task.lights.levels(target, seen.gbuffer, step)
     with parts.part("shade"):
         radiance = shade(seen.gbuffer, task.lights.prefilter, levels)
     with parts.part("silhouette and image loss"):
-        covered = torch.zeros(height * width, dtype=torch.bool)
-        covered[seen.gbuffer.pixel] = True
-        shaped = covered.reshape(height, width)
-        crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, shaped, target.view)
-        cover = coverage(seen.gbuffer.pixel, crossings, height * width)
-        image = spread_color(radiance, seen.gbuffer.pixel, crossings, cover)
-        background = torch.rand(3, generator=generator(task.seed, "background", step))
-        loss = image_loss(image, cover, target.color, target.alpha, background, config.coverage_weight)
-        gauge = config.color_gauge * color_gauge(seen.gbuffer.base_color, task.lights.cast())
-        return loss + light_loss + seen.regularisation + gauge
+        return task.compare(target, seen, radiance, step) + light_loss
 
 
 def profile(task: ImageTask, steps: int) -> dict[str, float]:

@@ -63,7 +63,7 @@ class ImageTask:
 
     def photos(self, iteration: int) -> str:
         """Return the name of the photo of a step, in quotes."""
-        return f"'{self._target(iteration).name}'"
+        return f"'{self.target(iteration).name}'"
 
     def refresh(self, iteration: int, fraction: float) -> None:
         """Renew the shadows; then choose the base colours' brightness, and keep its product with each light."""
@@ -82,10 +82,14 @@ class ImageTask:
 
     def loss(self, iteration: int, fraction: float) -> Tensor:
         """Return the loss of one photo: image, coverage, light and model regularisation."""
-        target, step = self._target(iteration), self.stage.first_step + iteration
+        target, step = self.target(iteration), self.stage.first_step + iteration
         seen = self.model.see(target.view, step, fraction)
         levels, light_loss = self.lights.levels(target, seen.gbuffer, step)
         radiance = shade(seen.gbuffer, self.lights.prefilter, levels)
+        return self.compare(target, seen, radiance, step) + light_loss
+
+    def compare(self, target: Target, seen: Seen, radiance: Tensor, step: int) -> Tensor:
+        """Return the loss of a photo shaded to `radiance` (K, 3), all but the light's own."""
         count = target.view.height * target.view.width
         covered = torch.zeros(count, dtype=torch.bool, device=radiance.device)
         covered[seen.gbuffer.pixel] = True
@@ -96,7 +100,8 @@ class ImageTask:
         background = torch.rand(3, generator=generator(self.seed, "background", step)).to(radiance.device)
         loss = image_loss(image, cover, target.color, target.alpha, background, self.config.coverage_weight)
         gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
-        return loss + light_loss + seen.regularisation + gauge
+        return loss + seen.regularisation + gauge
 
-    def _target(self, iteration: int) -> Target:
+    def target(self, iteration: int) -> Target:
+        """Return the photo of a step."""
         return self.targets[photo_order(self.seed, self.stage.name, len(self.targets), iteration)]

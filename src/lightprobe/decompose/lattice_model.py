@@ -13,7 +13,7 @@ from lightprobe.core.errors import ConvergenceError
 from lightprobe.decompose.losses import USUAL_BASE, brightness_anchor, material_prior
 from lightprobe.decompose.moving_shadows import MovingShadows
 from lightprobe.decompose.start import Start
-from lightprobe.geometry.marching_tetrahedra import marching_tetrahedra, sign_change_loss
+from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
 from lightprobe.material.field import MaterialField
 from lightprobe.render.asset import gbuffer_of
@@ -105,10 +105,10 @@ class LatticeModel(nn.Module):
         free = self.mlp(self.lattice.vertices) if self.config.sdf is SdfMode.MLP else self.distance
         return torch.where(self.lattice.boundary, free.detach().clamp(min=0.5 * self.lattice.cell), free)
 
-    def surface(self, distance: Tensor) -> tuple[Tensor, Tensor]:
+    def surface(self, distance: Tensor, crossing: Crossing) -> tuple[Tensor, Tensor]:
         """Return the triangles of the zero set; raise `ConvergenceError` when there is none."""
         positions = self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
-        vertices, faces = marching_tetrahedra(self.lattice, positions, distance)
+        vertices, faces = marching_tetrahedra(self.lattice, crossing, positions, distance)
         if len(faces) == 0:
             raise ConvergenceError("The surface vanished while fitting; check the masks and cameras with `inspect`.")
         return vertices, faces
@@ -126,7 +126,8 @@ class LatticeModel(nn.Module):
     def see(self, view: View, step: int, progress: float) -> Seen:
         """Return what the camera sees; `progress` in [0, 1] drives the regularisers' schedule."""
         distance = self.distances()
-        vertices, faces = self.surface(distance)
+        crossing = Crossing.of(self.lattice, distance)
+        vertices, faces = self.surface(distance, crossing)
         screen = view.project(vertices)
         surface = visible_surface(vertices, faces, view, screen)
         openness = None if self.shadows is None else self.shadows.at(vertices, faces, surface)
@@ -139,7 +140,8 @@ class LatticeModel(nn.Module):
         )
         gbuffer = gbuffer_of(surface, view, normal, material, openness)
         weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
-        loss = weight * sign_change_loss(self.lattice, distance) + self._material_loss(surface.position, material, step)
+        loss = weight * sign_change_loss(self.lattice, crossing, distance)
+        loss = loss + self._material_loss(surface.position, material, step)
         return Seen(gbuffer, screen, faces, edge_faces(faces), loss)
 
     def _material_loss(self, position: Tensor, material: Tensor, step: int) -> Tensor:
@@ -157,11 +159,15 @@ class LatticeModel(nn.Module):
             + self.config.normal_prior * material[:, 5:].square().mean()
         )
 
+    def _present(self) -> tuple[Tensor, Tensor]:
+        distance = self.distances()
+        return self.surface(distance, Crossing.of(self.lattice, distance))
+
     @torch.no_grad()
     def renew(self) -> None:
         """Find anew which directions the present surface blocks."""
         if self.config.shadows:
-            self.shadows = MovingShadows.of(*self.surface(self.distances()))
+            self.shadows = MovingShadows.of(*self._present())
 
     def project(self) -> None:
         """Do nothing: every quantity is valid by construction."""
@@ -169,5 +175,5 @@ class LatticeModel(nn.Module):
     @torch.no_grad()
     def extract(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the present surface as arrays, vertices (V, 3) float32 and faces (F, 3) int32."""
-        vertices, faces = self.surface(self.distances())
+        vertices, faces = self._present()
         return vertices.cpu().numpy(), faces.cpu().numpy()

@@ -5,6 +5,8 @@ are differentiable in the distances and in the lattice positions; the connectivi
 does. Inside is negative. Triangles are counter-clockwise seen from outside.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -43,10 +45,30 @@ def _case_table() -> Tensor:
 CASES = _case_table()
 
 
+@dataclass(frozen=True)
+class Crossing:
+    """Where a surface crosses a lattice: what follows from the signs of its distances alone."""
+
+    inside: Tensor  # (V,) bool
+    tets: Tensor  # (A,) int64: tetrahedra the surface may pass; all others need no look
+    edges: Tensor  # (N,) int64: the edges it crosses, ascending
+
+    @staticmethod
+    def of(lattice: TetLattice, distance: Tensor) -> "Crossing":
+        """Return where the distances (V,) change sign."""
+        inside = distance.detach() < 0
+        tets = _mixed_tetrahedra(lattice, inside)
+        named = torch.zeros(len(lattice.edges), dtype=torch.bool, device=inside.device)
+        named[lattice.tet_edges.index_select(0, tets).reshape(-1)] = True
+        candidates = named.nonzero()[:, 0]
+        low, high = lattice.edges.index_select(0, candidates).unbind(1)
+        return Crossing(inside, tets, candidates[inside[low] != inside[high]])
+
+
 def _mixed_tetrahedra(lattice: TetLattice, inside: Tensor) -> Tensor:
     """Return the tetrahedra (A,) int64 of the cells whose corners are not all inside (V,) bool or all outside.
 
-    All others can be left out, and looking at cells takes a third of looking at every tetrahedron.
+    Looking at cells takes a third of looking at every tetrahedron.
     """
     flags = inside.to(torch.uint8)
     corners = torch.stack([flags.index_select(0, corner) for corner in lattice.cells]).sum(0, dtype=torch.uint8)
@@ -54,48 +76,35 @@ def _mixed_tetrahedra(lattice: TetLattice, inside: Tensor) -> Tensor:
     return (6 * mixed[:, None] + torch.arange(6, device=mixed.device)).reshape(-1)
 
 
-def _crossed_edges(lattice: TetLattice, inside: Tensor, candidates: Tensor) -> Tensor:
-    """Return which of the edges `candidates`, of any shape, the surface crosses, (N,) int64 in ascending order."""
-    named = torch.zeros(len(lattice.edges), dtype=torch.bool, device=inside.device)
-    named[candidates.reshape(-1)] = True
-    edges = named.nonzero()[:, 0]
-    low, high = lattice.edges.index_select(0, edges).unbind(1)
-    return edges[inside[low] != inside[high]]
-
-
-def marching_tetrahedra(lattice: TetLattice, positions: Tensor, distance: Tensor) -> tuple[Tensor, Tensor]:
+def marching_tetrahedra(
+    lattice: TetLattice, crossing: Crossing, positions: Tensor, distance: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return surface vertices (N, 3) float32 and faces (F, 3) int32.
 
-    `positions` (V, 3) are the displaced lattice vertices, `distance` (V,) the signed distances (inside < 0).
-    Gradients flow to both. N = 0 when the distances have one sign only.
+    `positions` (V, 3) are the displaced lattice vertices, `distance` (V,) the signed distances (inside < 0) that
+    `crossing` was found for. Gradients flow to both. N = 0 when the distances have one sign only.
     """
-    inside = distance.detach() < 0
-    tets = _mixed_tetrahedra(lattice, inside)
-    own_edges = lattice.tet_edges.index_select(0, tets)
-    crossed = _crossed_edges(lattice, inside, own_edges)
     number = torch.empty(len(lattice.edges), dtype=torch.long, device=distance.device)
-    number[crossed] = torch.arange(len(crossed), device=distance.device)
-    ends = lattice.edges[crossed]
+    number[crossing.edges] = torch.arange(len(crossing.edges), device=distance.device)
+    ends = lattice.edges[crossing.edges]
     p = gather_rows(positions, ends)  # (N, 2, 3)
     s = gather_rows(distance[:, None], ends)  # (N, 2, 1)
     vertices = (p[:, 0] * s[:, 1] - p[:, 1] * s[:, 0]) / (s[:, 1] - s[:, 0])
 
     bits = torch.tensor([1, 2, 4, 8], device=distance.device)
-    code = (inside[lattice.tets.index_select(0, tets)] * bits).sum(1)
+    code = (crossing.inside[lattice.tets.index_select(0, crossing.tets)] * bits).sum(1)
     triangles = CASES.to(distance.device)[code]  # (A, 2, 3) edge numbers within the tetrahedron
-    edges = own_edges[:, None, :].expand(-1, 2, -1)
+    edges = lattice.tet_edges.index_select(0, crossing.tets)[:, None, :].expand(-1, 2, -1)
     faces = number[torch.gather(edges, 2, triangles.clamp(min=0))]
     return vertices, faces[triangles[..., 0] >= 0].to(torch.int32)
 
 
-def sign_change_loss(lattice: TetLattice, distance: Tensor) -> Tensor:
+def sign_change_loss(lattice: TetLattice, crossing: Crossing, distance: Tensor) -> Tensor:
     """Return the mean cross-entropy between the two ends of every crossed edge, a scalar.
 
-    It pulls the distances of a crossed edge towards one common sign and so removes floaters and inner shells
+    It pulls the distances (V,) of a crossed edge towards one common sign and so removes floaters and inner shells
     (Munkberg et al. 2022, section 3.1). Distances enter in units of a lattice cell.
     """
-    inside = distance.detach() < 0
-    crossed = _crossed_edges(lattice, inside, lattice.tet_edges.index_select(0, _mixed_tetrahedra(lattice, inside)))
-    ends = gather_rows(distance[:, None], lattice.edges[crossed])[..., 0] / lattice.cell  # (N, 2)
+    ends = gather_rows(distance[:, None], lattice.edges[crossing.edges])[..., 0] / lattice.cell  # (N, 2)
     target = (ends.detach() > 0).to(ends.dtype).flip(1)
     return torch.nn.functional.binary_cross_entropy_with_logits(ends, target)
