@@ -75,7 +75,7 @@ class DecomposeConfig:
     """Pixels a light solve looks at."""
     light_solve_iterations: int = 5
     """Iterations of a light solve, warm-started from the previous visit."""
-    light_regularisation: float = 0.1
+    light_regularisation: float = 0.03
     """Pull of a light towards its own mean in places the photo does not pin down."""
     shadows: bool = True
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""

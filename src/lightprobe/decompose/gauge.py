@@ -4,6 +4,10 @@ A photo under an unknown light leaves it nearly open; only reflections that do n
 gradient cannot be trusted with it: at a light that is not perfectly solved it points along the light's own errors (too
 dim a light asks for brighter colours), and visit by visit the two drift off together. So the mean base colour is held,
 and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
+
+It starts bright and is never chosen brighter. A surface taken for too bright is found out, because its reflections are
+too weak beside it; one taken for too dark explains its photos by wider lobes, and stays dark. A metal, all reflection,
+says nothing about it, and would drift to where every colour is white.
 """
 
 import math
@@ -20,6 +24,7 @@ from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 
+BRIGHTEST = 0.45  # mean linear base colour
 _PHOTOS = 8
 _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
+from lightprobe.decompose.gauge import BRIGHTEST
 from lightprobe.decompose.losses import USUAL_BASE, brightness_anchor, material_prior
 from lightprobe.decompose.moving_shadows import MovingShadows
 from lightprobe.decompose.start import Start
@@ -81,7 +82,7 @@ class LatticeModel(nn.Module):
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
         self.shadows: MovingShadows | None = None
         # Not trained: it travels with the parameters, as checkpoints hold those.
-        self.brightness = nn.Parameter(torch.ones((), device=device), requires_grad=False)
+        self.brightness = nn.Parameter(torch.tensor(BRIGHTEST / USUAL_BASE, device=device), requires_grad=False)
         self.field = MaterialField(
             levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
             finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
@@ -117,6 +118,11 @@ class LatticeModel(nn.Module):
         """Return the material (N, 8) at points (N, 3): the field's, with its base colours times the brightness."""
         channels = self.field(points)
         return torch.cat([(channels[:, :3] * self.brightness).clamp(max=1), channels[:, 3:]], 1)
+
+    @property
+    def mean_color(self) -> Tensor:
+        """The mean () that base colours are held at."""
+        return USUAL_BASE * self.brightness
 
     @torch.no_grad()
     def brighten(self, factor: float) -> None:
@@ -155,7 +161,7 @@ class LatticeModel(nn.Module):
         return (
             self.config.smoothness * (here - there).abs().mean()
             + material_prior(material, self.config)
-            + self.config.brightness_anchor * brightness_anchor(material[:, :3], USUAL_BASE * self.brightness)
+            + self.config.brightness_anchor * brightness_anchor(material[:, :3], self.mean_color)
             + self.config.normal_prior * material[:, 5:].square().mean()
         )
 
