@@ -1,14 +1,17 @@
 """The brightness that light and base colour share is found again from the photo of a glossy ball."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.decompose.gauge import choose_brightness
+from lightprobe.decompose.gauge import BRIGHTEST, choose_brightness
+from lightprobe.decompose.image_task import ImageTask
 from lightprobe.decompose.lights import Lights
+from lightprobe.decompose.optimisation import Stage
 from lightprobe.decompose.photos import Target
 from lightprobe.light.prefilter import cached
 from lightprobe.render.split_sum import shade
@@ -19,8 +22,8 @@ from tests.shapes import camera_at
 CPU = torch.device("cpu")
 
 
-@pytest.mark.parametrize(("off", "expected"), [(2.0, (0.5, 0.85)), (0.5, (1.2, 2.0)), (1.0, (0.85, 1.2))])
-def test_brightness_moves_towards_the_truth(off, expected):
+def ball():
+    """Return the G-buffer of a ball, and its photo."""
     true = sphere_gbuffer(1500, roughness=0.25, base=(0.3, 0.25, 0.2))
     config = DecomposeConfig()
     operator = cached(config.light_resolution)
@@ -28,8 +31,42 @@ def test_brightness_moves_towards_the_truth(off, expected):
     photo = shade(true, operator, operator.apply(light))
     target = Target("ball", View.of(camera_at([3, 0, 0.1]), CPU), photo, torch.ones(1500))
     lights = Lights(["ball"], config, CPU, 0)
+    return true, target, light, lights, config
+
+
+@pytest.mark.parametrize(("off", "expected"), [(2.0, (0.5, 0.85)), (0.5, (1.2, 2.0)), (1.0, (0.85, 1.2))])
+def test_brightness_moves_towards_the_truth(off, expected):
+    true, target, light, lights, config = ball()
     lights.maps = [light / off]  # as it is solved for the wrong surface
     wrong = replace(true, base_color=true.base_color * off)
     factor = choose_brightness(lambda _: wrong, [target], lights, config, 0)
     assert expected[0] <= factor <= expected[1], factor
     assert np.isclose(factor, choose_brightness(lambda _: wrong, [target], lights, config, 0))
+
+
+class _Dark:
+    """A model that shows the ball at half its brightness, and remembers how it was brightened."""
+
+    def __init__(self, true, mean):
+        self.wrong, self.mean_color = replace(true, base_color=0.5 * true.base_color), torch.tensor(mean)
+        self.factors = []
+
+    def see(self, *_):
+        return SimpleNamespace(gbuffer=self.wrong)
+
+    def renew(self):
+        pass
+
+    def brighten(self, factor):
+        self.factors.append(factor)
+
+
+@pytest.mark.parametrize(("mean", "most"), [(0.2, 2.0), (0.9 * BRIGHTEST, 1 / 0.9), (1.2 * BRIGHTEST, 1.0)])
+def test_no_choice_goes_beyond_the_brightest(mean, most):
+    true, target, light, lights, config = ball()
+    model = _Dark(true, mean)
+    lights.maps = [2 * light]
+    ImageTask(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
+    assert model.factors[0] <= most + 1e-6
+    assert model.factors[0] >= min(most, 1.2) - 1e-6
+    assert torch.allclose(lights.maps[0] * model.factors[0], 2 * light)
