@@ -23,7 +23,7 @@ CPU = torch.device("cpu")
 
 
 def ball():
-    """Return the G-buffer of a ball, and its photo."""
+    """Return the G-buffer of a ball, its photo and light, and new lights and configuration to find it with."""
     true = sphere_gbuffer(1500, roughness=0.25, base=(0.3, 0.25, 0.2))
     config = DecomposeConfig()
     operator = cached(config.light_resolution)
@@ -39,9 +39,9 @@ def test_brightness_moves_towards_the_truth(off, expected):
     true, target, light, lights, config = ball()
     lights.maps = [light / off]  # as it is solved for the wrong surface
     wrong = replace(true, base_color=true.base_color * off)
-    factor = choose_brightness(lambda _: wrong, [target], lights, config, 0)
+    factor = choose_brightness(lambda _: wrong, [target], lights, config, 0, mean=0.2)
     assert expected[0] <= factor <= expected[1], factor
-    assert np.isclose(factor, choose_brightness(lambda _: wrong, [target], lights, config, 0))
+    assert np.isclose(factor, choose_brightness(lambda _: wrong, [target], lights, config, 0, mean=0.2))
 
 
 class _Dark:

@@ -24,7 +24,7 @@ from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 
-BRIGHTEST = 0.45  # mean linear base colour
+BRIGHTEST = 0.45  # mean linear base colour that Phase I starts with, and that no choice goes beyond
 _PHOTOS = 8
 _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice
@@ -32,11 +32,12 @@ _REACH = 1.5  # of it, at most, in one choice
 
 @torch.no_grad()
 def choose_brightness(
-    see: Callable[[Target], GBuffer], targets: list[Target], lights: Lights, config: DecomposeConfig, step: int
-) -> float:
+    see: Callable[[Target], GBuffer], targets: list[Target], lights: Lights, config: DecomposeConfig, step: int,
+    mean: float,
+) -> float:  # fmt: skip
     """Return the factor on all base colours under which evenly chosen photos re-render best, lights solved anew.
 
-    `see` gives the G-buffer of the present asset in a photo. Deterministic.
+    `see` gives the G-buffer of the present asset in a photo; `mean` is its mean base colour. Deterministic.
     """
     chosen = [targets[int((k + 0.5) * len(targets) / _PHOTOS)] for k in range(min(_PHOTOS, len(targets)))]
     errors = torch.zeros(3, dtype=torch.float64)
@@ -46,7 +47,11 @@ def choose_brightness(
         if len(rows) > 0:
             for i in range(3):
                 errors[i] += _error(target, gbuffer, rows, lights, math.exp((i - 1) * _STEP), config)
-    below, here, above = errors.tolist()
+    return min(_least(*errors.tolist()), max(1.0, BRIGHTEST / mean))
+
+
+def _least(below: float, here: float, above: float) -> float:
+    """Return the factor with the least error, by the parabola through the errors of the three that were tried."""
     curvature = below - 2 * here + above
     if curvature <= 0:
         return math.exp(math.copysign(_STEP, below - above)) if below != above else 1.0

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
-from lightprobe.decompose.gauge import BRIGHTEST, choose_brightness
+from lightprobe.decompose.gauge import choose_brightness
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.losses import color_gauge, image_loss
@@ -79,8 +79,8 @@ class ImageTask:
         def see(target: Target) -> GBuffer:
             return self.model.see(target.view, step, fraction).gbuffer
 
-        factor = choose_brightness(see, self.targets, self.lights, self.config, step)
-        factor = min(factor, max(1.0, BRIGHTEST / float(self.model.mean_color)))
+        mean = float(self.model.mean_color)
+        factor = choose_brightness(see, self.targets, self.lights, self.config, step, mean)
         self.model.brighten(factor)
         if not self.lights.gradient:
             self.lights.maps = [light / factor for light in self.lights.maps]

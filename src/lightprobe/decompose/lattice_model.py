@@ -11,12 +11,12 @@ from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.decompose.gauge import BRIGHTEST
-from lightprobe.decompose.losses import USUAL_BASE, brightness_anchor, material_prior
+from lightprobe.decompose.losses import brightness_anchor, material_prior
 from lightprobe.decompose.moving_shadows import MovingShadows
 from lightprobe.decompose.start import Start
 from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
-from lightprobe.material.field import MaterialField
+from lightprobe.material.field import START_BASE, MaterialField
 from lightprobe.render.asset import gbuffer_of
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import View, face_camera, visible_surface
@@ -82,7 +82,7 @@ class LatticeModel(nn.Module):
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
         self.shadows: MovingShadows | None = None
         # Not trained: it travels with the parameters, as checkpoints hold those.
-        self.brightness = nn.Parameter(torch.tensor(BRIGHTEST / USUAL_BASE, device=device), requires_grad=False)
+        self.brightness = nn.Parameter(torch.tensor(BRIGHTEST / START_BASE, device=device), requires_grad=False)
         self.field = MaterialField(
             levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
             finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
@@ -122,7 +122,7 @@ class LatticeModel(nn.Module):
     @property
     def mean_color(self) -> Tensor:
         """The mean () that base colours are held at."""
-        return USUAL_BASE * self.brightness
+        return START_BASE * self.brightness
 
     @torch.no_grad()
     def brighten(self, factor: float) -> None:

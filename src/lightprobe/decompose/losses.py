@@ -12,7 +12,6 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.imaging import srgb_encode
 from lightprobe.scene.photo import CLIPPED
 
-USUAL_BASE = 0.2  # linear base colour of common things, geometric mean of the channels
 USUAL_ROUGHNESS = 0.4
 
 

@@ -14,6 +14,7 @@ from lightprobe.kernels import hash_encode
 
 CHANNELS = 8
 MIN_ROUGHNESS = 0.08
+START_BASE = 0.2  # linear base colour that a new field shows
 MAX_NORMAL_OFFSET = 0.5
 
 
