@@ -11,7 +11,7 @@ def test_thin_parts_keep_their_sides_apart():
     """Two sheets closer than a cell: each takes over the openness of its own side."""
     vertices, faces = (torch.from_numpy(part) for part in sphere(3))
     flat = vertices * torch.tensor([1.0, 1.0, 0.02])
-    shadows = MovingShadows.of(flat, faces)
+    shadows = MovingShadows.of(flat, faces, torch.full_like(flat, 0.5))
     moved = flat + torch.tensor([0.01, 0.0, 0.015])
     view = View.of(camera_at([0.3, 0.0, 3.0]), torch.device("cpu"))
     surface = visible_surface(moved, faces, view)

@@ -47,7 +47,7 @@ def test_the_true_object_is_found_again(oracle, scene):
         assert float((getattr(a, name) - getattr(b, name)).abs().mean()) < tolerance, name
     angle = torch.rad2deg(torch.acos((a.normal * b.normal).sum(1).clamp(-1, 1)))
     assert float(angle.mean()) < 2
-    assert oracle.asset.openness is not None
+    assert oracle.asset.around is not None
 
 
 def test_it_is_made_once_and_kept(oracle, scene, tmp_path):

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from lightprobe.light.prefilter import cached
-from lightprobe.render.openness import Openness, ambient_occlusion, blend, openness_table
+from lightprobe.render.openness import Openness, Surroundings, ambient_occlusion
 from lightprobe.render.split_sum import furnace, shade
+from lightprobe.render.surroundings import surroundings
 from lightprobe.render.transport import Transport
 from tests.render.test_split_sum import R, sky, sphere_gbuffer
 from tests.shapes import sphere
@@ -26,26 +27,31 @@ def ball_over_floor(radius: float, height: float) -> tuple[torch.Tensor, torch.T
     return torch.cat([floor, moved]), torch.cat([faces, ball.long() + n * n]).int(), n * n // 2
 
 
-def shaded_gbuffer(**material):
-    """A sphere's pixels, each open in a half-random way."""
+def grey(faces: torch.Tensor) -> torch.Tensor:
+    return torch.full(faces.shape, 0.5)
+
+
+def shaded_gbuffer(blockers=(0.6, 0.3, 0.8), **material):
+    """A sphere's pixels, each open in a half-random way, among surfaces of one colour."""
     gbuffer = sphere_gbuffer(400, **material)
     random = torch.Generator().manual_seed(1)
     table = torch.randint(0, 256, (30, 384), generator=random, dtype=torch.uint8)
     index = torch.randint(0, 30, (400, 3), generator=random)
     weight = torch.rand(400, 3, generator=random)
-    return dataclasses.replace(gbuffer, openness=Openness(table, index, weight / weight.sum(1, keepdim=True)))
+    around = Surroundings(table, torch.tensor(blockers).expand(30, 3).contiguous())
+    return dataclasses.replace(gbuffer, openness=Openness(around, index, weight / weight.sum(1, keepdim=True)))
 
 
 def test_a_sphere_is_open_everywhere():
     vertices, faces = (torch.from_numpy(part) for part in sphere(3))
-    assert float(ambient_occlusion(openness_table(vertices, faces), vertices).min()) > 0.95
+    assert float(ambient_occlusion(surroundings(vertices, faces, grey(faces)), vertices).min()) > 0.95
 
 
 @pytest.mark.parametrize(("radius", "height"), [(0.3, 0.6), (0.2, 0.5), (0.4, 0.45)])
 def test_under_a_ball_a_cone_is_blocked(radius, height):
     vertices, faces, middle = ball_over_floor(radius, height)
     normals = torch.tensor([0.0, 0, 1]).expand(len(vertices), 3)
-    opened = float(ambient_occlusion(openness_table(vertices, faces), normals)[middle])
+    opened = float(ambient_occlusion(surroundings(vertices, faces, grey(faces)), normals)[middle])
     assert opened == pytest.approx(1 - (radius / height) ** 2, abs=0.05)  # one of 384 directions weighs up to .02
 
 
@@ -53,11 +59,22 @@ def test_the_shadow_falls_away_from_the_light():
     vertices, faces, _ = ball_over_floor(0.2, 0.4)
     point = torch.tensor([[0.4, 0.0, 0.0]])
     nearest = int((vertices[: 41 * 41] - point).norm(dim=1).argmin())
-    openness = blend(openness_table(vertices, faces), faces, torch.tensor([0]), torch.tensor([[1.0, 0, 0]]))
-    openness = dataclasses.replace(openness, index=torch.full((2, 3), nearest), weight=torch.tensor([[1.0, 0, 0]] * 2))
+    around = surroundings(vertices, faces, grey(faces))
+    openness = Openness(around, torch.full((2, 3), nearest), torch.tensor([[1.0, 0, 0]] * 2))
     to_ball, away = openness.towards(torch.tensor([[-0.7, 0.0, 0.7], [0.7, 0.0, 0.7]]))
     assert float(to_ball) < 0.1
     assert float(away) > 0.9
+
+
+def test_the_floor_under_a_red_ball_sees_red():
+    vertices, faces, middle = ball_over_floor(0.3, 0.4)
+    red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
+    ball = (faces >= 41 * 41).all(1, keepdim=True)
+    around = surroundings(vertices, faces, torch.where(ball, red, blue))
+    torch.testing.assert_close(around.blockers[middle], red, atol=1e-3, rtol=0)
+    lowest = 41 * 41 + int(vertices[41 * 41 :, 2].argmin())
+    torch.testing.assert_close(around.blockers[lowest], blue, atol=0.02, rtol=0)
+    torch.testing.assert_close(around.brightened(0.5).blockers, 0.5 * around.blockers)
 
 
 def test_transport_is_shading_and_its_transpose():
@@ -77,6 +94,6 @@ def test_furnace(metallic):
     torch.testing.assert_close(furnace(gbuffer), white, rtol=1e-4, atol=1e-5)
     unshadowed = furnace(dataclasses.replace(gbuffer, openness=None))
     assert bool((white <= unshadowed + 1e-5).all())
-    lossless = shaded_gbuffer(roughness=0.4, metallic=metallic, base=(1.0, 1.0, 1.0))
+    lossless = shaded_gbuffer(roughness=0.4, metallic=metallic, base=(1.0, 1.0, 1.0), blockers=(1.0, 1.0, 1.0))
     unshadowed = furnace(dataclasses.replace(lossless, openness=None))
     torch.testing.assert_close(furnace(lossless), unshadowed, rtol=1e-4, atol=1e-5)

@@ -12,8 +12,8 @@ from lightprobe.geometry.atlas import unwrap
 from lightprobe.geometry.mesh import Mesh, clean, crease_normals, decimate, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, uv_handedness
-from lightprobe.render.openness import openness_table
+from lightprobe.render.asset import Asset, face_colors, uv_handedness
+from lightprobe.render.surroundings import surroundings
 
 
 def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> Asset:
@@ -24,8 +24,9 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> 
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
     mesh = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds).to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
-    openness = openness_table(mesh.vertices, mesh.faces) if config.shadows else None
-    return Asset(mesh, bake_textures(model, mesh, config.texture_size), openness)
+    textures = bake_textures(model, mesh, config.texture_size)
+    colors = face_colors(mesh, textures.flat())
+    return Asset(mesh, textures, surroundings(mesh.vertices, mesh.faces, colors) if config.shadows else None)
 
 
 @torch.no_grad()

@@ -64,7 +64,8 @@ def _error(
 ) -> float:
     """Return the mean displayed error of the pixels `rows` with base colours times `factor`."""
     pixels = gbuffer.select(rows)
-    pixels = replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1))
+    around = None if pixels.openness is None else pixels.openness.brightened(factor)
+    pixels = replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1), openness=around)
     light = lights.maps[lights.index[target.name]] / factor
     photo, every = target.color[pixels.pixel], torch.arange(len(rows), device=rows.device)
     for _ in range(2):  # the light on the map is that of another state of the asset

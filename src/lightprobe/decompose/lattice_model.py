@@ -128,6 +128,7 @@ class LatticeModel(nn.Module):
     def brighten(self, factor: float) -> None:
         """Multiply all base colours, and the mean they are held at, by `factor`."""
         self.brightness.mul_(factor)
+        self.shadows = None if self.shadows is None else self.shadows.brightened(factor)
 
     def see(self, view: View, step: int, progress: float) -> Seen:
         """Return what the camera sees; `progress` in [0, 1] drives the regularisers' schedule."""
@@ -173,7 +174,8 @@ class LatticeModel(nn.Module):
     def renew(self) -> None:
         """Find anew which directions the present surface blocks."""
         if self.config.shadows:
-            self.shadows = MovingShadows.of(*self._present())
+            vertices, faces = self._present()
+            self.shadows = MovingShadows.of(vertices, faces, self.material(vertices)[:, :3])
 
     def project(self) -> None:
         """Do nothing: every quantity is valid by construction."""

@@ -12,9 +12,9 @@ from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
 from lightprobe.kernels import gather_rows, scatter_rows
 from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, textured_gbuffer
-from lightprobe.render.openness import openness_table
+from lightprobe.render.asset import Asset, face_colors, textured_gbuffer
 from lightprobe.render.surface import View, visible_surface
+from lightprobe.render.surroundings import surroundings
 
 
 class SurfaceModel(nn.Module):
@@ -31,11 +31,12 @@ class SurfaceModel(nn.Module):
         self.displacement = nn.Parameter(torch.zeros_like(asset.mesh.vertices))
         channels = asset.textures.flat()
         self.color = nn.Parameter(channels[:, :3].clone())
+        self.start_color = channels[:, :3]
         self.finish = nn.Parameter(channels[:, 3:].clone())  # roughness, metallic, normal
         mean = channels[:, :3].mean(0).clamp(min=1e-3).log().mean().exp()
         self.mean_color = nn.Parameter(mean, requires_grad=False)  # untrained, but part of a checkpoint
         self.tangents = uv_tangents(asset.mesh)
-        self.openness = asset.openness
+        self.around = asset.around
         count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
         self.degree = count.index_add(
             0, self.edges.vertices.reshape(-1), torch.ones_like(count[:1]).expand(2 * len(ends), 1)
@@ -65,7 +66,7 @@ class SurfaceModel(nn.Module):
         screen = view.project(mesh.vertices)
         surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
         texels = self.texels()
-        gbuffer = textured_gbuffer(surface, view, mesh, texels, self.tangents, self.openness)
+        gbuffer = textured_gbuffer(surface, view, mesh, texels, self.tangents, self.around)
         loss = self.config.laplacian * self._laplacian_change() + self._texture_loss(texels)
         return Seen(gbuffer, screen, mesh.faces, self.edges, loss)
 
@@ -90,15 +91,20 @@ class SurfaceModel(nn.Module):
 
     @torch.no_grad()
     def renew(self) -> None:
-        """Find anew which directions the present surface blocks, if it is not the start's."""
-        if self.config.shadows and bool(self.displacement.any()):
-            self.openness = openness_table(self.mesh().vertices, self.start.faces)
+        """Find anew what the present surface sees of itself, if it is not the start's."""
+        if self.config.shadows and not self._at_start():
+            colors = face_colors(self.start, self.texels())
+            self.around = surroundings(self.mesh().vertices, self.start.faces, colors)
+
+    def _at_start(self) -> bool:
+        return torch.equal(self.color, self.start_color) and not bool(self.displacement.any())
 
     @torch.no_grad()
     def brighten(self, factor: float) -> None:
         """Multiply all base colours, and the mean they are held at, by `factor`."""
         self.color.mul_(factor)
         self.mean_color.mul_(factor)
+        self.around = None if self.around is None else self.around.brightened(factor)
         self.project()
 
     @torch.no_grad()
@@ -114,4 +120,4 @@ class SurfaceModel(nn.Module):
     def asset(self) -> Asset:
         """Return the present state as an asset, normals of unit length."""
         self.renew()
-        return Asset(self.mesh(), Textures.of_bent(self.texels()), self.openness)
+        return Asset(self.mesh(), Textures.of_bent(self.texels()), self.around)

@@ -21,7 +21,7 @@ from lightprobe.kernels import weighted_gather
 from lightprobe.material.textures import bilinear_taps
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import blend
+from lightprobe.render.openness import Openness
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import Surface, View, visible_surface
 
@@ -146,6 +146,6 @@ class TextureTask:
     def _gbuffer(self, photo: PhotoPixels, material: Tensor) -> GBuffer:
         surface = photo.surface
         normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])
-        table = self.model.openness
-        openness = None if table is None else blend(table, self._mesh.faces, surface.face, surface.barycentric)
+        around = self.model.around
+        openness = None if around is None else Openness.of(around, self._mesh.faces, surface.face, surface.barycentric)
         return gbuffer_of(surface, photo.view, normal, material, openness)

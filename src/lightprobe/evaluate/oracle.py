@@ -27,13 +27,13 @@ from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.kernels import rasterize
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, uv_handedness
-from lightprobe.render.openness import openness_table
+from lightprobe.render.asset import Asset, face_colors, uv_handedness
 from lightprobe.render.surface import View
+from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.photo import Photo, Scene
 
-_MAX_FACES = 40_000  # before subdivision
-_LONGEST_EDGE = 0.08  # radii; openness lives on the vertices, so large faces need more of them
+_MAX_FACES = 200_000  # before subdivision; decimated further, thin sheets with open edges get holes
+_LONGEST_EDGE = 0.04  # radii; openness lives on the vertices, so large faces need more of them
 _LARGEST_TEXTURE = 2048
 _TEXELS_PER_FACE = 10  # along an edge of the square that two triangles share
 _CREASE_DEGREES = 40.0
@@ -78,7 +78,9 @@ def true_asset(scene: Scene) -> Asset:
     material[:, 5:] = _to_tangent_space(mesh, face, barycentric, smooth, material[:, 5:])
     flat = torch.zeros(size * size, 8)
     flat[texel] = material
-    return Asset(mesh, Textures.from_flat(fill_texels(flat, texel, size)), openness_table(mesh.vertices, mesh.faces))
+    flat = fill_texels(flat, texel, size)
+    around = surroundings(mesh.vertices, mesh.faces, face_colors(mesh, flat))
+    return Asset(mesh, Textures.from_flat(flat), around)
 
 
 def _true_mesh(scene: Scene) -> Mesh:

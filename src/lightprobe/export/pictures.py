@@ -29,7 +29,7 @@ def write_pictures(asset: Asset, folder: Path) -> GltfPictures:
 def _occlusion(asset: Asset) -> np.ndarray:
     """Return the ambient occlusion (S, S), 1 for open; all 1 for an object that casts no shadows on itself."""
     mesh, size = asset.mesh, asset.textures.size
-    if asset.openness is None:
+    if asset.around is None:
         return np.ones((size, size), np.float32)
-    opened = ambient_occlusion(asset.openness, vertex_normals(mesh.vertices, mesh.faces))
+    opened = ambient_occlusion(asset.around, vertex_normals(mesh.vertices, mesh.faces))
     return bake_vertices(mesh, opened[:, None], size)[..., 0].cpu().numpy()

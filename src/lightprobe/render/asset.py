@@ -12,13 +12,14 @@ from lightprobe.geometry.mesh import EdgeFaces, Mesh, edge_faces, uv_tangents
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import Openness, blend
+from lightprobe.render.openness import Openness, Surroundings
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
 from lightprobe.scene.camera import Camera
 
 _FIELDS = ("vertices", "faces", "uvs", "uv_faces", "base_color", "roughness", "metallic", "normal")
+_SHADOWS = ("openness", "blockers")
 
 
 @dataclass(frozen=True)
@@ -27,16 +28,16 @@ class Asset:
 
     mesh: Mesh
     textures: Textures
-    openness: Tensor | None = None  # (V, 384) uint8, see `render.openness`; None: the object casts no shadows
+    around: Surroundings | None = None  # None: the object casts no shadows
 
     def to(self, device: torch.device) -> "Asset":
         """Return the asset on another device."""
-        openness = None if self.openness is None else self.openness.to(device)
-        return Asset(self.mesh.to(device), self.textures.to(device), openness)
+        around = None if self.around is None else self.around.to(device)
+        return Asset(self.mesh.to(device), self.textures.to(device), around)
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all tensors by name."""
-        parts = {**vars(self.mesh), **vars(self.textures), "openness": self.openness}
+        parts = {**vars(self.mesh), **vars(self.textures), **(vars(self.around) if self.around else {})}
         return {name: value for name, value in parts.items() if value is not None}
 
     @staticmethod
@@ -44,7 +45,8 @@ class Asset:
         """Return the asset of `tensors`."""
         v = [tensors[name] for name in _FIELDS]
         mesh = Mesh(v[0], v[1], v[2], v[3], tensors.get("normal_faces"))
-        return Asset(mesh, Textures(*v[4:]), tensors.get("openness"))
+        shadows = "openness" in tensors
+        return Asset(mesh, Textures(*v[4:]), Surroundings(*(tensors[n] for n in _SHADOWS)) if shadows else None)
 
     def save(self, path: Path) -> None:
         """Write the asset as one safetensors file."""
@@ -54,7 +56,8 @@ class Asset:
     def load(path: Path) -> "Asset":
         """Read the file written by `save`."""
         tensors = load_tensors(path)
-        missing = [name for name in _FIELDS if name not in tensors]
+        needed = _FIELDS + (_SHADOWS if "openness" in tensors else ())
+        missing = [name for name in needed if name not in tensors]
         if missing:
             raise InputError(f"{path} is not an asset file: it has no '{missing[0]}'; run `lightprobe fit` again.")
         return Asset.from_tensors(tensors)
@@ -72,6 +75,11 @@ def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Ten
     b = torch.linalg.cross(n, t) * uv_handedness(mesh)[surface.face][:, None]
     bent = mapped[:, :1] * t + mapped[:, 1:2] * b + mapped[:, 2:] * n
     return face_camera(torch.nn.functional.normalize(bent, dim=1, eps=1e-12), surface.view)
+
+
+def face_colors(mesh: Mesh, flat: Tensor) -> Tensor:
+    """Return the base colour (F, 3) in the middle of each face; `flat` (S * S, 8) as `Textures.flat`."""
+    return sample(flat, mesh.uvs[mesh.uv_faces.long()].mean(1))[:, :3].contiguous()
 
 
 def uv_handedness(mesh: Mesh) -> Tensor:
@@ -93,15 +101,12 @@ def gbuffer_of(
 
 
 def textured_gbuffer(
-    surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor, table: Tensor | None = None
+    surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor, around: Surroundings | None = None
 ) -> GBuffer:
-    """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both.
-
-    table: the openness of the mesh's vertices, (V, 384) uint8.
-    """
+    """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both."""
     material = sample(flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
     shading = shading_normals(surface, mesh, mesh.normals(), tangents, material[:, 5:])
-    openness = None if table is None else blend(table, mesh.faces, surface.face, surface.barycentric)
+    openness = None if around is None else Openness.of(around, mesh.faces, surface.face, surface.barycentric)
     return gbuffer_of(surface, view, shading, material, openness)
 
 
@@ -114,7 +119,7 @@ def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuff
 
 def asset_gbuffer(asset: Asset, surface: Surface, view: View) -> GBuffer:
     """Return the G-buffer of the asset's visible surface."""
-    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.openness)
+    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.around)
 
 
 def composite(gbuffer: GBuffer, radiance: Tensor, vertices: Tensor, faces: Tensor, edges: EdgeFaces, view: View

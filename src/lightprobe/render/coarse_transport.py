@@ -88,7 +88,7 @@ def _open_averages(openness: Openness, normal: Tensor) -> tuple[Tensor, Tensor, 
     angle = cubemap.solid_angles(BLOCKS, normal.device).reshape(-1)
     seen = torch.zeros(len(normal), TEXELS, device=normal.device)
     for corner in range(openness.index.shape[1]):
-        rows = openness.table.index_select(0, openness.index[:, corner].long())
+        rows = openness.around.openness.index_select(0, openness.index[:, corner].long())
         seen.addcmul_(openness.weight[:, corner, None] / 255, rows.to(seen.dtype))
     cosine = (normal @ directions.T).clamp(min=0) * angle
     total = cosine.sum(1, keepdim=True).clamp(min=1e-12)

@@ -24,7 +24,7 @@ class GBuffer:
     base_color: Tensor  # (P, 3) linear
     roughness: Tensor  # (P,) perceptual; alpha = roughness^2
     metallic: Tensor  # (P,)
-    openness: Openness | None = None  # the directions open at each pixel; None: all of them
+    openness: Openness | None = None  # what blocks directions at each pixel; None: nothing
 
     def select(self, rows: Tensor) -> "GBuffer":
         """Return the pixels at `rows` (K,) int64."""

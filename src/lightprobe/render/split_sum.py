@@ -77,8 +77,8 @@ def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, T
     """Return the open share (P, 1) of the specular lobe, and what a pixel reflects (P, 3) of the light around it.
 
     The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. The second is
-    what comes by way of the surfaces in the way: they are taken to have the pixel's own colour and to stand in the
-    mean light of its open directions.
+    what comes by way of the surfaces in the way: they have the mean base colour of what blocks it, and are taken to
+    stand in the mean light of its open directions.
     """
     if gbuffer.openness is None:
         raise ValueError("The G-buffer has no openness.")
@@ -86,7 +86,7 @@ def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, T
     axis = gbuffer.openness.towards(r.mirror)
     lobe = (axis + matte * (opened.detach() - axis))[:, None]
     blocked = r.diffuse * (1.0 - opened[:, None]) + r.specular * r.share * (1.0 - lobe)
-    return lobe, gbuffer.base_color * blocked
+    return lobe, gbuffer.openness.blockers() * blocked
 
 
 @torch.no_grad()

@@ -1,0 +1,90 @@
+"""What the vertices of a mesh see of the mesh: one depth map per direction, as for a sun standing there.
+
+A vertex that lies behind the surface in a direction's depth map is blocked there, by the face in front of it.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.geometry.mesh import vertex_normals
+from lightprobe.kernels import rasterize
+from lightprobe.light import cubemap
+from lightprobe.light.prefilter import BLOCKS
+from lightprobe.render.openness import Surroundings
+
+SIDE = 512  # pixels of a depth map
+_BIAS = 1.5  # pixels a vertex is lifted from its surface: less, and faces shadow themselves
+_FAR = 50.0  # radii; perspective-correct depth is as good as linear from here
+_HORIZON = -0.2  # directions further below a vertex's horizon are blocked, whatever the depth map says
+
+
+@torch.no_grad()
+def surroundings(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> Surroundings:
+    """Return what the vertices (V, 3) of a mesh (F, 3) with base colours (F, 3) see; `side`: pixels of a depth map.
+
+    What nothing blocks gets the mean colour as that of its blockers, which matters to no one.
+    """
+    normals = vertex_normals(vertices, faces)
+    maps = _DepthMaps.around(vertices, normals, side)
+    cosine = normals @ cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3).T
+    weight = cosine.clamp(min=0) * cubemap.solid_angles(BLOCKS, vertices.device).reshape(-1)
+    table = torch.zeros(cosine.shape, dtype=torch.uint8, device=vertices.device)
+    # A trace of the mean colour stands for blockers that are not there.
+    total, reflected = torch.full_like(vertices[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(vertices)
+    for k, axes in enumerate(_frames(vertices.device)):
+        lit, blocker = maps.look(vertices, faces, axes)
+        lit = torch.where(cosine[:, k] > _HORIZON, lit, 0.0)
+        table[:, k] = (255 * lit).round().to(torch.uint8)
+        blocked = (weight[:, k] * (1 - lit) * (blocker >= 0))[:, None]
+        total += blocked
+        reflected = torch.addcmul(reflected, blocked, colors[blocker.clamp(min=0)])
+    return Surroundings(table, reflected / total)
+
+
+@dataclass(frozen=True)
+class _DepthMaps:
+    """Parallel views of an object from far away, and the points that ask them what they see."""
+
+    lifted: Tensor  # (V, 3)
+    extent: float  # half edge of the map
+    pixel: float
+    side: int
+
+    @staticmethod
+    def around(vertices: Tensor, normals: Tensor, side: int) -> "_DepthMaps":
+        extent = 1.02 * float(vertices.norm(dim=1).max())
+        pixel = 2 * extent / side
+        return _DepthMaps(vertices + _BIAS * pixel * normals, extent, pixel, side)
+
+    def look(self, vertices: Tensor, faces: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
+        """Return how much (V,) of the direction axes[2] each point has open, and the face before it (V,), -1 if none.
+
+        Four pixels around the point are asked for the one, the nearest for the other.
+        """
+        visibility = rasterize(self._screen(vertices, axes), faces, self.side, self.side)
+        inverse = visibility.inverse_depth.reshape(-1)
+        depth = torch.where(inverse > 0, 1 / inverse, 2 * _FAR)
+        point = self._screen(self.lifted, axes)
+        place = (point[:, :2] - 0.5).clamp(0, self.side - 1.001)
+        low = place.floor()
+        (fx, fy), first = (place - low).unbind(1), (low[:, 1] * self.side + low[:, 0]).long()
+        corners = torch.stack([first + step for step in (0, 1, self.side, self.side + 1)], 1)
+        lit = depth[corners] > point[:, 2:] - _BIAS * self.pixel
+        share = torch.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], 1)
+        nearest = first + (fx > 0.5).long() + self.side * (fy > 0.5).long()
+        return (lit * share).sum(1), visibility.face.reshape(-1)[nearest].long()
+
+    def _screen(self, points: Tensor, axes: Tensor) -> Tensor:
+        """Return points (V, 3) as the rasteriser takes them, seen in parallel from far along the third of `axes`."""
+        x, y, z = (points @ axes.T).unbind(1)
+        return torch.stack([(x + self.extent) / self.pixel, (y + self.extent) / self.pixel, _FAR - z], 1)
+
+
+def _frames(device: torch.device) -> Tensor:
+    """Return orthonormal axes (384, 3, 3) whose third row is the direction."""
+    third = cubemap.directions(BLOCKS, device).reshape(-1, 3)
+    helper = torch.where(third[:, :1].abs() < 0.6, third.new_tensor([1.0, 0, 0]), third.new_tensor([0.0, 1, 0]))
+    first = torch.nn.functional.normalize(torch.linalg.cross(third, helper), dim=1)
+    return torch.stack([first, torch.linalg.cross(third, first), third], 1)
