@@ -75,7 +75,7 @@ class DecomposeConfig:
     """Pixels a light solve looks at."""
     light_solve_iterations: int = 5
     """Iterations of a light solve, warm-started from the previous visit."""
-    light_regularisation: float = 0.03
+    light_regularisation: float = 0.003
     """Pull of a light towards its own mean in places the photo does not pin down."""
     shadows: bool = True
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
@@ -105,7 +105,7 @@ class DecomposeConfig:
     """Weight of the squared log of the mean base colour over its present one, which is chosen at every checkpoint."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
-    normal_prior: float = 0.5
+    normal_prior: float = 5.0
     """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
     normal_prior_detail: float = 0.0
     """Weight of the squared tangent part of the normal map in the third pass."""
