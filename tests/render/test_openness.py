@@ -88,6 +88,15 @@ def test_transport_is_shading_and_its_transpose():
 
 
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
+def test_what_blocks_lends_its_colour(metallic):
+    """The object's own colour has no part in it: gold beside black reflects black."""
+    material = {"roughness": 0.3, "metallic": metallic, "base": (0.9, 0.7, 0.2)}
+    dark, light, red = (furnace(shaded_gbuffer(c, **material)) for c in ((0.0,) * 3, (1.0,) * 3, (1.0, 0.25, 0.0)))
+    assert bool((light > dark + 0.01).all())
+    torch.testing.assert_close(red, dark + torch.tensor([1.0, 0.25, 0.0]) * (light - dark), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
 def test_furnace(metallic):
     gbuffer, operator = shaded_gbuffer(roughness=0.4, metallic=metallic), cached(R)
     white = shade(gbuffer, operator, torch.ones(operator.total, 3))

@@ -37,7 +37,7 @@ class Model(Protocol):
         """Return the trainable tensors, as `torch.nn.Module` does."""
 
     def renew(self) -> None:
-        """Update what follows the surface's shape only now and then: its shadows."""
+        """Update what follows the surface only now and then: its shadows, and the colours it sees around it."""
 
     def brighten(self, factor: float) -> None:
         """Multiply all base colours, and the mean they are held at, by `factor`."""

@@ -172,7 +172,7 @@ class LatticeModel(nn.Module):
 
     @torch.no_grad()
     def renew(self) -> None:
-        """Find anew which directions the present surface blocks."""
+        """Find anew what the present surface sees of itself."""
         if self.config.shadows:
             vertices, faces = self._present()
             self.shadows = MovingShadows.of(vertices, faces, self.material(vertices)[:, :3])
