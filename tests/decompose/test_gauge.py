@@ -1,7 +1,6 @@
 """The brightness that light and base colour share is found again from the photo of a glossy ball."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -39,9 +38,9 @@ def test_brightness_moves_towards_the_truth(off, expected):
     true, target, light, lights, config = ball()
     lights.maps = [light / off]  # as it is solved for the wrong surface
     wrong = replace(true, base_color=true.base_color * off)
-    factor = choose_brightness(lambda _: wrong, [target], lights, config, 0, mean=0.2)
+    factor = choose_brightness([(target, wrong)], lights, config, 0, mean=0.2)
     assert expected[0] <= factor <= expected[1], factor
-    assert np.isclose(factor, choose_brightness(lambda _: wrong, [target], lights, config, 0, mean=0.2))
+    assert np.isclose(factor, choose_brightness([(target, wrong)], lights, config, 0, mean=0.2))
 
 
 class _Dark:
@@ -51,8 +50,8 @@ class _Dark:
         self.wrong, self.mean_color = replace(true, base_color=0.5 * true.base_color), torch.tensor(mean)
         self.factors = []
 
-    def see(self, *_):
-        return SimpleNamespace(gbuffer=self.wrong)
+    def look(self, views, progress):
+        return [self.wrong for _ in views]
 
     def renew(self):
         pass

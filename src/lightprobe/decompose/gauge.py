@@ -11,7 +11,7 @@ says nothing about it, and would drift to where every colour is white.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import replace
 
 import torch
@@ -30,19 +30,22 @@ _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice
 
 
+def spread(targets: list[Target]) -> list[Target]:
+    """Return photos spread evenly over the list, as many as a choice looks at."""
+    count = min(_PHOTOS, len(targets))
+    return [targets[int((k + 0.5) * len(targets) / count)] for k in range(count)]
+
+
 @torch.no_grad()
 def choose_brightness(
-    see: Callable[[Target], GBuffer], targets: list[Target], lights: Lights, config: DecomposeConfig, step: int,
-    mean: float,
-) -> float:  # fmt: skip
-    """Return the factor on all base colours under which evenly chosen photos re-render best, lights solved anew.
+    shown: Iterable[tuple[Target, GBuffer]], lights: Lights, config: DecomposeConfig, step: int, mean: float
+) -> float:
+    """Return the factor on all base colours under which photos re-render best, lights solved anew; deterministic.
 
-    `see` gives the G-buffer of the present asset in a photo; `mean` is its mean base colour. Deterministic.
+    `shown`: photos, and the present asset's G-buffers in them; `mean`: its mean base colour.
     """
-    chosen = [targets[int((k + 0.5) * len(targets) / _PHOTOS)] for k in range(min(_PHOTOS, len(targets)))]
     errors = torch.zeros(3, dtype=torch.float64)
-    for target in chosen:
-        gbuffer = see(target)
+    for target, gbuffer in shown:
         rows = lights.rows(target, gbuffer, step, config.light_solve_pixels)
         if len(rows) > 0:
             for i in range(3):

@@ -1,5 +1,6 @@
 """The first two passes' task: whole photos, silhouettes included, one per step."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -8,7 +9,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
-from lightprobe.decompose.gauge import choose_brightness
+from lightprobe.decompose.gauge import choose_brightness, spread
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.losses import color_gauge, image_loss
@@ -32,6 +33,9 @@ class Model(Protocol):
 
     def see(self, view: View, step: int, progress: float) -> Seen:
         """Return what a camera sees, and the regularisation loss."""
+
+    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+        """Yield the G-buffers of the present surface in several views, without gradient."""
 
     def parameters(self):
         """Return the trainable tensors, as `torch.nn.Module` does."""
@@ -74,13 +78,10 @@ class ImageTask:
         self.model.renew()
         if iteration == 0 or self.config.brightness_anchor == 0:
             return
-        step = self.stage.first_step + iteration
-
-        def see(target: Target) -> GBuffer:
-            return self.model.see(target.view, step, fraction).gbuffer
-
-        mean = float(self.model.mean_color)
-        factor = choose_brightness(see, self.targets, self.lights, self.config, step, mean)
+        chosen = spread(self.targets)
+        shown = zip(chosen, self.model.look([target.view for target in chosen], fraction), strict=True)
+        step, mean = self.stage.first_step + iteration, float(self.model.mean_color)
+        factor = choose_brightness(shown, self.lights, self.config, step, mean)
         self.model.brighten(factor)
         if not self.lights.gradient:
             self.lights.maps = [light / factor for light in self.lights.maps]

@@ -1,6 +1,7 @@
 """The first pass's unknowns: signed distances and offsets on a lattice, and the material field."""
 
 import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +137,22 @@ class LatticeModel(nn.Module):
         crossing = Crossing.of(self.lattice, distance)
         vertices, faces = self.surface(distance, crossing)
         screen = view.project(vertices)
+        gbuffer, material = self._shown(view, vertices, faces, screen, progress)
+        weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
+        loss = weight * sign_change_loss(self.lattice, crossing, distance)
+        loss = loss + self._material_loss(gbuffer.position, material, step)
+        return Seen(gbuffer, screen, faces, edge_faces(faces), loss)
+
+    @torch.no_grad()
+    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+        """Yield the G-buffers of the present surface in several views."""
+        vertices, faces = self._present()
+        for view in views:
+            yield self._shown(view, vertices, faces, view.project(vertices), progress)[0]
+
+    def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float
+               ) -> tuple[GBuffer, Tensor]:  # fmt: skip
+        """Return the G-buffer of a surface projected to `screen`, and the material (P, 8) of its pixels."""
         surface = visible_surface(vertices, faces, view, screen)
         openness = None if self.shadows is None else self.shadows.at(vertices, faces, surface)
         material = self.material(surface.position)
@@ -145,11 +162,7 @@ class LatticeModel(nn.Module):
             torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * min(1.0, 2 * progress),
             surface.view,
         )
-        gbuffer = gbuffer_of(surface, view, normal, material, openness)
-        weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
-        loss = weight * sign_change_loss(self.lattice, crossing, distance)
-        loss = loss + self._material_loss(surface.position, material, step)
-        return Seen(gbuffer, screen, faces, edge_faces(faces), loss)
+        return gbuffer_of(surface, view, normal, material, openness), material
 
     def _material_loss(self, position: Tensor, material: Tensor, step: int) -> Tensor:
         """Smoothness under a small random displacement, and the priors of metallic, roughness and normal offset."""

@@ -1,5 +1,6 @@
 """The second pass's unknowns: vertex positions of a fixed mesh, and its textures."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import torch
@@ -13,6 +14,7 @@ from lightprobe.kernels import gather_rows, scatter_rows
 from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, face_colors, textured_gbuffer
+from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import View, visible_surface
 from lightprobe.render.surroundings import surroundings
 
@@ -62,13 +64,22 @@ class SurfaceModel(nn.Module):
 
     def see(self, view: View, step: int, progress: float) -> Seen:
         """Return what the camera sees."""
-        mesh = self.mesh()
+        mesh, texels = self.mesh(), self.texels()
         screen = view.project(mesh.vertices)
-        surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
-        texels = self.texels()
-        gbuffer = textured_gbuffer(surface, view, mesh, texels, self.tangents, self.around)
+        gbuffer = self._shown(view, mesh, texels, screen)
         loss = self.config.laplacian * self._laplacian_change() + self._texture_loss(texels)
         return Seen(gbuffer, screen, mesh.faces, self.edges, loss)
+
+    @torch.no_grad()
+    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+        """Yield the G-buffers of the present surface in several views."""
+        mesh, texels = self.mesh(), self.texels()
+        for view in views:
+            yield self._shown(view, mesh, texels, view.project(mesh.vertices))
+
+    def _shown(self, view: View, mesh: Mesh, texels: Tensor, screen: Tensor) -> GBuffer:
+        surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
+        return textured_gbuffer(surface, view, mesh, texels, self.tangents, self.around)
 
     def _laplacian_change(self) -> Tensor:
         """Return the mean squared uniform Laplacian of the displacement, in mean edges."""
