@@ -189,9 +189,11 @@ class Benchmark:
         for number, variant in enumerate(LOSSES):
             files = sorted((self.folder / "pieces").glob(f"{LOSSES_SCENE}.loss.{number}.seed*.json"))
             if files:
-                results.losses[variant] = [read_json(file)["metrics"] for file in files]
+                pieces = [read_json(file) for file in files]
+                results.losses[variant] = [piece["metrics"] for piece in pieces]
                 options = " ".join(("--restart", *PAPER, *LOSSES[variant], "--seed K"))
-                results.commands.append(f"lightprobe distill RUN {options}   # {variant}")
+                commits = ", ".join(sorted({piece["commit"] for piece in pieces}))
+                results.commands.append(f"lightprobe distill RUN {options}   # {variant}, {commits}")
         return results
 
     def _evaluate(self, name: str, score: Sequence[str], run: RunFolder) -> None:
