@@ -32,9 +32,9 @@ from lightprobe.render.surface import View
 from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.photo import Photo, Scene
 
-_MAX_FACES = 200_000  # before subdivision; decimated further, thin sheets with open edges get holes
-_LONGEST_EDGE = 0.04  # radii; openness lives on the vertices, so large faces need more of them
-_LARGEST_TEXTURE = 2048
+_MAX_FACES = 80_000  # before subdivision; decimated further, thin sheets with open edges get holes
+_LONGEST_EDGE = 0.08  # radii; openness lives on the vertices, so large faces need more of them
+_LARGEST_TEXTURE = 3072
 _TEXELS_PER_FACE = 10  # along an edge of the square that two triangles share
 _CREASE_DEGREES = 40.0
 _DEPTH_TOLERANCE = 0.01  # radii
@@ -67,7 +67,7 @@ def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path
 def true_asset(scene: Scene) -> Asset:
     """Return the scene's true object in the normalised frame."""
     mesh = _true_mesh(scene)
-    size = min(_LARGEST_TEXTURE, 2 ** math.ceil(math.log2(_TEXELS_PER_FACE * math.sqrt(len(mesh.faces) / 2) + 64)))
+    size = min(_LARGEST_TEXTURE, 256 * math.ceil((_TEXELS_PER_FACE * math.sqrt(len(mesh.faces) / 2) + 64) / 256))
     uvs, uv_faces = triangle_atlas(len(mesh.faces), size)
     mesh = replace(mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=torch.from_numpy(uv_faces.astype(np.int32)))
     face, barycentric, texel = texel_points(mesh, size)
