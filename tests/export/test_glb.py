@@ -10,6 +10,7 @@ from lightprobe.export import write_mesh
 from lightprobe.geometry.mesh import Mesh, vertex_normals
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
+from lightprobe.render.openness import Surroundings
 from lightprobe.scene.camera import Similarity
 from tests.export.glb_reader import Glb
 from tests.shapes import sphere_mesh
@@ -119,7 +120,8 @@ def test_occlusion_is_dark_where_the_object_blocks_the_light(tmp_path):
     mesh = sphere_mesh(2)
     table = torch.full((len(mesh.vertices), 384), 255, dtype=torch.uint8)
     table[mesh.vertices[:, 2] > 0] = 0
-    write_mesh(Asset(mesh, toy_textures(128), table), SIMILARITY, tmp_path / "mesh.glb")
+    around = Surroundings(table, torch.zeros(len(table), 3))
+    write_mesh(Asset(mesh, toy_textures(128), around), SIMILARITY, tmp_path / "mesh.glb")
     occlusion = Glb((tmp_path / "mesh.glb").read_bytes()).picture(1)[..., 0] / 255
     assert occlusion.min() == 0
     assert occlusion.max() == 1
