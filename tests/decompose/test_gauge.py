@@ -60,7 +60,7 @@ class _Dark:
         self.factors.append(factor)
 
 
-@pytest.mark.parametrize(("mean", "most"), [(0.2, 2.0), (0.9 * BRIGHTEST, 1 / 0.9)])
+@pytest.mark.parametrize(("mean", "most"), [(0.2, 2.0), (0.9 * BRIGHTEST, 1 / 0.9), (1.2 * BRIGHTEST, 1.0)])
 def test_no_choice_goes_beyond_the_brightest(mean, most):
     true, target, light, lights, config = ball()
     model = _Dark(true, mean)

@@ -12,8 +12,7 @@ from lightprobe.geometry.atlas import unwrap
 from lightprobe.geometry.mesh import Mesh, clean, crease_normals, decimate, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, face_colors, uv_handedness
-from lightprobe.render.surroundings import surroundings
+from lightprobe.render.asset import Asset, textured_surroundings, uv_handedness
 
 
 def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> Asset:
@@ -25,8 +24,7 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> 
     mesh = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds).to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
     textures = bake_textures(model, mesh, config.texture_size)
-    colors = face_colors(mesh, textures.flat())
-    return Asset(mesh, textures, surroundings(mesh.vertices, mesh.faces, colors) if config.shadows else None)
+    return Asset(mesh, textures, textured_surroundings(mesh, textures.flat()) if config.shadows else None)
 
 
 @torch.no_grad()

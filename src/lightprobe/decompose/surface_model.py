@@ -13,10 +13,9 @@ from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
 from lightprobe.kernels import gather_rows, scatter_rows
 from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, face_colors, textured_gbuffer
+from lightprobe.render.asset import Asset, textured_gbuffer, textured_surroundings
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import View, visible_surface
-from lightprobe.render.surroundings import surroundings
 
 
 class SurfaceModel(nn.Module):
@@ -104,8 +103,7 @@ class SurfaceModel(nn.Module):
     def renew(self) -> None:
         """Find anew what the present surface sees of itself, if it is not the start's."""
         if self.config.shadows and not self._at_start():
-            colors = face_colors(self.start, self.texels())
-            self.around = surroundings(self.mesh().vertices, self.start.faces, colors)
+            self.around = textured_surroundings(self.mesh(), self.texels())
 
     def _at_start(self) -> bool:
         return torch.equal(self.color, self.start_color) and not bool(self.displacement.any())

@@ -27,9 +27,8 @@ from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.kernels import rasterize
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, face_colors, uv_handedness
+from lightprobe.render.asset import Asset, textured_surroundings, uv_handedness
 from lightprobe.render.surface import View
-from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.photo import Photo, Scene
 
 _MAX_FACES = 80_000  # before subdivision; decimated further, thin sheets with open edges get holes
@@ -79,8 +78,7 @@ def true_asset(scene: Scene) -> Asset:
     flat = torch.zeros(size * size, 8)
     flat[texel] = material
     flat = fill_texels(flat, texel, size)
-    around = surroundings(mesh.vertices, mesh.faces, face_colors(mesh, flat))
-    return Asset(mesh, Textures.from_flat(flat), around)
+    return Asset(mesh, Textures.from_flat(flat), textured_surroundings(mesh, flat))
 
 
 def _true_mesh(scene: Scene) -> Mesh:

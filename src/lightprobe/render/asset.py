@@ -16,6 +16,7 @@ from lightprobe.render.openness import Openness, Surroundings
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
+from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.camera import Camera
 
 _FIELDS = ("vertices", "faces", "uvs", "uv_faces", "base_color", "roughness", "metallic", "normal")
@@ -77,9 +78,13 @@ def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Ten
     return face_camera(torch.nn.functional.normalize(bent, dim=1, eps=1e-12), surface.view)
 
 
-def face_colors(mesh: Mesh, flat: Tensor) -> Tensor:
-    """Return the base colour (F, 3) in the middle of each face; `flat` (S * S, 8) as `Textures.flat`."""
-    return sample(flat, mesh.uvs[mesh.uv_faces.long()].mean(1))[:, :3].contiguous()
+def textured_surroundings(mesh: Mesh, flat: Tensor) -> Surroundings:
+    """Return what the vertices of a textured mesh see of it; `flat` (S * S, 8) as `Textures.flat`.
+
+    A face has the base colour of its middle.
+    """
+    colors = sample(flat, mesh.uvs[mesh.uv_faces.long()].mean(1))[:, :3]
+    return surroundings(mesh.vertices, mesh.faces, colors.contiguous())
 
 
 def uv_handedness(mesh: Mesh) -> Tensor:
