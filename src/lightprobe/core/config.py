@@ -98,11 +98,11 @@ class DecomposeConfig:
     smoothness_detail: float = 0.01
     """The same in the third pass."""
     metallic_prior: float = 0.02
-    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price."""
+    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price; a dark one less."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
     brightness_anchor: float = 0.1
-    """Weight of the squared log of the mean base colour over its present one, which is chosen at every checkpoint."""
+    """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 5.0
@@ -128,7 +128,7 @@ class DecomposeConfig:
     validation_photos: int = 5
     """Training photos held out to decide whether the second pass is kept."""
     checkpoint_every: int = 150
-    """Steps between checkpoints, and between renewals of the object's shadows and its brightness."""
+    """Steps between checkpoints, and between renewals of the object's shadows."""
 
     def __post_init__(self) -> None:
         """Refuse values no run could use."""

@@ -5,6 +5,9 @@ gradient cannot be trusted with it: at a light that is not perfectly solved it p
 dim a light asks for brighter colours), and visit by visit the two drift off together. So the mean base colour is held,
 and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
 
+Only the first checkpoints choose. Later the materials have grown used to what was chosen, and a choice follows their
+errors: a bottle of gilt and leather went on darkening by a tenth each time, to half its brightness.
+
 It starts bright and is never chosen brighter. A surface taken for too bright is found out, because its reflections are
 too weak beside it; one taken for too dark explains its photos by wider lobes, and stays dark. A metal, all reflection,
 says nothing about it, and would drift to where every colour is white.
@@ -24,6 +27,7 @@ from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 
+CHOICES = 5  # checkpoints that choose
 BRIGHTEST = 0.45  # mean linear base colour that Phase I starts with, and that no choice goes beyond
 _PHOTOS = 8
 _STEP = math.log(1.4)  # factors tried: one over, none and once this

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
-from lightprobe.decompose.gauge import choose_brightness, spread
+from lightprobe.decompose.gauge import CHOICES, choose_brightness, spread
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.losses import color_gauge, image_loss
@@ -74,13 +74,15 @@ class ImageTask:
         return f"'{self.target(iteration).name}'"
 
     def refresh(self, iteration: int, fraction: float) -> None:
-        """Renew the shadows; then choose the base colours' brightness, and keep its product with each light."""
+        """Renew the shadows; early on also choose the base colours' brightness, its product with each light kept."""
         self.model.renew()
-        if iteration == 0 or self.config.brightness_anchor == 0:
+        step = self.stage.first_step + iteration
+        late = step > CHOICES * self.config.checkpoint_every
+        if iteration == 0 or late or self.config.brightness_anchor == 0:
             return
         chosen = spread(self.targets)
         shown = zip(chosen, self.model.look([target.view for target in chosen], fraction), strict=True)
-        step, mean = self.stage.first_step + iteration, float(self.model.mean_color)
+        mean = float(self.model.mean_color)
         factor = choose_brightness(shown, self.lights, self.config, step, mean)
         self.model.brighten(factor)
         if not self.lights.gradient:

@@ -118,7 +118,10 @@ class LatticeModel(nn.Module):
     def material(self, points: Tensor) -> Tensor:
         """Return the material (N, 8) at points (N, 3): the field's, with its base colours times the brightness."""
         channels = self.field(points)
-        return torch.cat([(channels[:, :3] * self.brightness).clamp(max=1), channels[:, 3:]], 1)
+        color = channels[:, :3] * self.brightness
+        # At the bound the gradient goes on: a colour that shot over white could not come back without one.
+        over_white = (color.detach() - 1).clamp(min=0)
+        return torch.cat([color - over_white, channels[:, 3:]], 1)
 
     @property
     def mean_color(self) -> Tensor:

@@ -13,6 +13,7 @@ from lightprobe.imaging import srgb_encode
 from lightprobe.scene.photo import CLIPPED
 
 USUAL_ROUGHNESS = 0.4
+_DARK = 0.33  # of the mean base colour: darker metals cost less, in proportion
 
 
 def tone_map(linear: Tensor) -> Tensor:
@@ -83,12 +84,14 @@ def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:
     """Return what materials (N, >= 5), channels as in `material.field`, cost for being unusual.
 
     Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, and
-    a sharp lobe under a blurred light a wide lobe under a sharp one.
+    a sharp lobe under a blurred light a wide lobe under a sharp one. A dark metal is no mirror. It reflects less than
+    a dielectric, as soot and leather do, which nothing else in the material can say, so it has next to no price.
     """
-    roughness, metallic = material.unbind(1)[3:5]  # slices would each cost a gradient of the whole
-    return (
-        config.metallic_prior * metallic.mean() + config.roughness_prior * (roughness - USUAL_ROUGHNESS).square().mean()
-    )
+    red, green, blue, roughness, metallic = material.unbind(1)[:5]  # slices would each cost a gradient of the whole
+    color = (red + green + blue).detach()
+    price = (color / (_DARK * color.mean()).clamp(min=1e-6)).clamp(max=1)
+    unusual = (roughness - USUAL_ROUGHNESS).square().mean()
+    return config.metallic_prior * (price * metallic).mean() + config.roughness_prior * unusual
 
 
 def brightness_anchor(base_color: Tensor, mean: Tensor) -> Tensor:
