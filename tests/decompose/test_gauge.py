@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.decompose.gauge import BRIGHTEST, choose_brightness
+from lightprobe.decompose.gauge import BRIGHTEST, CHOICES, choose_brightness
 from lightprobe.decompose.image_task import ImageTask
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.optimisation import Stage
@@ -69,3 +69,18 @@ def test_no_choice_goes_beyond_the_brightest(mean, most):
     assert model.factors[0] <= most + 1e-6
     assert model.factors[0] >= min(most, 1.2) - 1e-6
     assert torch.allclose(lights.maps[0] * model.factors[0], 2 * light)
+
+
+@pytest.mark.parametrize(("stage", "iteration", "choices"), [
+    (Stage("pass1", 0, 2000), 0, 0),
+    (Stage("pass1", 0, 2000), 1, 1),
+    (Stage("pass1", 0, 2000), CHOICES, 1),
+    (Stage("pass1", 0, 2000), CHOICES + 1, 0),
+    (Stage("pass2", 100, 100), 1, 0),
+])  # fmt: skip
+def test_only_the_first_checkpoints_choose(stage, iteration, choices):
+    true, target, _, lights, config = ball()
+    model = _Dark(true, 0.2)
+    task = ImageTask(model, [target], lights, stage, replace(config, checkpoint_every=1), 0)
+    task.refresh(iteration, 0.1)
+    assert len(model.factors) == choices

@@ -31,6 +31,20 @@ def test_unusual_materials_are_pulled_back():
     assert (value.grad[:, 4] > 0).all()  # less metallic
 
 
+def test_a_metal_darker_than_the_rest_goes_nearly_free():
+    value = torch.cat([material(0.02, 0.4, 0.5), material(0.5, 0.4, 0.5)]).detach().requires_grad_()
+    material_prior(value, DecomposeConfig()).backward()
+    assert value.grad is not None
+    dark, bright = value.grad[:10, 4], value.grad[10:, 4]
+    assert (dark > 0).all()
+    assert (dark < 0.3 * bright).all()
+    brightness_of_all = torch.tensor([0.1] * 3 + [1.0] * 2)
+    assert torch.isclose(
+        material_prior(value.detach() * brightness_of_all, DecomposeConfig()),
+        material_prior(value.detach(), DecomposeConfig()),
+    )
+
+
 def test_the_mean_base_colour_is_held():
     assert float(brightness_anchor(torch.tensor([[0.1, 0.2, 0.4], [0.3, 0.2, 0.0]]), torch.tensor(0.2))) < 1e-9
     assert float(brightness_anchor(torch.full((3, 3), 0.4), torch.tensor(0.2))) > 0.4

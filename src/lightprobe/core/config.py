@@ -98,11 +98,13 @@ class DecomposeConfig:
     smoothness_detail: float = 0.01
     """The same in the third pass."""
     metallic_prior: float = 0.02
-    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading, so it has a price; a dark one less."""
+    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals go free."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
     brightness_anchor: float = 0.1
     """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
+    parsimony: float = 0.02
+    """Weight of the entropy of the metals' base colours. It sets in over the second quarter of the first pass."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 5.0
@@ -193,4 +195,5 @@ def paper() -> DecomposeConfig:
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass3_iterations=0, pass1_side=512,
         pass2_side=512, sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000,
         shadows=False, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
+        parsimony=0.0,
     )  # fmt: skip

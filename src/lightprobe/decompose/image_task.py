@@ -12,13 +12,15 @@ from lightprobe.core.device import generator
 from lightprobe.decompose.gauge import CHOICES, choose_brightness, spread
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
-from lightprobe.decompose.losses import color_gauge, image_loss
+from lightprobe.decompose.losses import color_gauge, image_loss, metal_parsimony
 from lightprobe.decompose.optimisation import Stage, photo_order
 from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
+
+_POINTS = 512  # whose materials are compared in a step
 
 
 class Model(Protocol):
@@ -108,7 +110,17 @@ class ImageTask:
         background = torch.rand(3, generator=generator(self.seed, "background", step)).to(radiance.device)
         loss = image_loss(image, cover, target.color, target.alpha, background, self.config.coverage_weight)
         gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
-        return loss + seen.regularisation + gauge
+        return loss + seen.regularisation + gauge + self._few_metals(seen.gbuffer, step)
+
+    def _few_metals(self, gbuffer: GBuffer, step: int) -> Tensor:
+        """Return the weighted entropy of the metals at some of the points of a G-buffer."""
+        weight = self.config.parsimony * min(1.0, max(0.0, step / (0.25 * self.config.pass1_iterations) - 1))
+        if weight == 0 or len(gbuffer.pixel) == 0:
+            return gbuffer.base_color.new_zeros(())
+        random = generator(self.seed, "parsimony", step)
+        rows = torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random).to(gbuffer.pixel.device)
+        material = (gbuffer.base_color, gbuffer.roughness, gbuffer.metallic)
+        return weight * metal_parsimony(*(channel.index_select(0, rows) for channel in material))
 
     def target(self, iteration: int) -> Target:
         """Return the photo of a step."""

@@ -13,6 +13,7 @@ from lightprobe.imaging import srgb_encode
 from lightprobe.scene.photo import CLIPPED
 
 USUAL_ROUGHNESS = 0.4
+_ALIKE = (0.15, 0.2)  # by how much displayed colour and roughness vary within one metal
 _DARK = 0.33  # of the mean base colour: darker metals cost less, in proportion
 
 
@@ -106,3 +107,18 @@ def color_gauge(base_color: Tensor, cast: Tensor) -> Tensor:
     too red is a surface not red enough; over many photos lights are grey (the grey-world assumption).
     """
     return -(cast * base_color.mean(0).clamp(min=1e-3).log()).sum()
+
+
+def metal_parsimony(base_color: Tensor, roughness: Tensor, metallic: Tensor) -> Tensor:
+    """Return the entropy of the metals' base colours (N, 3), where roughness and metallic are (N,).
+
+    What a metal is coloured and what it mirrors are one product, and light left over in a place of the map becomes
+    colour in a place of the metal. But objects are made of few materials (Barron and Malik 2015, section 4.1.2). Points
+    count by how metallic they are; the density is a sum of Gaussians around all points of like roughness.
+    """
+    share = metallic.detach()
+    place = torch.cat([base_color.clamp(min=1e-3) ** (1 / 2.2) / _ALIKE[0], roughness.detach()[:, None] / _ALIKE[1]], 1)
+    length = place.square().sum(1)
+    squared = (length[:, None] + length - 2 * place @ place.T).clamp(min=0)
+    density = torch.exp(-0.5 * squared) @ share / share.sum().clamp(min=1e-6)
+    return -(share * density.clamp(min=1e-6).log()).mean()
