@@ -1,5 +1,6 @@
 """What the losses of Phase I prefer: clipped pixels, usual materials, grey lights."""
 
+import numpy as np
 import torch
 
 from lightprobe.core.config import DecomposeConfig
@@ -9,6 +10,7 @@ from lightprobe.decompose.losses import (
     color_gauge,
     image_loss,
     material_prior,
+    metal_parsimony,
     neighbour_difference,
     one_sided,
 )
@@ -43,6 +45,29 @@ def test_a_metal_darker_than_the_rest_goes_nearly_free():
         material_prior(value.detach() * brightness_of_all, DecomposeConfig()),
         material_prior(value.detach(), DecomposeConfig()),
     )
+
+
+def test_metals_of_few_colours_cost_less():
+    rough = torch.full((60,), 0.3)
+    metal = torch.ones(60)
+    two = torch.tensor([0.2, 0.7]).repeat_interleave(30)[:, None].expand(60, 3)
+    many = torch.linspace(0.2, 0.7, 60)[:, None].expand(60, 3)
+    cost = metal_parsimony(many, rough, metal)
+    assert abs(float(metal_parsimony(many[:1].expand(60, 3), rough, metal))) < 1e-5
+    assert np.isclose(float(metal_parsimony(two, rough, metal)), np.log(2), rtol=1e-3)  # halves that share nothing
+    assert float(cost) > np.log(2)
+    assert torch.isclose(metal_parsimony(many, rough, 0.5 * metal), 0.5 * cost)
+    assert float(metal_parsimony(many, rough, 0 * metal)) == 0  # paint may have any pattern
+
+
+def test_a_metal_of_another_colour_is_drawn_to_the_others():
+    base = torch.full((50, 3), 0.4)
+    base[0] = 0.3
+    base.requires_grad_()
+    metal_parsimony(base, torch.full((50,), 0.3), torch.ones(50)).backward()
+    assert base.grad is not None
+    assert (base.grad[0] < 0).all()
+    assert (base.grad[0].abs() > 10 * base.grad[1].abs()).all()
 
 
 def test_the_mean_base_colour_is_held():
