@@ -104,7 +104,8 @@ class DecomposeConfig:
     brightness_anchor: float = 0.1
     """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
     parsimony: float = 0.02
-    """Weight of the entropy of the metals' base colours. It sets in over the second quarter of the first pass."""
+    """Weight of the entropy of the metals' base colours. It sets in over the first pass's second quarter; the third
+    pass has none."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 5.0
