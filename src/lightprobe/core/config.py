@@ -57,6 +57,8 @@ class DecomposeConfig:
     """Voxels along each edge of the visual hull the surface starts from."""
     sdf: SdfMode = SdfMode.DIRECT
     """Representation of the signed distance."""
+    sdf_coarse_grids: int = 2
+    """Coarse grids whose sum is added to direct distances, the finest with a value at every fourth lattice cell."""
     hash_levels: int = 8
     """Levels of the material's hash grid."""
     hash_features: int = 2
@@ -97,7 +99,7 @@ class DecomposeConfig:
     """Weight of the texture's difference between neighbouring texels in the second pass."""
     smoothness_detail: float = 0.01
     """The same in the third pass."""
-    metallic_prior: float = 0.02
+    metallic_prior: float = 0.01
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals go free."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""

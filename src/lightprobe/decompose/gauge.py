@@ -76,10 +76,7 @@ def _error(
     light = lights.maps[lights.index[target.name]] / factor
     photo, every = target.color[pixels.pixel], torch.arange(len(rows), device=rows.device)
     for _ in range(2):  # the light on the map is that of another state of the asset
-        light = solve_target_light(
-            photo, pixels, light, every, regularisation=config.light_regularisation,
-            iterations=config.light_solve_iterations,
-        )  # fmt: skip
+        light = solve_target_light(photo, pixels, light, every, config)
     render = shade(pixels, lights.prefilter, lights.prefilter.apply(light))
     render = one_sided(render, photo, torch.ones_like(photo[:, 0]))
     return float((tone_map(render) - tone_map(photo)).abs().mean())

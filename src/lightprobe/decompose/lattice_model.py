@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
+from lightprobe.decompose.coarse_grids import CoarseGrids
 from lightprobe.decompose.gauge import BRIGHTEST
 from lightprobe.decompose.losses import brightness_anchor, material_prior
 from lightprobe.decompose.moving_shadows import MovingShadows
@@ -21,6 +22,8 @@ from lightprobe.material.field import START_BASE, MaterialField
 from lightprobe.render.asset import gbuffer_of
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import View, face_camera, visible_surface
+
+_COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,7 @@ class LatticeModel(nn.Module):
             self.mlp.fit(self.lattice.vertices, initial, steps=400)
         else:
             self.distance = nn.Parameter(initial)
+            self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
         self.shadows: MovingShadows | None = None
         # Not trained: it travels with the parameters, as checkpoints hold those.
@@ -91,12 +95,16 @@ class LatticeModel(nn.Module):
 
     def groups(self) -> list[dict]:
         """Return the optimiser's parameter groups."""
-        shape = list(self.mlp.parameters()) if self.config.sdf is SdfMode.MLP else [self.distance]
         rate, material = self.config.learning_rate_geometry, self.config.learning_rate_material
-        # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths of a cell.
-        scale = self.lattice.cell if self.config.sdf is SdfMode.DIRECT else 0.1
+        if self.config.sdf is SdfMode.MLP:
+            shape = [{"params": list(self.mlp.parameters()), "lr": 0.1 * rate}]
+        else:
+            # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths of a cell.
+            cells = rate * self.lattice.cell
+            shape = [{"params": [self.distance], "lr": cells},
+                     {"params": list(self.coarse.values), "lr": _COARSE_RATE * cells}]  # fmt: skip
         return [
-            {"params": shape, "lr": rate * scale},
+            *shape,
             {"params": [self.offset], "lr": rate},
             {"params": list(self.field.parameters()), "lr": material},
             {"params": [self.brightness], "lr": 0.0},
@@ -104,7 +112,10 @@ class LatticeModel(nn.Module):
 
     def distances(self) -> Tensor:
         """Return the signed distances (V,), forced positive on the lattice's border so that the surface is closed."""
-        free = self.mlp(self.lattice.vertices) if self.config.sdf is SdfMode.MLP else self.distance
+        if self.config.sdf is SdfMode.MLP:
+            free = self.mlp(self.lattice.vertices)
+        else:
+            free = self.distance + self.coarse()
         return torch.where(self.lattice.boundary, free.detach().clamp(min=0.5 * self.lattice.cell), free)
 
     def surface(self, distance: Tensor, crossing: Crossing) -> tuple[Tensor, Tensor]:

@@ -19,7 +19,7 @@ from lightprobe.scene.photo import CLIPPED
 
 
 def solve_target_light(
-    observed: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, *, regularisation: float, iterations: int
+    observed: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, config: DecomposeConfig
 ) -> Tensor:
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer best, from `start`.
 
@@ -31,7 +31,7 @@ def solve_target_light(
     transport = Transport(gbuffer, operator, rows)
     light = solve_light(
         transport, observed, weight, clipped, prior,
-        regularisation=regularisation, iterations=iterations, start=start,
+        regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=start,
     )  # fmt: skip
     return refit_contrast(transport, light, observed, clipped)
 
@@ -62,10 +62,8 @@ class Lights:
             return self.prefilter.apply(self.maps[row]), self.regularisation(row)
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
-            self.maps[row] = solve_target_light(
-                target.color[gbuffer.pixel[rows]], gbuffer, self.maps[row], rows,
-                regularisation=self.config.light_regularisation, iterations=self.config.light_solve_iterations,
-            )  # fmt: skip
+            observed = target.color[gbuffer.pixel[rows]]
+            self.maps[row] = solve_target_light(observed, gbuffer, self.maps[row], rows, self.config)
         return self.prefilter.apply(self.maps[row]), self.regularisation(row)
 
     def regularisation(self, row: int) -> Tensor:

@@ -117,7 +117,7 @@ def metal_parsimony(base_color: Tensor, roughness: Tensor, metallic: Tensor) -> 
     count by how metallic they are; the density is a sum of Gaussians around all points of like roughness.
     """
     share = metallic.detach()
-    place = torch.cat([base_color.clamp(min=1e-3) ** (1 / 2.2) / _ALIKE[0], roughness.detach()[:, None] / _ALIKE[1]], 1)
+    place = torch.cat([srgb_encode(base_color) / _ALIKE[0], roughness.detach()[:, None] / _ALIKE[1]], 1)
     length = place.square().sum(1)
     squared = (length[:, None] + length - 2 * place @ place.T).clamp(min=0)
     density = torch.exp(-0.5 * squared) @ share / share.sum().clamp(min=1e-6)

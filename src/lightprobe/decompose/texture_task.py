@@ -138,10 +138,7 @@ class TextureTask:
     def _solve(self, photo: PhotoPixels, gbuffer: GBuffer, start: Tensor) -> Tensor:
         rows = torch.arange(min(self.config.light_solve_pixels, len(photo.color)), device=start.device)
         rows = rows * len(photo.color) // max(len(rows), 1)
-        return solve_target_light(
-            photo.color[rows], gbuffer, start, rows, regularisation=self.config.light_regularisation,
-            iterations=self.config.light_solve_iterations,
-        )  # fmt: skip
+        return solve_target_light(photo.color[rows], gbuffer, start, rows, self.config)
 
     def _gbuffer(self, photo: PhotoPixels, material: Tensor) -> GBuffer:
         surface = photo.surface

@@ -38,10 +38,7 @@ def explain(
     if len(rows) == 0:
         return gbuffer, light
     for _ in range(rounds):
-        light = solve_target_light(
-            target.color[gbuffer.pixel[rows]], gbuffer, light, rows, regularisation=config.light_regularisation,
-            iterations=config.light_solve_iterations,
-        )  # fmt: skip
+        light = solve_target_light(target.color[gbuffer.pixel[rows]], gbuffer, light, rows, config)
     return gbuffer, light
 
 
