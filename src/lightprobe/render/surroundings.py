@@ -28,26 +28,26 @@ def surroundings(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SI
     """
     normals = vertex_normals(vertices, faces)
     maps = _DepthMaps.around(vertices, normals, side)
-    cosine = normals @ cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3).T
-    weight = cosine.clamp(min=0) * cubemap.solid_angles(BLOCKS, vertices.device).reshape(-1)
+    cosine = cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3) @ normals.T
+    weight = cosine.clamp(min=0) * cubemap.solid_angles(BLOCKS, vertices.device).reshape(-1, 1)
     table = torch.zeros(cosine.shape, dtype=torch.uint8, device=vertices.device)
     # A trace of the mean colour stands for blockers that are not there.
     total, reflected = torch.full_like(vertices[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(vertices)
     for k, axes in enumerate(_frames(vertices.device)):
-        lit, blocker = maps.look(vertices, faces, axes)
-        lit = torch.where(cosine[:, k] > _HORIZON, lit, 0.0)
-        table[:, k] = (255 * lit).round().to(torch.uint8)
-        blocked = (weight[:, k] * (1 - lit) * (blocker >= 0))[:, None]
+        lit, blocker = maps.look(faces, axes)
+        lit = torch.where(cosine[k] > _HORIZON, lit, 0.0)
+        table[k] = (255 * lit).round().to(torch.uint8)
+        blocked = (weight[k] * (1 - lit) * (blocker >= 0))[:, None]
         total += blocked
-        reflected = torch.addcmul(reflected, blocked, colors[blocker.clamp(min=0)])
-    return Surroundings(table, reflected / total)
+        reflected = torch.addcmul(reflected, blocked, colors.index_select(0, blocker.clamp(min=0)))
+    return Surroundings(table.T.contiguous(), reflected / total)
 
 
 @dataclass(frozen=True)
 class _DepthMaps:
     """Parallel views of an object from far away, and the points that ask them what they see."""
 
-    lifted: Tensor  # (V, 3)
+    points: Tensor  # (2 V, 3): the object's vertices, then the points that ask, which are these lifted
     extent: float  # half edge of the map
     pixel: float
     side: int
@@ -56,30 +56,32 @@ class _DepthMaps:
     def around(vertices: Tensor, normals: Tensor, side: int) -> "_DepthMaps":
         extent = 1.02 * float(vertices.norm(dim=1).max())
         pixel = 2 * extent / side
-        return _DepthMaps(vertices + _BIAS * pixel * normals, extent, pixel, side)
+        return _DepthMaps(torch.cat([vertices, vertices + _BIAS * pixel * normals]), extent, pixel, side)
 
-    def look(self, vertices: Tensor, faces: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
+    def look(self, faces: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
         """Return how much (V,) of the direction axes[2] each point has open, and the face before it (V,), -1 if none.
 
         Four pixels around the point are asked for the one, the nearest for the other.
         """
-        visibility = rasterize(self._screen(vertices, axes), faces, self.side, self.side)
+        screen, point = self._screen(axes).chunk(2)
+        visibility = rasterize(screen, faces, self.side, self.side)
         inverse = visibility.inverse_depth.reshape(-1)
-        depth = torch.where(inverse > 0, 1 / inverse, 2 * _FAR)
-        point = self._screen(self.lifted, axes)
         place = (point[:, :2] - 0.5).clamp(0, self.side - 1.001)
         low = place.floor()
         (fx, fy), first = (place - low).unbind(1), (low[:, 1] * self.side + low[:, 0]).long()
-        corners = torch.stack([first + step for step in (0, 1, self.side, self.side + 1)], 1)
-        lit = depth[corners] > point[:, 2:] - _BIAS * self.pixel
-        share = torch.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], 1)
+        limit = 1 / (point[:, 2] - _BIAS * self.pixel)  # what is nearer has more inverse depth, and nothing has none
+        sides = ((0, 1 - fy, 1 - fx), (1, 1 - fy, fx), (self.side, fy, 1 - fx), (self.side + 1, fy, fx))
+        lit = torch.zeros_like(fx)
+        for step, down, across in sides:
+            lit += down * across * (inverse.index_select(0, first + step) < limit)
         nearest = first + (fx > 0.5).long() + self.side * (fy > 0.5).long()
-        return (lit * share).sum(1), visibility.face.reshape(-1)[nearest].long()
+        return lit, visibility.face.reshape(-1).index_select(0, nearest).long()
 
-    def _screen(self, points: Tensor, axes: Tensor) -> Tensor:
-        """Return points (V, 3) as the rasteriser takes them, seen in parallel from far along the third of `axes`."""
-        x, y, z = (points @ axes.T).unbind(1)
-        return torch.stack([(x + self.extent) / self.pixel, (y + self.extent) / self.pixel, _FAR - z], 1)
+    def _screen(self, axes: Tensor) -> Tensor:
+        """Return all points as the rasteriser takes them, seen in parallel from far along the third of `axes`."""
+        scale = axes.new_tensor([1 / self.pixel, 1 / self.pixel, -1.0])
+        middle = axes.new_tensor([self.extent / self.pixel, self.extent / self.pixel, _FAR])
+        return torch.addmm(middle, self.points, (scale[:, None] * axes).T)
 
 
 def _frames(device: torch.device) -> Tensor:
