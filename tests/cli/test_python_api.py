@@ -17,7 +17,13 @@ def test_importing_the_package_loads_nothing_heavy():
     python("import sys, lightprobe; assert not {'torch', 'numba', 'numpy'} & set(sys.modules)")
 
 
-@pytest.mark.parametrize("first", ["", "import lightprobe.evaluate", "from lightprobe.distill import ProbeModel"])
+def slow(first: str):
+    return pytest.param(first, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(
+    "first", ["", slow("import lightprobe.evaluate"), slow("from lightprobe.distill import ProbeModel")]
+)
 def test_phases_are_both_packages_and_functions(first):
     python(
         f"{first}\n"
