@@ -48,7 +48,8 @@ class _DepthMaps:
     """Parallel views of an object from far away, and the points that ask them what they see."""
 
     points: Tensor  # (2 V, 3): the object's vertices, then the points that ask, which are these lifted
-    extent: float  # half edge of the map
+    scale: Tensor  # (3,) pixels per unit across and down, and the sign of depth
+    middle: Tensor  # (3,) where the origin is
     pixel: float
     side: int
 
@@ -56,7 +57,10 @@ class _DepthMaps:
     def around(vertices: Tensor, normals: Tensor, side: int) -> "_DepthMaps":
         extent = 1.02 * float(vertices.norm(dim=1).max())
         pixel = 2 * extent / side
-        return _DepthMaps(torch.cat([vertices, vertices + _BIAS * pixel * normals]), extent, pixel, side)
+        points = torch.cat([vertices, vertices + _BIAS * pixel * normals])
+        scale = points.new_tensor([1 / pixel, 1 / pixel, -1.0])
+        middle = points.new_tensor([extent / pixel, extent / pixel, _FAR])
+        return _DepthMaps(points, scale, middle, pixel, side)
 
     def look(self, faces: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
         """Return how much (V,) of the direction axes[2] each point has open, and the face before it (V,), -1 if none.
@@ -79,9 +83,7 @@ class _DepthMaps:
 
     def _screen(self, axes: Tensor) -> Tensor:
         """Return all points as the rasteriser takes them, seen in parallel from far along the third of `axes`."""
-        scale = axes.new_tensor([1 / self.pixel, 1 / self.pixel, -1.0])
-        middle = axes.new_tensor([self.extent / self.pixel, self.extent / self.pixel, _FAR])
-        return torch.addmm(middle, self.points, (scale[:, None] * axes).T)
+        return torch.addmm(self.middle, self.points, (self.scale[:, None] * axes).T)
 
 
 def _frames(device: torch.device) -> Tensor:
