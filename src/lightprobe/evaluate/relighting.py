@@ -1,12 +1,11 @@
 """The object under a given light, for any camera of the user's."""
 
-import torch
 from torch import Tensor
 
 from lightprobe.decompose import Decomposition
 from lightprobe.light import prefilter
 from lightprobe.light.files import load_environment
-from lightprobe.render.asset import render_asset
+from lightprobe.render.picture import render_asset
 from lightprobe.scene.camera import Camera
 
 __all__ = ["load_environment", "relight"]
@@ -19,5 +18,4 @@ def relight(decomposition: Decomposition, environment: Tensor, camera: Camera) -
     """
     asset = decomposition.asset.to(environment.device)
     operator = prefilter.cached(environment.shape[1], environment.device)
-    with torch.no_grad():
-        return render_asset(asset, camera.normalised(decomposition.similarity), environment, operator)
+    return render_asset(asset, camera.normalised(decomposition.similarity), environment, operator)

@@ -9,8 +9,9 @@ from torch import Tensor
 from lightprobe.decompose import Decomposition
 from lightprobe.evaluate.metrics import ImageScores, image_scores, on_white
 from lightprobe.light import prefilter
-from lightprobe.render.asset import rasterize_asset, render_asset
+from lightprobe.render.asset import rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.picture import picture_gbuffer, render_asset
 from lightprobe.scene import load_pixels
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
@@ -20,7 +21,7 @@ _OBJECT = 0.5  # coverage from which a pixel counts as the object's
 
 @dataclass(frozen=True)
 class TestView:
-    """One photo at full size with the asset's G-buffer."""
+    """One photo at full size with the asset's G-buffers."""
 
     __test__ = False  # not a test class, whatever its name
 
@@ -28,6 +29,7 @@ class TestView:
     pixels: Pixels
     camera: Camera  # input frame
     gbuffer: GBuffer
+    samples: GBuffer  # those of the picture of the asset
     reference: Tensor  # (H, W, 3) sRGB in [0, 1], the photo's object on white
     mask: Tensor  # (H, W) bool
 
@@ -35,17 +37,19 @@ class TestView:
     def load(photo: Photo, decomposition: Decomposition, device: torch.device) -> "TestView":
         """Read the photo and rasterise the asset for it."""
         pixels, camera = load_pixels(photo)
-        gbuffer = rasterize_asset(decomposition.asset, camera.normalised(decomposition.similarity), device)
+        normalised = camera.normalised(decomposition.similarity)
+        gbuffer = rasterize_asset(decomposition.asset, normalised, device)
+        samples = picture_gbuffer(decomposition.asset, normalised, device)
         alpha = torch.from_numpy(pixels.alpha).to(device)
         color = torch.from_numpy(pixels.color).to(device)
-        return TestView(photo, pixels, camera, gbuffer, on_white(color * alpha[..., None], alpha), alpha > _OBJECT)
+        reference = on_white(color * alpha[..., None], alpha)
+        return TestView(photo, pixels, camera, gbuffer, samples, reference, alpha > _OBJECT)
 
     def render(self, decomposition: Decomposition, environment: Tensor) -> tuple[Tensor, Tensor]:
         """Return the asset under `environment` (6, R, R, 3) in this view: premultiplied (H, W, 3), coverage (H, W)."""
         operator = prefilter.cached(environment.shape[1], environment.device)
         camera = self.camera.normalised(decomposition.similarity)
-        with torch.no_grad():
-            return render_asset(decomposition.asset, camera, environment, operator, self.gbuffer)
+        return render_asset(decomposition.asset, camera, environment, operator, self.samples)
 
     def score(self, image: Tensor, mask: Tensor | None = None) -> ImageScores:
         """Compare an sRGB image on white (H, W, 3) with the photo; `mask` (H, W) bool replaces the object's own."""

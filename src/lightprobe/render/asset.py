@@ -1,4 +1,4 @@
-"""The fixed textured object: what Phase I leaves behind, and its G-buffer and image for any camera and light."""
+"""The fixed textured object: what Phase I leaves behind, and its G-buffer for any camera."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,13 +8,11 @@ from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.errors import InputError
-from lightprobe.geometry.mesh import EdgeFaces, Mesh, edge_faces, uv_tangents
-from lightprobe.light.prefilter import Prefilter
+from lightprobe.geometry.mesh import EdgeFaces, Mesh, uv_tangents
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.openness import Openness, Surroundings
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
-from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
 from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.camera import Camera
@@ -137,14 +135,3 @@ def composite(gbuffer: GBuffer, radiance: Tensor, vertices: Tensor, faces: Tenso
     cover = coverage(gbuffer.pixel, crossings, covered.numel())
     image = spread_color(radiance, gbuffer.pixel, crossings, cover)
     return image.reshape(*shape, -1), cover.reshape(shape)
-
-
-def render_asset(asset: Asset, camera: Camera, env: Tensor, prefilter: Prefilter, gbuffer: GBuffer | None = None
-                 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Return the linear premultiplied image (H, W, 3) and coverage (H, W) of the asset under `env` (6, R, R, 3)."""
-    view = View.of(camera, env.device)
-    if gbuffer is None:
-        gbuffer = rasterize_asset(asset, camera, env.device)
-    radiance = shade(gbuffer, prefilter, prefilter.apply(env))
-    mesh = asset.mesh
-    return composite(gbuffer, radiance, mesh.vertices, mesh.faces, edge_faces(mesh.faces), view)

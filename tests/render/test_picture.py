@@ -1,0 +1,58 @@
+import pytest
+import torch
+
+from lightprobe.geometry.mesh import Mesh
+from lightprobe.light import prefilter
+from lightprobe.material.textures import Textures
+from lightprobe.render.asset import Asset
+from lightprobe.render.picture import picture_gbuffer, render_asset
+from tests.shapes import camera_at
+
+CPU = torch.device("cpu")
+RED, BLUE = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
+
+
+def _two_squares(edge: float) -> Asset:
+    """Return a blue square of side 2 in the plane x = 0 and, just before it, a red one that ends at y = `edge`."""
+    corners = []
+    for x, low, high in ((0.0, -1.0, 1.0), (0.001, -1.0, edge)):
+        corners += [(x, low, -1.0), (x, high, -1.0), (x, high, 1.0), (x, low, 1.0)]
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], dtype=torch.int32)
+    square = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    uvs = torch.cat([torch.tensor([0.6, 0.1]) + 0.3 * square, torch.tensor([0.1, 0.1]) + 0.3 * square])
+    color = torch.where(torch.arange(32)[None, :, None] < 16, RED, BLUE).expand(32, 32, 3).contiguous()
+    plain = torch.tensor([0.0, 0.0, 1.0]).expand(32, 32, 3).contiguous()
+    textures = Textures(color, torch.ones(32, 32), torch.zeros(32, 32), plain)
+    return Asset(Mesh(torch.tensor(corners), faces, uvs, faces), textures)
+
+
+def _picture(asset: Asset) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the picture under a white light, one pixel 0.1 wide at the squares, which are 20 x 20 pixels."""
+    light = torch.ones(6, 8, 8, 3)
+    return render_asset(asset, camera_at((4.0, 0.0, 0.0), size=24, focal=40.0), light, prefilter.cached(8, CPU))
+
+
+def test_a_pixel_shows_both_surfaces_it_covers():
+    even, _ = _picture(_two_squares(0.2))  # ends between two pixels
+    mixed, _ = _picture(_two_squares(0.25))  # ends amid one
+    red, blue = even[12, 5], even[12, 18]
+    assert red[0] > 2 * red[2]
+    assert blue[2] > 2 * blue[0]
+    torch.testing.assert_close(even[12, 13:15], torch.stack([red, blue]), rtol=0, atol=2e-3)
+    torch.testing.assert_close(mixed[12, 14], (red + blue) / 2, rtol=0, atol=2e-3)
+
+
+def test_coverage_is_the_share_of_the_pixel():
+    narrow = _two_squares(0.25)
+    faces = narrow.mesh.faces[2:]
+    _, cover = _picture(Asset(Mesh(narrow.mesh.vertices, faces, narrow.mesh.uvs, faces), narrow.textures))
+    torch.testing.assert_close(cover[12, 2:15], torch.tensor([1.0] * 12 + [0.5]), rtol=0, atol=2e-3)
+    assert float(cover.sum()) == pytest.approx(20 * 12.5, rel=1e-3)
+
+
+def test_a_gbuffer_made_before_gives_the_same_picture():
+    asset, camera, light = _two_squares(0.25), camera_at((4.0, 1.0, 0.5), size=24), torch.ones(6, 8, 8, 3)
+    operator = prefilter.cached(8, CPU)
+    again = render_asset(asset, camera, light, operator, picture_gbuffer(asset, camera, CPU))
+    for one, other in zip(render_asset(asset, camera, light, operator), again, strict=True):
+        assert torch.equal(one, other)
