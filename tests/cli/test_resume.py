@@ -11,7 +11,7 @@ import pytest
 
 from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
-KILLS = 6
+KILLS = 10
 
 
 def start(scene: Path, run: Path) -> subprocess.Popen:

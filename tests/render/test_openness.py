@@ -77,6 +77,30 @@ def test_the_floor_under_a_red_ball_sees_red():
     torch.testing.assert_close(around.brightened(0.5).blockers, 0.5 * around.blockers)
 
 
+def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
+    """Return a ball and a smaller one half within it."""
+    vertices, faces = (torch.from_numpy(part) for part in sphere(3))
+    beside = 0.4 * vertices + torch.tensor([0.5, 0.1, 0.3])
+    return torch.cat([0.6 * vertices, beside]), torch.cat([faces, faces + len(vertices)])
+
+
+def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
+    vertices, faces = two_balls()
+    every = surroundings(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
+    table = surroundings(vertices, faces, grey(faces)).openness
+    assert (table == 0).all(1).sum() > 20  # within the other ball
+    assert (table != every.openness).float().mean() < 1e-3
+
+
+def test_the_colour_seen_is_that_of_the_other_ball():
+    vertices, faces = two_balls()
+    count = len(vertices) // 2
+    red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
+    around = surroundings(vertices, faces, torch.where((faces < count)[:, :1], red, blue))
+    nearest = int((vertices[:count] - vertices[count:].mean(0)).norm(dim=1).argmin())
+    torch.testing.assert_close(around.blockers[nearest], blue, atol=0.05, rtol=0)
+
+
 def test_transport_is_shading_and_its_transpose():
     gbuffer, operator = shaded_gbuffer(roughness=0.35, metallic=0.3), cached(R)
     light, radiance = sky(R), torch.randn(400, 3)

@@ -27,7 +27,7 @@ from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 
-CHOICES = 5  # checkpoints that choose
+CHOICES = 3  # checkpoints that choose
 BRIGHTEST = 0.45  # mean linear base colour that Phase I starts with, and that no choice goes beyond
 _PHOTOS = 8
 _STEP = math.log(1.4)  # factors tried: one over, none and once this

@@ -19,7 +19,7 @@ from lightprobe.decompose.surface_model import SurfaceModel
 from lightprobe.decompose.texture_task import PhotoPixels, TextureTask
 from lightprobe.decompose.validation import explain, validate
 from lightprobe.render.asset import Asset
-from lightprobe.scene import visual_hull
+from lightprobe.scene import carved_hull
 from lightprobe.scene.photo import Photo, Scene
 
 BOX = 1.15  # half edge of the lattice, in object radii
@@ -79,7 +79,7 @@ def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | Non
     ]
     masks = [t.alpha.reshape(t.view.height, t.view.width).cpu().numpy() for t in targets]
     # The box leaves the surface room to grow beyond the hull, whose radius is 1 only up to a voxel.
-    hull = visual_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
+    hull = carved_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
     model = LatticeModel(start_from_hull(hull, config.lattice_cells), config, job.device, job.seed)
     lights = Lights([t.name for t in targets], config, job.device, job.seed)
     stage = Stage("pass1", 0, config.pass1_iterations)

@@ -96,6 +96,16 @@ def edge_faces(faces: Tensor) -> EdgeFaces:
     return EdgeFaces(torch.stack([key[first] // size, key[first] % size], 1), torch.stack([face[first], face[last]], 1))
 
 
+def is_closed(vertices: Tensor, faces: Tensor) -> bool:
+    """Return whether `faces` (F, 3) bound a solid and look outwards: each edge is run through once in each direction."""
+    f = faces.long()
+    first, second = f.reshape(-1), f[:, [1, 2, 0]].reshape(-1)
+    count = len(vertices)
+    ahead, back = torch.sort(first * count + second).values, torch.sort(second * count + first).values
+    a, b, c = vertices[f].unbind(1)
+    return torch.equal(ahead, back) and float((a * torch.linalg.cross(b, c)).sum()) > 0
+
+
 def crease_normals(vertices: Tensor, faces: Tensor, degrees: float) -> Tensor:
     """Return `normal_faces` (F, 3) int32 that keep faces apart where they meet at more than `degrees`.
 

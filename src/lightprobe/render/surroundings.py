@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.geometry.mesh import vertex_normals
+from lightprobe.geometry.mesh import face_normals, is_closed, vertex_normals
 from lightprobe.kernels import rasterize
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS
@@ -28,13 +28,16 @@ def surroundings(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SI
     """
     normals = vertex_normals(vertices, faces)
     maps = _DepthMaps.around(vertices, normals, side)
+    # Of a closed surface, what is nearest to a sun is a face that looks at it.
+    outward = face_normals(vertices, faces) if is_closed(vertices, faces) else None
     cosine = cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3) @ normals.T
     weight = cosine.clamp(min=0) * cubemap.solid_angles(BLOCKS, vertices.device).reshape(-1, 1)
     table = torch.zeros(cosine.shape, dtype=torch.uint8, device=vertices.device)
     # A trace of the mean colour stands for blockers that are not there.
     total, reflected = torch.full_like(vertices[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(vertices)
     for k, axes in enumerate(_frames(vertices.device)):
-        lit, blocker = maps.look(faces, axes)
+        drawn = None if outward is None else (outward @ axes[2] > 0).nonzero()[:, 0]
+        lit, blocker = maps.look(faces, axes, drawn)
         lit = torch.where(cosine[k] > _HORIZON, lit, 0.0)
         table[k] = (255 * lit).round().to(torch.uint8)
         blocked = (weight[k] * (1 - lit) * (blocker >= 0))[:, None]
@@ -62,13 +65,15 @@ class _DepthMaps:
         middle = points.new_tensor([extent / pixel, extent / pixel, _FAR])
         return _DepthMaps(points, scale, middle, pixel, side)
 
-    def look(self, faces: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
+    def look(self, faces: Tensor, axes: Tensor, drawn: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Return how much (V,) of the direction axes[2] each point has open, and the face before it (V,), -1 if none.
 
-        Four pixels around the point are asked for the one, the nearest for the other.
+        Four pixels around the point are asked for the one, the nearest for the other. drawn (K,): the faces that can
+        stand in the way, if not all.
         """
         screen, point = self._screen(axes).chunk(2)
-        visibility = rasterize(screen, faces, self.side, self.side)
+        shown = faces if drawn is None else faces.index_select(0, drawn)
+        visibility = rasterize(screen, shown, self.side, self.side)
         inverse = visibility.inverse_depth.reshape(-1)
         place = (point[:, :2] - 0.5).clamp(0, self.side - 1.001)
         low = place.floor()
@@ -79,7 +84,10 @@ class _DepthMaps:
         for step, down, across in sides:
             lit += down * across * (inverse.index_select(0, first + step) < limit)
         nearest = first + (fx > 0.5).long() + self.side * (fy > 0.5).long()
-        return lit, visibility.face.reshape(-1).index_select(0, nearest).long()
+        face = visibility.face.reshape(-1).index_select(0, nearest).long()
+        if drawn is not None and len(drawn) > 0:
+            face = torch.where(face >= 0, drawn.index_select(0, face.clamp(min=0)), face)
+        return lit, face
 
     def _screen(self, axes: Tensor) -> Tensor:
         """Return all points as the rasteriser takes them, seen in parallel from far along the third of `axes`."""

@@ -1,6 +1,7 @@
 """A folder of photos in, a `Scene` out: cameras, masks, splits and the similarity to the normalised frame."""
 
 from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.carving import carved_hull
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.loading import load_scene
 from lightprobe.scene.photo import Photo, Pixels, Scene, Truth
@@ -14,6 +15,7 @@ __all__ = [
     "Scene",
     "Similarity",
     "Truth",
+    "carved_hull",
     "load_alpha",
     "load_pixels",
     "load_scene",

@@ -1,0 +1,83 @@
+"""A visual hull that few photos may carve, where nothing speaks for what they cut away.
+
+A share of masks that must agree can only be strict or lenient everywhere. Masks err, so that a strict one cuts off what
+should stay; but an arch or an opening that few photos look through is background in these alone, and a lenient one
+fills it. What tells them apart is what is missing afterwards: without a piece that belongs to the object some masks
+have holes that nothing else fills, while behind a filled opening lies more of the object for all who do not look
+through it. So the strict hull is carved first, and gets back those voxels of a lenient one that more masks lack.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from lightprobe.imaging import resize_area
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.hull import Hull, usual_agreement, visual_hull
+
+_STRICT, _LENIENT = 0.98, 0.9  # shares of masks that must agree
+_SIDE = 160  # pixels along the longer side of the masks that are compared
+_MARGIN = 1.0  # pixels by which silhouettes of voxels and masks may differ
+_FOR = 7.0  # photos in whose background a voxel may show, for each whose mask lacks it
+_ROUNDS = 2  # what is put back fills holes that other voxels then need not
+
+
+@dataclass(frozen=True)
+class _View:
+    """A small mask."""
+
+    camera: Camera
+    inside: np.ndarray  # (H, W) bool, the object without its margin
+    outside: np.ndarray  # (H, W) bool, the background without its margin
+
+    @staticmethod
+    def of(camera: Camera, alpha: np.ndarray) -> "_View":
+        scale = min(1.0, _SIDE / max(alpha.shape))
+        height, width = (max(1, round(side * scale)) for side in alpha.shape)
+        mask = resize_area(np.asarray(alpha, np.float32), height, width) >= 0.5
+        inside, outside = (ndimage.distance_transform_edt(part) > _MARGIN for part in (mask, ~mask))
+        return _View(camera.resized(width, height), inside, outside)
+
+    def votes(self, hull: Hull, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which of `points` (K, 3) fill a hole that `hull` leaves in the mask, and which show beside it."""
+        x, y, depth = self.camera.project(points).T
+        height, width = self.inside.shape
+        seen = np.flatnonzero((depth > 0) & (x >= 0) & (y >= 0) & (x < width) & (y < height))
+        at = y[seen].astype(int), x[seen].astype(int)
+        empty = ~hull.silhouette(self.camera)
+        lacking, beside = np.zeros((2, len(points)), bool)
+        lacking[seen], beside[seen] = (empty & self.inside)[at], (empty & self.outside)[at]
+        return lacking, beside
+
+
+def carved_hull(
+    cameras: Sequence[Camera],
+    alphas: Sequence[np.ndarray],
+    resolution: int,
+    *,
+    lo: Sequence[float] | np.ndarray,
+    hi: Sequence[float] | np.ndarray,
+) -> Hull:
+    """Return the hull on `resolution`^3 voxels of the box lo..hi, in the frame of `cameras`; `alphas` (H, W).
+
+    With so few photos that every mask counts, it is `visual_hull`.
+    """
+    strict = max(usual_agreement(len(alphas)), min(_STRICT, 1 - 1.5 / len(alphas)))
+    hull = visual_hull(cameras, alphas, resolution, lo=lo, hi=hi, agreement=strict)
+    if strict <= _LENIENT or len(alphas) < 10:
+        return hull
+    lenient = visual_hull(cameras, alphas, resolution, lo=lo, hi=hi, agreement=_LENIENT)
+    pairs = zip(cameras, alphas, strict=True)
+    views = [_View.of(camera, alpha) for camera, alpha in pairs if (np.asarray(alpha) >= 0.5).any()]
+    for _ in range(_ROUNDS):
+        cut = lenient.occupancy & ~hull.occupancy
+        points = lenient.centers(cut)
+        counts = np.zeros((2, len(points)))
+        for view in views:
+            counts += view.votes(hull, points)
+        occupancy = hull.occupancy.copy()
+        occupancy[cut] = counts[0] > _FOR * counts[1]
+        hull = replace(hull, occupancy=occupancy)
+    return hull
