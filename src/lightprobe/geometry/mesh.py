@@ -97,7 +97,7 @@ def edge_faces(faces: Tensor) -> EdgeFaces:
 
 
 def is_closed(vertices: Tensor, faces: Tensor) -> bool:
-    """Return whether `faces` (F, 3) bound a solid and look outwards: each edge is run through once in each direction."""
+    """Return whether `faces` (F, 3) bound a solid and look outwards: each edge is run through once either way."""
     f = faces.long()
     first, second = f.reshape(-1), f[:, [1, 2, 0]].reshape(-1)
     count = len(vertices)
