@@ -79,7 +79,7 @@ def test_the_floor_under_a_red_ball_sees_red():
 
 def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
     """Return a ball and a smaller one half within it."""
-    vertices, faces = (torch.from_numpy(part) for part in sphere(3))
+    vertices, faces = (torch.from_numpy(part) for part in sphere(2))
     beside = 0.4 * vertices + torch.tensor([0.5, 0.1, 0.3])
     return torch.cat([0.6 * vertices, beside]), torch.cat([faces, faces + len(vertices)])
 
@@ -88,7 +88,7 @@ def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
     vertices, faces = two_balls()
     every = surroundings(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
     table = surroundings(vertices, faces, grey(faces)).openness
-    assert (table == 0).all(1).sum() > 20  # within the other ball
+    assert (table == 0).all(1).sum() > 8  # within the other ball
     assert (table != every.openness).float().mean() < 1e-3
 
 
