@@ -4,7 +4,8 @@ A share of masks that must agree can only be strict or lenient everywhere. Masks
 should stay; but an arch or an opening that few photos look through is background in these alone, and a lenient one
 fills it. What tells them apart is what is missing afterwards: without a piece that belongs to the object some masks
 have holes that nothing else fills, while behind a filled opening lies more of the object for all who do not look
-through it. So the strict hull is carved first, and gets back those voxels of a lenient one that more masks lack.
+through it. So the strict hull is carved first, and gets back those voxels of a lenient one that more masks lack. It
+also gets back what shows beside the object in no photo: only the pixels of a mask had cut it off.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from lightprobe.scene.hull import Hull, usual_agreement, visual_hull
 _STRICT, _LENIENT = 0.98, 0.9  # shares of masks that must agree
 _SIDE = 160  # pixels along the longer side of the masks that are compared
 _MARGIN = 1.0  # pixels by which silhouettes of voxels and masks may differ
-_FOR = 7.0  # photos in whose background a voxel may show, for each whose mask lacks it
+_FOR = 7.0  # masks that must lack a voxel, for each photo that has it beside the object
 _ROUNDS = 2  # what is put back fills holes that other voxels then need not
 
 
@@ -40,16 +41,19 @@ class _View:
         inside, outside = (ndimage.distance_transform_edt(part) > _MARGIN for part in (mask, ~mask))
         return _View(camera.resized(width, height), inside, outside)
 
-    def votes(self, hull: Hull, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return which of `points` (K, 3) fill a hole that `hull` leaves in the mask, and which show beside it."""
+    def votes(self, hull: Hull, points: np.ndarray) -> np.ndarray:
+        """Return which of `points` (K, 3) fill a hole that `hull` leaves in the mask, which show beside the object where
+        `hull` does not, and which show beside it at all; (3, K) bool.
+        """
         x, y, depth = self.camera.project(points).T
         height, width = self.inside.shape
         seen = np.flatnonzero((depth > 0) & (x >= 0) & (y >= 0) & (x < width) & (y < height))
         at = y[seen].astype(int), x[seen].astype(int)
         empty = ~hull.silhouette(self.camera)
-        lacking, beside = np.zeros((2, len(points)), bool)
-        lacking[seen], beside[seen] = (empty & self.inside)[at], (empty & self.outside)[at]
-        return lacking, beside
+        votes = np.zeros((3, len(points)), bool)
+        for vote, picture in zip(votes, (empty & self.inside, empty & self.outside, self.outside), strict=True):
+            vote[seen] = picture[at]
+        return votes
 
 
 def carved_hull(
@@ -69,15 +73,17 @@ def carved_hull(
     if strict <= _LENIENT or len(alphas) < 10:
         return hull
     lenient = visual_hull(cameras, alphas, resolution, lo=lo, hi=hi, agreement=_LENIENT)
+    usual = lenient.score >= np.float32(usual_agreement(len(alphas)))
     pairs = zip(cameras, alphas, strict=True)
     views = [_View.of(camera, alpha) for camera, alpha in pairs if (np.asarray(alpha) >= 0.5).any()]
     for _ in range(_ROUNDS):
         cut = lenient.occupancy & ~hull.occupancy
         points = lenient.centers(cut)
-        counts = np.zeros((2, len(points)))
+        counts = np.zeros((3, len(points)))
         for view in views:
             counts += view.votes(hull, points)
         occupancy = hull.occupancy.copy()
-        occupancy[cut] = counts[0] > _FOR * counts[1]
+        lacking, beside, wrong = counts
+        occupancy[cut] = (lacking > _FOR * beside) | (usual[cut] & (wrong == 0))
         hull = replace(hull, occupancy=occupancy)
     return hull
