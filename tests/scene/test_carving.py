@@ -47,6 +47,13 @@ def test_what_a_few_masks_miss_is_put_back():
     assert hull.occupancy.sum() < 1.1 * visual_hull(cameras, ball_of(cameras), COUNT, **BOX).occupancy.sum()
 
 
+def test_with_exact_masks_it_is_the_usual_hull():
+    cameras = around(60)
+    usual = visual_hull(cameras, ball_of(cameras), COUNT, **BOX).occupancy
+    carved = carved_hull(cameras, ball_of(cameras), COUNT, **BOX).occupancy
+    assert (usual ^ carved).sum() < 0.01 * usual.sum()
+
+
 @pytest.mark.parametrize("empty", [0, 2])
 def test_photos_without_the_object_say_nothing(empty):
     cameras = around(60)

@@ -42,8 +42,10 @@ class _View:
         return _View(camera.resized(width, height), inside, outside)
 
     def votes(self, hull: Hull, points: np.ndarray) -> np.ndarray:
-        """Return which of `points` (K, 3) fill a hole that `hull` leaves in the mask, which show beside the object where
-        `hull` does not, and which show beside it at all; (3, K) bool.
+        """Return votes (3, K) bool on `points` (K, 3).
+
+        Which fill a hole that `hull` leaves in the mask, which show beside the object where `hull` does not, and which
+        show beside it at all.
         """
         x, y, depth = self.camera.project(points).T
         height, width = self.inside.shape
