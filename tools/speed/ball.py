@@ -11,7 +11,8 @@ from lightprobe.geometry.atlas import triangle_atlas
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, render_asset, textured_surroundings
+from lightprobe.render.asset import Asset, textured_surroundings
+from lightprobe.render.picture import render_asset
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 

@@ -20,7 +20,7 @@ from lightprobe.decompose.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
-from lightprobe.scene import visual_hull
+from lightprobe.scene import carved_hull
 from speed.ball import CPU, LIT, camera, light, photograph
 from speed.clock import WARM, Parts, median_gap, seconds
 
@@ -41,7 +41,7 @@ def first_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) ->
     targets = [picture(asset, config.pass1_side, number, count) for number in range(count)]
     cameras = [camera(config.pass1_side, number, count) for number in range(count)]
     masks = [target.alpha.reshape(target.view.height, target.view.width).numpy() for target in targets]
-    hull = visual_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
+    hull = carved_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
     model = LatticeModel(start_from_hull(hull, config.lattice_cells), config, CPU, SEED)
     return _task(model, targets, config, Stage("pass1", 0, steps))
 

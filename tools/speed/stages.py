@@ -13,7 +13,8 @@ from lightprobe.predict.confidence import confidence
 from lightprobe.predict.observation import observe
 from lightprobe.predict.prior import constant_light
 from lightprobe.predict.solve import solve_environment
-from lightprobe.render.asset import Asset, rasterize_asset, render_asset
+from lightprobe.render.asset import Asset, rasterize_asset
+from lightprobe.render.picture import render_asset
 from lightprobe.render.transport import Transport
 from lightprobe.scene.camera import Similarity
 from speed.ball import COVERED, CPU, ball, camera, light, photograph
