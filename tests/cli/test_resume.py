@@ -44,7 +44,7 @@ def test_a_run_killed_again_and_again_ends_with_the_same_bits(tmp_path):
         if (runs[-1] / "model" / "config.json").exists():  # it got through before the last kill
             runs.append(tmp_path / f"killed-{len(runs)}")
         process = start(scene, runs[-1])
-        time.sleep(moments.uniform(0.3, 1.0) * seconds)
+        time.sleep(moments.uniform(0.3, 0.8) * seconds)
         process.send_signal(signal.SIGKILL)
         process.wait()
     whole = contents(tmp_path / "whole")
