@@ -35,6 +35,7 @@ HEIGHT = 128  # rows of the maps compared; smaller truths stay as they are
 _LOBE_HEIGHT = 32  # rows of the maps that light the two rough spheres
 _SIDE = 32  # pixels across the disc of the rough ones
 _PERCENTILES = (0.1, 99.9)
+_FLAT = 3e-3  # of its brightness: a smaller range is taken for none
 _TINY = 1e-12
 
 SPHERES = ("diffuse", "matte", "mirror")
@@ -165,7 +166,10 @@ def _unit_range(values: Tensor, weight: Tensor) -> Tensor:
     reached = np.cumsum(weight[:, None].expand_as(values).reshape(-1).numpy()[order])
     places = np.searchsorted(reached, [share / 100 * reached[-1] for share in _PERCENTILES])
     low, high = (float(flat[order[min(place, len(order) - 1)]]) for place in places)
-    return (values - low) / max(high - low, 1e-6)
+    # A sphere of one brightness has no range but that of quadrature and rounding, which differs between machines.
+    if high - low <= max(_FLAT * abs(high), _TINY):
+        return torch.zeros_like(values)
+    return (values - low) / (high - low)
 
 
 def _frame(view: Tensor, up: Tensor) -> Tensor:
