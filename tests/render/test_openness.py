@@ -7,7 +7,7 @@ import torch
 
 from lightprobe.light.prefilter import cached
 from lightprobe.render.openness import Openness, Surroundings, ambient_occlusion
-from lightprobe.render.split_sum import furnace, shade
+from lightprobe.render.split_sum import Shading, furnace, shade
 from lightprobe.render.surroundings import surroundings
 from lightprobe.render.transport import Transport
 from tests.render.test_split_sum import R, sky, sphere_gbuffer
@@ -107,6 +107,8 @@ def test_transport_is_shading_and_its_transpose():
     transport = Transport(gbuffer, operator)
     expected = shade(gbuffer, operator, operator.apply(light))
     torch.testing.assert_close(transport.apply(light), expected, rtol=1e-4, atol=1e-5)
+    kept = Shading.of(gbuffer, operator).apply(operator.apply(light))
+    torch.testing.assert_close(kept, expected, rtol=1e-5, atol=1e-6)
     product, transposed = (expected * radiance).sum(), (transport.adjoint(radiance) * light).sum()
     torch.testing.assert_close(product, transposed, rtol=1e-4, atol=1e-2)
 

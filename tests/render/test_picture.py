@@ -5,7 +5,7 @@ from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
-from lightprobe.render.picture import picture_gbuffer, render_asset
+from lightprobe.render.picture import Picture
 from tests.shapes import camera_at
 
 CPU = torch.device("cpu")
@@ -28,8 +28,8 @@ def _two_squares(edge: float) -> Asset:
 
 def _picture(asset: Asset) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the picture under a white light, one pixel 0.1 wide at the squares, which are 20 x 20 pixels."""
-    light = torch.ones(6, 8, 8, 3)
-    return render_asset(asset, camera_at((4.0, 0.0, 0.0), size=24, focal=40.0), light, prefilter.cached(8, CPU))
+    camera = camera_at((4.0, 0.0, 0.0), size=24, focal=40.0)
+    return Picture.of(asset, camera, prefilter.cached(8, CPU), CPU).render(torch.ones(6, 8, 8, 3))
 
 
 def test_a_pixel_shows_both_surfaces_it_covers():
@@ -48,11 +48,3 @@ def test_coverage_is_the_share_of_the_pixel():
     _, cover = _picture(Asset(Mesh(narrow.mesh.vertices, faces, narrow.mesh.uvs, faces), narrow.textures))
     torch.testing.assert_close(cover[12, 2:15], torch.tensor([1.0] * 12 + [0.5]), rtol=0, atol=2e-3)
     assert float(cover.sum()) == pytest.approx(20 * 12.5, rel=1e-3)
-
-
-def test_a_gbuffer_made_before_gives_the_same_picture():
-    asset, camera, light = _two_squares(0.25), camera_at((4.0, 1.0, 0.5), size=24), torch.ones(6, 8, 8, 3)
-    operator = prefilter.cached(8, CPU)
-    again = render_asset(asset, camera, light, operator, picture_gbuffer(asset, camera, CPU))
-    for one, other in zip(render_asset(asset, camera, light, operator), again, strict=True):
-        assert torch.equal(one, other)

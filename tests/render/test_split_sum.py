@@ -8,7 +8,7 @@ from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
 from lightprobe.render.brdf import base_reflectance, diffuse_fresnel, environment_brdf
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import reflectance, shade, specular_taps
+from lightprobe.render.split_sum import Shading, reflectance, shade, specular_taps
 from lightprobe.render.transport import Transport, solve_light
 
 R = 16
@@ -148,6 +148,14 @@ def test_transport_is_the_renderer_and_its_adjoint():
     other = torch.rand(200, 3, generator=torch.Generator().manual_seed(3))
     left = float((transport.apply(light) * other).double().sum())
     assert left == pytest.approx(float((light * transport.adjoint(other)).double().sum()), rel=1e-4)
+
+
+def test_shading_kept_for_many_lights_is_shading():
+    gbuffer, operator = any_gbuffer(400), cached(R)
+    shading = Shading.of(gbuffer, operator)
+    for light in (sky(R), sky(R).flip(1)):
+        levels = operator.apply(light)
+        torch.testing.assert_close(shading.apply(levels), shade(gbuffer, operator, levels), rtol=1e-5, atol=1e-6)
 
 
 def test_solve_recovers_light_and_clipped_highlights():

@@ -7,7 +7,7 @@ from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, rasterize_asset, textured_surroundings
-from lightprobe.render.picture import render_asset
+from lightprobe.render.picture import Picture
 from lightprobe.render.suns import Suns, sharpened
 from tests.render.test_openness import ball_over_floor
 from tests.shapes import camera_at, sphere_mesh
@@ -64,7 +64,7 @@ def test_a_ball_is_lit_as_by_a_lamp_far_away():
 def test_the_shadow_of_a_ball_is_where_and_as_sharp_as_it_should():
     vertices, faces, _ = ball_over_floor(0.2, 0.5)
     asset, camera = white(vertices, faces), camera_at((0.01, 0.0, 4.0), size=200, focal=500.0)
-    image, _ = render_asset(asset, camera, sunny(), prefilter.cached(R, CPU))
+    image, _ = Picture.of(asset, camera, prefilter.cached(R, CPU), CPU).render(sunny())
     gbuffer = rasterize_asset(asset, camera, CPU)
     brightness = image.reshape(-1, 3)[gbuffer.pixel].sum(1)
     # A floor point is in the shadow when its ray to the sun passes the ball's middle at less than the radius.

@@ -12,7 +12,7 @@ from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, textured_surroundings
-from lightprobe.render.picture import render_asset
+from lightprobe.render.picture import Picture
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
@@ -59,6 +59,6 @@ def light(resolution: int, number: int = 0) -> Tensor:
 @torch.no_grad()
 def photograph(asset: Asset, view: Camera, env: Tensor) -> Pixels:
     """Return the photo of the asset in the light env (6, R, R, 3)."""
-    image, cover = render_asset(asset, view, env, prefilter.cached(env.shape[1], CPU))
+    image, cover = Picture.of(asset, view, prefilter.cached(env.shape[1], CPU), CPU).render(env)
     color = image / cover[..., None].clamp(min=1e-6)
     return Pixels(color.clamp(max=1).numpy(), cover.numpy())

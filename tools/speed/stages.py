@@ -14,7 +14,7 @@ from lightprobe.predict.observation import observe
 from lightprobe.predict.prior import constant_light
 from lightprobe.predict.solve import solve_environment
 from lightprobe.render.asset import Asset, rasterize_asset
-from lightprobe.render.picture import render_asset
+from lightprobe.render.picture import Picture
 from lightprobe.render.transport import Transport
 from lightprobe.scene.camera import Similarity
 from speed.ball import COVERED, CPU, ball, camera, light, photograph
@@ -33,9 +33,11 @@ def stages(asset: Asset, side: int, texels: int, repeats: int) -> dict[str, floa
     prior = constant_light(observation, texels)
     transport = Transport(observation.gbuffer, operator, observation.rows)
     radiance = transport.apply(env)
+    picture = Picture.of(asset, view, operator, CPU)
     works: dict[str, Callable[[], object]] = {
         "rasterise": lambda: rasterize_asset(asset, view, CPU),
-        "render": lambda: render_asset(asset, view, env, operator),
+        "make a picture ready": lambda: Picture.of(asset, view, operator, CPU),
+        "light it": lambda: picture.render(env),
         "prefilter": lambda: operator.apply(env),
         "build transport": lambda: Transport(observation.gbuffer, operator, observation.rows),
         "apply transport": lambda: transport.apply(env),

@@ -122,7 +122,7 @@ def evaluate(
     result, bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
     materials = truth.MaterialScores()
     for done, photo in enumerate(scene.test):
-        view = TestView.load(photo, decomposition, device)
+        view = TestView.load(photo, decomposition, judge.predictor.light_resolution, device)
         materials.add(view)
         light = judge.true_light(photo)
         result.photos[photo.name] = {}
@@ -191,12 +191,12 @@ class _Judge:
         if method not in self.slowest and prediction.seconds["total"] < self.protocols.slow_seconds:
             # The first call also built tables and compiled kernels, which no later photo pays for.
             prediction = self.predictor.predict(view.pixels, view.camera, method)
-        image = on_white(*view.render(self.decomposition, prediction.environment))
+        image = on_white(*view.picture.render(prediction.environment))
         seconds = prediction.seconds["total"]
         self.slowest[method] = max(seconds, self.slowest.get(method, 0))
         scores = {**view.score(image).to_json(), "seconds": seconds}
         if self.protocols.unseen:
-            scores |= _protocol_b(view, self.predictor, self.decomposition, method)
+            scores |= _protocol_b(view, self.predictor, method)
         if light is not None:
             scores |= light.scores(prediction)
             if self.stand_in is not None:
@@ -204,13 +204,13 @@ class _Judge:
         return ViewResult(view, prediction, image, scores, light)
 
 
-def _protocol_b(view: TestView, predictor: Predictor, decomposition: Decomposition, method: Method) -> Scores:
+def _protocol_b(view: TestView, predictor: Predictor, method: Method) -> Scores:
     masks = halves(view.pixels.alpha)
     values = []
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))
         light = predictor.predict(half, view.camera, method).environment
-        image = on_white(*view.render(decomposition, light))
+        image = on_white(*view.picture.render(light))
         other = torch.from_numpy(masks[i ^ 1]).to(image.device)
         values.append(view.score(image, other).psnr_masked)
     known = [value for value in values if math.isfinite(value)]

@@ -5,7 +5,7 @@ from torch import Tensor
 from lightprobe.decompose import Decomposition
 from lightprobe.light import prefilter
 from lightprobe.light.files import load_environment
-from lightprobe.render.picture import render_asset
+from lightprobe.render.picture import Picture
 from lightprobe.scene.camera import Camera
 
 __all__ = ["load_environment", "relight"]
@@ -18,4 +18,5 @@ def relight(decomposition: Decomposition, environment: Tensor, camera: Camera) -
     """
     asset = decomposition.asset.to(environment.device)
     operator = prefilter.cached(environment.shape[1], environment.device)
-    return render_asset(asset, camera.normalised(decomposition.similarity), environment, operator)
+    view = camera.normalised(decomposition.similarity)
+    return Picture.of(asset, view, operator, environment.device).render(environment)

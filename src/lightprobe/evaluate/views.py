@@ -11,7 +11,7 @@ from lightprobe.evaluate.metrics import ImageScores, image_scores, on_white
 from lightprobe.light import prefilter
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.picture import picture_gbuffer, render_asset
+from lightprobe.render.picture import Picture
 from lightprobe.scene import load_pixels
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
@@ -29,27 +29,22 @@ class TestView:
     pixels: Pixels
     camera: Camera  # input frame
     gbuffer: GBuffer
-    samples: GBuffer  # those of the picture of the asset
+    picture: Picture
     reference: Tensor  # (H, W, 3) sRGB in [0, 1], the photo's object on white
     mask: Tensor  # (H, W) bool
 
     @staticmethod
-    def load(photo: Photo, decomposition: Decomposition, device: torch.device) -> "TestView":
-        """Read the photo and rasterise the asset for it."""
+    def load(photo: Photo, decomposition: Decomposition, light_resolution: int, device: torch.device) -> "TestView":
+        """Read the photo and make the asset's view ready for lights of 6 x R x R texels, R the resolution."""
         pixels, camera = load_pixels(photo)
         normalised = camera.normalised(decomposition.similarity)
         gbuffer = rasterize_asset(decomposition.asset, normalised, device)
-        samples = picture_gbuffer(decomposition.asset, normalised, device)
+        operator = prefilter.cached(light_resolution, device)
+        picture = Picture.of(decomposition.asset, normalised, operator, device)
         alpha = torch.from_numpy(pixels.alpha).to(device)
         color = torch.from_numpy(pixels.color).to(device)
         reference = on_white(color * alpha[..., None], alpha)
-        return TestView(photo, pixels, camera, gbuffer, samples, reference, alpha > _OBJECT)
-
-    def render(self, decomposition: Decomposition, environment: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the asset under `environment` (6, R, R, 3) in this view: premultiplied (H, W, 3), coverage (H, W)."""
-        operator = prefilter.cached(environment.shape[1], environment.device)
-        camera = self.camera.normalised(decomposition.similarity)
-        return render_asset(decomposition.asset, camera, environment, operator, self.samples)
+        return TestView(photo, pixels, camera, gbuffer, picture, reference, alpha > _OBJECT)
 
     def score(self, image: Tensor, mask: Tensor | None = None) -> ImageScores:
         """Compare an sRGB image on white (H, W, 3) with the photo; `mask` (H, W) bool replaces the object's own."""

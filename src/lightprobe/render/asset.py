@@ -8,11 +8,10 @@ from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.errors import InputError
-from lightprobe.geometry.mesh import EdgeFaces, Mesh, uv_tangents
+from lightprobe.geometry.mesh import Mesh, uv_tangents
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.openness import Openness, Surroundings
-from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
 from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.camera import Camera
@@ -123,15 +122,3 @@ def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuff
 def asset_gbuffer(asset: Asset, surface: Surface, view: View) -> GBuffer:
     """Return the G-buffer of the asset's visible surface."""
     return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.around)
-
-
-def composite(gbuffer: GBuffer, radiance: Tensor, vertices: Tensor, faces: Tensor, edges: EdgeFaces, view: View
-              ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Return the anti-aliased premultiplied image (H, W, C) and coverage (H, W) of shaded pixels."""
-    covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=radiance.device)
-    covered[gbuffer.pixel] = True
-    shape = (view.height, view.width)
-    crossings = silhouette_crossings(view.project(vertices), faces, edges, covered.reshape(shape), view)
-    cover = coverage(gbuffer.pixel, crossings, covered.numel())
-    image = spread_color(radiance, gbuffer.pixel, crossings, cover)
-    return image.reshape(*shape, -1), cover.reshape(shape)

@@ -5,15 +5,18 @@ bar, a crease or the weave of a cloth breaks into steps, and a comparison with a
 samples of a pixel are averaged as a camera's pixel averages its square, and the light is known, so that its suns are.
 """
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from lightprobe.geometry.mesh import edge_faces
+from lightprobe.geometry.mesh import Mesh, edge_faces
 from lightprobe.light.prefilter import Prefilter
-from lightprobe.render.asset import Asset, composite, rasterize_asset
+from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import reflectance, shade
+from lightprobe.render.silhouette import Crossings, coverage, silhouette_crossings, spread_color
+from lightprobe.render.split_sum import Shading
 from lightprobe.render.suns import Suns, sharpened
 from lightprobe.render.surface import View
 from lightprobe.scene.camera import Camera
@@ -21,32 +24,41 @@ from lightprobe.scene.camera import Camera
 SAMPLES = 2  # along each edge of a pixel
 
 
-def sampled_camera(camera: Camera) -> Camera:
-    """Return the camera of the same view whose pixels are the picture's samples."""
-    return camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
+@dataclass(frozen=True)
+class Picture:
+    """One view of an asset, ready for any light: what is found here depends on none."""
 
+    mesh: Mesh
+    prefilter: Prefilter
+    gbuffer: GBuffer  # of all samples
+    shading: Shading
+    crossings: Crossings
+    cover: Tensor  # (N,) coverage of all samples
 
-def picture_gbuffer(asset: Asset, camera: Camera, device: torch.device) -> GBuffer:
-    """Return the G-buffer of all samples of the picture that a normalised-frame camera takes."""
-    return rasterize_asset(asset, sampled_camera(camera), device)
+    @staticmethod
+    @torch.no_grad()
+    def of(asset: Asset, camera: Camera, prefilter: Prefilter, device: torch.device) -> "Picture":
+        """Return the view that a normalised-frame camera takes; asset and prefilter are on `device`."""
+        camera = camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
+        gbuffer, view = rasterize_asset(asset, camera, device), View.of(camera, device)
+        covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=device)
+        covered[gbuffer.pixel] = True
+        vertices, faces = asset.mesh.vertices, asset.mesh.faces
+        crossings = silhouette_crossings(
+            view.project(vertices), faces, edge_faces(faces), covered.reshape(view.height, view.width), view
+        )
+        cover = coverage(gbuffer.pixel, crossings, covered.numel())
+        return Picture(asset.mesh, prefilter, gbuffer, Shading.of(gbuffer, prefilter), crossings, cover)
 
-
-@torch.no_grad()
-def render_asset(asset: Asset, camera: Camera, env: Tensor, prefilter: Prefilter, gbuffer: GBuffer | None = None
-                 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Return the linear premultiplied image (H, W, 3) and coverage (H, W) of the asset under `env` (6, R, R, 3).
-
-    camera: normalised frame; `gbuffer`: that of `picture_gbuffer`, when the caller has it.
-    """
-    if gbuffer is None:
-        gbuffer = picture_gbuffer(asset, camera, env.device)
-    radiance = shade(gbuffer, prefilter, prefilter.apply(env))
-    suns = Suns.of(env)
-    if gbuffer.openness is not None and len(suns.block) > 0:
-        sharper = reflectance(gbuffer).diffuse * sharpened(gbuffer, asset.mesh, suns)
-        radiance = (radiance + sharper).clamp(min=0)
-    mesh, view = asset.mesh, View.of(sampled_camera(camera), env.device)
-    image, cover = composite(gbuffer, radiance, mesh.vertices, mesh.faces, edge_faces(mesh.faces), view)
-    samples = torch.cat([image, cover[..., None]], -1).permute(2, 0, 1)
-    pixels = functional.avg_pool2d(samples[None], SAMPLES)[0].permute(1, 2, 0)
-    return pixels[..., :3], pixels[..., 3]
+    @torch.no_grad()
+    def render(self, env: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the linear premultiplied image (H, W, 3) and coverage (H, W) under `env` (6, R, R, 3)."""
+        radiance = self.shading.apply(self.prefilter.apply(env))
+        suns = Suns.of(env)
+        if self.gbuffer.openness is not None and len(suns.block) > 0:
+            _, diffuse, _ = self.shading.factors
+            radiance = (radiance + diffuse * sharpened(self.gbuffer, self.mesh, suns)).clamp(min=0)
+        image = spread_color(radiance, self.gbuffer.pixel, self.crossings, self.cover)
+        samples = torch.cat([image, self.cover[:, None]], 1).T.reshape(1, 4, self.gbuffer.height, self.gbuffer.width)
+        pixels = functional.avg_pool2d(samples, SAMPLES)[0].permute(1, 2, 0)
+        return pixels[..., :3], pixels[..., 3]

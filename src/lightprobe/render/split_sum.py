@@ -18,6 +18,7 @@ from lightprobe.kernels import weighted_gather
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.render import brdf
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.openness import Openness
 from lightprobe.render.specular_lobes import LOBES, SpecularLobes, dielectric_part, specular_lobes
 
 
@@ -55,6 +56,37 @@ def specular_taps(r: Reflectance, normal: Tensor, prefilter: Prefilter) -> tuple
     roughness, share = r.lobes.roughness.T.flatten(), r.lobes.share.T.flatten()
     index, weight = prefilter.specular_taps(torch.cat(direction), roughness, share)
     return torch.cat(index.chunk(LOBES), dim=-1), torch.cat(weight.chunk(LOBES), dim=-1)
+
+
+@dataclass(frozen=True)
+class Shading:
+    """All that P pixels' `shade` does not take from the light; no autograd."""
+
+    taps: list[tuple[Tensor, Tensor]]  # of the specular lobe and, with nothing in the way, of the diffuse one
+    factors: Tensor  # (2 or 3, P, 3) what is reflected of the specular, the diffuse and the bounced light
+    normal: Tensor  # (P, 3)
+    openness: Openness | None
+    first_block: int  # of the prefiltered levels
+
+    @staticmethod
+    @torch.no_grad()
+    def of(gbuffer: GBuffer, prefilter: Prefilter) -> "Shading":
+        """Return it for all pixels of a G-buffer."""
+        r = reflectance(gbuffer)
+        taps, factors = [specular_taps(r, gbuffer.normal, prefilter)], [r.specular, r.diffuse]
+        if gbuffer.openness is None:
+            taps.append(prefilter.diffuse_taps(gbuffer.normal))
+        else:
+            lobe, bounce = occlude(gbuffer, r, gbuffer.openness.share(gbuffer.normal))
+            factors = [lobe * r.specular, r.diffuse, bounce]
+        return Shading(taps, torch.stack(factors), gbuffer.normal, gbuffer.openness, prefilter.first_block)
+
+    def apply(self, levels: Tensor) -> Tensor:
+        """Return what `shade` returns, (P, 3), under prefiltered `levels` (T, 3)."""
+        arriving = [weighted_gather(levels, *taps) for taps in self.taps]
+        if self.openness is not None:
+            arriving += self.openness.light(levels[self.first_block :], self.normal)[:, :6].split(3, dim=1)
+        return (self.factors * torch.stack(arriving)).sum(0)
 
 
 def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:

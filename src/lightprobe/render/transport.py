@@ -17,7 +17,7 @@ from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS, Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import occlude, reflectance, specular_taps
+from lightprobe.render.split_sum import Shading
 
 _TINY = 1e-30
 _FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps along a direction before the line search; 1 is safe, 4 still common
@@ -31,17 +31,9 @@ class Transport:
         """Precompute taps and factors for the rows (P,) int64 of the G-buffer, or for all of them."""
         if rows is not None:
             gbuffer = gbuffer.select(rows)
-        r = reflectance(gbuffer)
-        taps = [specular_taps(r, gbuffer.normal, prefilter)]
-        factors = [r.specular, r.diffuse]
-        self._normal, self._openness = gbuffer.normal, gbuffer.openness
-        if gbuffer.openness is None:
-            taps.append(prefilter.diffuse_taps(gbuffer.normal))
-        else:
-            lobe, bounce = occlude(gbuffer, r, gbuffer.openness.share(gbuffer.normal))
-            factors = [lobe * r.specular, r.diffuse, bounce]
-        self._factors = torch.stack(factors)  # (2 or 3, P, 3)
-        used, matrix = _tap_matrix(taps, prefilter.total)
+        shading = Shading.of(gbuffer, prefilter)
+        self._normal, self._openness, self._factors = shading.normal, shading.openness, shading.factors
+        used, matrix = _tap_matrix(shading.taps, prefilter.total)
         self._prefilter = PrefilterPart(prefilter, used.to(gbuffer.normal.device))
         self._taps = SparseOperator.build(matrix, gbuffer.normal.device)
 
