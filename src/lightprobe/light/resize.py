@@ -1,5 +1,8 @@
 """Environments at other resolutions."""
 
+import functools
+
+import torch
 from torch import Tensor
 
 from lightprobe.kernels import weighted_gather
@@ -23,9 +26,14 @@ def magnify_light(light: Tensor, resolution: int) -> Tensor:
     """Return the light (6, r, r, 3) smoothly interpolated at a finer resolution."""
     if light.shape[1] == resolution:
         return light
-    directions = cubemap.directions(resolution, light.device).reshape(-1, 3)
-    taps = cubemap.bilinear_taps(directions, light.shape[1])
+    taps = _magnifying_taps(light.shape[1], resolution, light.device)
     return weighted_gather(light.reshape(-1, 3), *taps).reshape(6, resolution, resolution, 3)
+
+
+@functools.lru_cache(maxsize=16)
+def _magnifying_taps(side: int, resolution: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return `cubemap.bilinear_taps` of the texels of a cubemap of `resolution` in one of `side`."""
+    return cubemap.bilinear_taps(cubemap.directions(resolution, device).reshape(-1, 3), side)
 
 
 def rotate_light(light: Tensor, rotation: Tensor, resolution: int) -> Tensor:

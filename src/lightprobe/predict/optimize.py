@@ -1,9 +1,15 @@
-"""The baseline that takes minutes: gradient descent on every texel of the light, for one photo.
+"""Gradient descent on the light of one photo: the baseline that takes minutes, and what refines a prediction.
 
     minimise  mean_p |t(A E) - t(I)|  +  grey |E - grey(E)|,   E = exp(x),   by Adam on x
 
 This is how inverse renderers without a predictor find the light of a new photo, with the loss of Phase I: t(x) =
-sRGB(log(1 + x)), absolute differences, one-sided where the photo is clipped. It starts at the constant light.
+sRGB(log(1 + x)), absolute differences, one-sided where the photo is clipped. The baseline descends on every texel and
+starts at the constant light.
+
+The refinement takes few steps from a map that is nearly right. There it matters which texels move: Adam divides each
+gradient by its own size, so that a direction the photo hardly depends on moves as fast as one it insists on, and what
+moves it is the asset's errors. So the size is damped, g / (|g| + damping RMS(g)), with the root mean square over all
+texels at the first step; and x is the sum of a smooth part and of single texels, of which the smooth one moves faster.
 """
 
 import math
@@ -17,12 +23,14 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
 from lightprobe.render.transport import Transport
 
-_REFINED_RESOLUTION = 16
+_REFINED_RESOLUTION = 32
 _DARK = 1e-4  # relative to the light level
+_LEAST_EPS = 1e-8  # Adam's own
 _USUAL_MEAN = 0.22  # linear mean of a well-exposed object: the loss is taken as if the photo were exposed so
 
 
@@ -34,6 +42,10 @@ class OptimizeConfig:
     """Adam steps, each on all pixels."""
     learning_rate: float = 0.05
     """Adam step in log radiance at the start; it falls to nothing along a cosine."""
+    smooth_learning_rate: float = 0.0
+    """The same of the smooth part of the change, on 6 x 8 x 8 texels."""
+    damping: float = 0.0
+    """How large a gradient, relative to the usual one, makes half a step."""
     pixels: int = 12_288
     """Pixels the light is fitted to."""
     grey: float = 0.005
@@ -41,13 +53,15 @@ class OptimizeConfig:
 
     def __post_init__(self) -> None:
         """Refuse values no optimisation could use."""
-        if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0 or self.grey < 0:
-            raise ConfigError("An optimisation needs iterations and pixels of at least 1 and positive weights.")
+        if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0:
+            raise ConfigError("An optimisation needs iterations and pixels of at least 1 and a positive step.")
+        if min(self.smooth_learning_rate, self.damping, self.grey) < 0:
+            raise ConfigError("An optimisation needs weights of at least 0.")
 
 
 def brief() -> OptimizeConfig:
     """Return a fraction of a second of it, for where a network has gone most of the way."""
-    return OptimizeConfig(iterations=60, learning_rate=0.1, pixels=3072)
+    return OptimizeConfig(iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, pixels=3072)
 
 
 class _Render(torch.autograd.Function):
@@ -72,26 +86,38 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     color, clipped = observation.pixels.color[chosen], observation.clipped[chosen]
     unit = color.mean().clamp(min=1e-9) / _USUAL_MEAN
     target = _displayed(color / unit)
-    logarithm = (start / unit).clamp(min=1e-4).log().requires_grad_(True)
-    optimizer = torch.optim.Adam([logarithm], lr=config.learning_rate)
+    first = (start / unit).clamp(min=1e-4).log()
+    smooth = torch.zeros(6, BLOCKS, BLOCKS, 3, device=start.device, requires_grad=True)
+    texels = torch.zeros_like(first, requires_grad=True)
+
+    def light() -> Tensor:
+        change = texels + magnify_light(smooth, start.shape[1]) if config.smooth_learning_rate else texels
+        return (first + change).exp()
+
+    groups = [{"params": [texels], "lr": config.learning_rate}]
+    if config.smooth_learning_rate:
+        groups.append({"params": [smooth], "lr": config.smooth_learning_rate})
+    optimizer = torch.optim.Adam(groups)
+    rates = [group["lr"] for group in optimizer.param_groups]
     for step in range(config.iterations):
-        optimizer.param_groups[0]["lr"] = (
-            0.5 * config.learning_rate * (1 + math.cos(math.pi * step / config.iterations))
-        )
         with torch.enable_grad():
-            light = logarithm.exp()
-            difference = _displayed(_Render.apply(light, transport)) - target
+            sought = light()
+            difference = _displayed(_Render.apply(sought, transport)) - target
             difference = torch.where(clipped, difference.clamp(max=0), difference)
-            chroma = (light - light.mean(-1, keepdim=True)).abs().mean()
+            chroma = (sought - sought.mean(-1, keepdim=True)).abs().mean()
             loss = difference.abs().mean() + config.grey * chroma
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
+        for group, rate in zip(optimizer.param_groups, rates, strict=True):
+            group["lr"] = 0.5 * rate * (1 + math.cos(math.pi * step / config.iterations))
+            if step == 0 and config.damping:
+                group["eps"] = max(config.damping * float(group["params"][0].grad.square().mean().sqrt()), _LEAST_EPS)
         optimizer.step()
-    return unit * logarithm.detach().exp()
+    return unit * light().detach()
 
 
 def refine_environment(observation: Observation, prior: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
-    """Return `prior` (6, R, R, 3) times what a short optimisation on at most 6 x 16 x 16 texels makes of it.
+    """Return `prior` (6, R, R, 3) times what a short optimisation on at most 6 x 32 x 32 texels makes of it.
 
     Few steps in log radiance are a regulariser of their own: every texel may change by a bounded factor, those that
     the photo insists on go first, and absolute displayed errors keep a wrong spot of the asset from being explained by

@@ -20,7 +20,7 @@ from lightprobe.distill.probe_model import ProbeModel
 from lightprobe.predict.confidence import confidence
 from lightprobe.predict.observation import Observation, observe
 from lightprobe.predict.optimize import OptimizeConfig, brief, optimize_environment, refine_environment
-from lightprobe.predict.prior import constant_light, network_light, sampled_probes, stacked_light
+from lightprobe.predict.prior import calmed, constant_light, network_light, sampled_probes, stacked_light
 from lightprobe.predict.solve import SolveConfig, solve_environment
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
@@ -142,6 +142,9 @@ class Predictor:
         with clock.part("network"):
             return network_light(model, observation, probes, chosen, self.light_resolution, self.seed)
 
+    def _calmed_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        return calmed(self._network(observation, chosen, clock), observation.light_level)
+
     def _solved(self, observation: Observation, prior: Tensor) -> Tensor:
         return solve_environment(observation, prior, self.solve, self.seed)
 
@@ -164,8 +167,8 @@ _PRIORS = {
     Method.PROBE_MLP: Predictor._stacked,
     Method.PROBE_MLP_SOLVE: Predictor._stacked,
     Method.PROBE_NET: Predictor._network,
-    Method.PROBE_NET_SOLVE: Predictor._network,
-    Method.PROBE_NET_OPTIMIZE: Predictor._network,
+    Method.PROBE_NET_SOLVE: Predictor._calmed_network,
+    Method.PROBE_NET_OPTIMIZE: Predictor._calmed_network,
 }
 _FITTED = {
     Method.SOLVE: Predictor._solved,

@@ -23,6 +23,8 @@ from lightprobe.predict.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport
 
 _USUAL_SHARE = 0.02
+_HUE_KEPT = 0.25
+_CALM_DARK = 0.01  # relative to the light level: darker has no hue
 
 
 def sampled_probes(observation: Observation, seed: int) -> Tensor:
@@ -71,6 +73,21 @@ def network_light(
     maps = probe_maps(probes, colors, observation.clipped[chosen], level, solved, model.config.alpha_rule)
     log_light = magnify_light(model.sphere(maps[None])[0].permute(1, 2, 3, 0).contiguous(), resolution)
     return light_of(log_light.permute(3, 0, 1, 2), level)
+
+
+def calmed(light: Tensor, light_level: Tensor) -> Tensor:
+    """Return a map (6, R, R, 3) whose hues keep a quarter of their distance from the mean one, at the same brightness.
+
+    Which directions are bright, a network knows better than of what colour each is: lights are mostly greyer than the
+    surfaces they are read from. What the photo says about colour, a fit adds.
+    """
+    dark = _CALM_DARK * light_level
+    log = (light + dark).log()
+    brightness = log.mean(-1, keepdim=True)
+    hue = log - brightness
+    weight = brightness.exp() * cubemap.solid_angles(light.shape[1], light.device)[..., None]
+    mean = (hue * weight).sum((0, 1, 2)) / weight.sum()
+    return ((brightness + mean + _HUE_KEPT * (hue - mean)).exp() - dark).clamp(min=0)
 
 
 def _sphere_mean(weight: Tensor) -> Tensor:

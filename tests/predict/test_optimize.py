@@ -1,0 +1,56 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.light import cubemap
+from lightprobe.predict.observation import observe
+from lightprobe.predict.optimize import OptimizeConfig, brief, refine_environment
+from lightprobe.scene.photo import Pixels
+from tests.lit_sphere import glossy_sphere, patch_light, photograph
+from tests.shapes import camera_at
+
+CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
+CPU = torch.device("cpu")
+
+
+def corner():
+    """Return the observation of a corner of a sphere, lit from the side, and the direction that the corner faces."""
+    asset = glossy_sphere()
+    photo = photograph(asset, CAMERA, patch_light((0.2, 1.0, 0.5)))
+    mask = np.zeros_like(photo.alpha)
+    mask[30:38, 18:26] = photo.alpha[30:38, 18:26]
+    observation = observe(asset, Pixels(photo.color, mask), CAMERA, CPU, 65_536)
+    return observation, observation.gbuffer.normal[observation.rows].mean(0)
+
+
+def test_directions_the_photo_says_nothing_about_stay():
+    observation, facing = corner()
+    prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
+    behind = cubemap.directions(16) @ torch.nn.functional.normalize(facing, dim=0) < -0.3
+    moved = {}
+    for damping in (0.0, brief().damping):
+        light = refine_environment(observation, prior, replace(brief(), damping=damping), seed=0)
+        change = (light / prior).log().abs().mean(-1)
+        moved[damping] = float(change[behind].mean() / change[~behind].mean())
+    assert moved[brief().damping] < 0.5 * moved[0.0]
+
+
+def test_the_smooth_part_moves_what_single_texels_hardly_would():
+    observation, facing = corner()
+    prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
+    ahead = cubemap.directions(16) @ torch.nn.functional.normalize(facing, dim=0) > 0.5
+    moved = {}
+    for rate in (0.0, 0.2):
+        config = replace(brief(), iterations=10, learning_rate=1e-3, smooth_learning_rate=rate)
+        light = refine_environment(observation, prior, config, seed=0)
+        moved[rate] = float((light / prior).log().abs()[ahead].mean())
+    assert moved[0.2] > 10 * moved[0.0]
+
+
+@pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "grey"])
+def test_negative_weights_are_refused(name):
+    with pytest.raises(ConfigError, match="at least 0"):
+        OptimizeConfig(**{name: -0.1})
