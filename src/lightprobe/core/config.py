@@ -43,7 +43,7 @@ class DecomposeConfig:
     """Optimisation steps on the lattice and the material field."""
     pass2_iterations: int = 800
     """Optimisation steps on vertices and textures; 0 keeps the result of the first pass."""
-    pass3_iterations: int = 600
+    pass3_iterations: int = 1500
     """Optimisation steps on the textures alone, for photos larger than `pass2_side`; 0 keeps the second pass's."""
     pass1_side: int = 200
     """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""

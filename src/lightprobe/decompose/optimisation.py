@@ -83,7 +83,7 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
     if lights.gradient:
         groups.append({"params": lights.maps, "lr": config.learning_rate_light})
     rates = [group["lr"] for group in groups]
-    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12)
+    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=True)
     names = [f"p{i}" for i in range(sum(len(list(g["params"])) for g in optimiser.param_groups))]
     if restored is not None:
         _restore(optimiser, names, lights, restored)
@@ -134,4 +134,4 @@ def _restore(optimiser: torch.optim.Optimizer, names: list[str], lights: Lights,
         parameter.copy_(tensors[name])
         if f"{name}.exp_avg" in tensors:
             moments = {k: tensors[f"{name}.{k}"].to(parameter.device) for k in ("exp_avg", "exp_avg_sq")}
-            optimiser.state[parameter] = {"step": tensors[f"{name}.step"], **moments}
+            optimiser.state[parameter] = {"step": tensors[f"{name}.step"].to(parameter.device), **moments}

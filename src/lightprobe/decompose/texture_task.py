@@ -114,13 +114,14 @@ class TextureTask:
 
     def _materials(self, photos: list[PhotoPixels], step: int) -> tuple[Tensor, Tensor]:
         """Return the material (P, 8) at all pixels of the photos, and one texel beside each in a random direction."""
-        texels = self.model.texels()
-        size = round(len(texels) ** 0.5)
+        size = round(len(self.model.color) ** 0.5)
         uv = torch.cat([photo.surface.interpolate(self._mesh.uvs, self._mesh.uv_faces) for photo in photos])
         angle = 2 * math.pi * torch.rand(len(uv), generator=generator(self._seed, "texture-smoothness", step))
         beside = uv + torch.stack([angle.cos(), angle.sin()], 1).to(uv) / size
         index, weight = bilinear_taps(torch.cat([uv, beside]), size)
-        material, neighbours = weighted_gather(texels, index, weight).chunk(2)
+        # Gathered part by part: putting the channels of all texels side by side would cost more than the pixels do.
+        parts = [weighted_gather(part, index, weight) for part in (self.model.color, self.model.finish)]
+        material, neighbours = torch.cat(parts, 1).chunk(2)
         return material, neighbours
 
     def _photo_loss(self, photo: PhotoPixels, material: Tensor, epoch: int) -> Tensor:

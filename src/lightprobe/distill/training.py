@@ -126,7 +126,9 @@ class _Course:
         self.network: IlluminationMlp = new_network(config, seed).to(device)
         self.sphere: SphereNet = new_sphere(config, seed).to(device)
         self._modules: dict[str, nn.Module] = {"network": self.network, "sphere": self.sphere}
-        self._optimizers = {name: torch.optim.Adam(module.parameters()) for name, module in self._modules.items()}
+        self._optimizers = {
+            name: torch.optim.Adam(module.parameters(), fused=True) for name, module in self._modules.items()
+        }
         self.done = self._resume()
 
     def take(self, module: nn.Module, loss: Tensor, rate: float, photo: str) -> None:
@@ -176,6 +178,7 @@ class _Course:
                     parameter.copy_(tensors[f"{prefix}.{name}"])
                 if counts[prefix] > 0:
                     moments = {m: tensors[f"{m}.{prefix}.{name}"].to(parameter.device) for m in _MOMENTS}
-                    state_of = {"step": torch.tensor(float(counts[prefix])), **moments}
+                    step = torch.tensor(float(counts[prefix]), device=parameter.device)
+                    state_of = {"step": step, **moments}
                     self._optimizers[prefix].state[parameter] = state_of
         return done
