@@ -1,7 +1,7 @@
 import torch
 
 from lightprobe.geometry.mesh import edge_faces
-from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
+from lightprobe.render.silhouette import coverage, outline_vertices, silhouette_crossings, spread_color
 from lightprobe.render.surface import View, visible_surface
 from tests.shapes import camera_at, sphere
 
@@ -84,3 +84,20 @@ def test_position_and_view_of_visible_points():
     assert abs(projected[:, 1] - rows.numpy() - 0.5).max() < 1e-3
     assert (surface.position.norm(dim=1) - 1).abs().max() < 0.005
     assert ((surface.view * surface.position).sum(1) > -1e-2).all()
+
+
+def test_the_outline_needs_only_the_vertices_where_it_can_be():
+    vertices, faces = unit_sphere(3)
+    view = View.of(camera_at([3.0, 0.5, 0.3]), torch.device("cpu"))
+    open_ball = faces[(vertices[faces.long()].mean(1) @ torch.tensor([0.3, 0.9, 0.3])) < 0.6]
+    for some in (faces, open_ball, faces[:1]):
+        screen = view.project(vertices)
+        mask = covered(visible_surface(vertices, some, view), view)
+        chosen = outline_vertices(screen, some)
+        every, few = (
+            silhouette_crossings(screen, some, edges, mask, view)
+            for edges in (edge_faces(some), edge_faces(some, chosen))
+        )
+        assert chosen[some.long()].all(1).float().mean() < 0.3 or len(some) == 1
+        for name in ("inner", "outer", "gain"):
+            assert torch.equal(getattr(every, name), getattr(few, name))

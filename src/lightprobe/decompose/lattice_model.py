@@ -21,6 +21,7 @@ from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
 from lightprobe.material.field import START_BASE, MaterialField
 from lightprobe.render.asset import gbuffer_of
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.silhouette import outline_vertices
 from lightprobe.render.surface import View, face_camera, visible_surface
 
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
@@ -155,7 +156,8 @@ class LatticeModel(nn.Module):
         weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
         loss = weight * sign_change_loss(self.lattice, crossing, distance)
         loss = loss + self._material_loss(gbuffer.position, material, step)
-        return Seen(gbuffer, screen, faces, edge_faces(faces), loss)
+        edges = edge_faces(faces, outline_vertices(screen, faces))
+        return Seen(gbuffer, screen, faces, edges, loss)
 
     @torch.no_grad()
     def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from lightprobe.evaluate.evaluation import ViewResult
 from lightprobe.evaluate.prediction_files import exposure, panorama, tone_mapped
 from lightprobe.evaluate.relighting import load_environment
-from lightprobe.imaging import read_hdr, resize_area, srgb_encode
+from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
 
 _SIDE = 256
 _DIFFERENCE_GAIN = 3.0
@@ -20,9 +20,7 @@ _DIFFERENCE_GAIN = 3.0
 def data_uri(encoded: np.ndarray, *, side: int = _SIDE) -> str:
     """Return a picture (H, W, 3) or (H, W), already display-encoded in [0, 1], as the data URI of a small JPEG."""
     values = encoded if encoded.ndim == 3 else np.repeat(encoded[..., None], 3, axis=2)
-    scale = min(1.0, side / max(values.shape[:2]))
-    height, width = (max(1, round(n * scale)) for n in values.shape[:2])
-    small = resize_area(np.ascontiguousarray(values, np.float32), height, width)
+    small = shrink_area(np.ascontiguousarray(values, np.float32), side)
     buffer = io.BytesIO()
     Image.fromarray((np.clip(small, 0, 1) * 255 + 0.5).astype(np.uint8)).save(buffer, "JPEG", quality=88)
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -82,13 +82,18 @@ class EdgeFaces:
     faces: Tensor  # (E, 2) int64; a border edge names its only face twice
 
 
-def edge_faces(faces: Tensor) -> EdgeFaces:
-    """Return the edges of `faces` (F, 3); an edge with more than two faces keeps the first and the last."""
+def edge_faces(faces: Tensor, chosen: Tensor | None = None) -> EdgeFaces:
+    """Return the edges of `faces` (F, 3); an edge with more than two faces keeps the first and the last.
+
+    chosen: (V,) bool, by default all; an edge counts whose two vertices do.
+    """
     f = faces.long()
-    ends = torch.cat([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]).sort(dim=1).values
+    a, b = f.T.reshape(-1), f[:, [1, 2, 0]].T.reshape(-1)
+    rows = torch.arange(len(a), device=a.device) if chosen is None else (chosen[a] & chosen[b]).nonzero()[:, 0]
+    a, b = a[rows], b[rows]
     size = int(f.max()) + 1 if len(f) else 1
-    key, order = torch.sort(ends[:, 0] * size + ends[:, 1], stable=True)
-    face = order % max(len(f), 1)
+    key, order = torch.sort(torch.minimum(a, b) * size + torch.maximum(a, b), stable=True)
+    face = rows[order] % max(len(f), 1)
     starts = torch.ones_like(key, dtype=torch.bool)
     starts[1:] = key[1:] != key[:-1]
     first = starts.nonzero()[:, 0]

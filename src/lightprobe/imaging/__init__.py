@@ -6,7 +6,7 @@ from lightprobe.imaging.hdr import read_hdr, write_exr
 from lightprobe.imaging.ldr import image_size, read_alpha, read_ldr, read_mask, write_png
 from lightprobe.imaging.limits import MAX_PIXELS
 from lightprobe.imaging.radiance import write_radiance
-from lightprobe.imaging.resize import resize_area
+from lightprobe.imaging.resize import resize_area, shrink_area
 
 __all__ = [
     "MAX_PIXELS",
@@ -17,6 +17,7 @@ __all__ = [
     "read_ldr",
     "read_mask",
     "resize_area",
+    "shrink_area",
     "srgb_decode",
     "srgb_encode",
     "write_exr",

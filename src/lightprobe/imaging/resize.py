@@ -17,6 +17,13 @@ def resize_area(array: np.ndarray, height: int, width: int) -> np.ndarray:
     return np.ascontiguousarray(np.swapaxes(turned, 0, 1)).reshape(height, width, *array.shape[2:])
 
 
+def shrink_area(array: np.ndarray, side: int) -> np.ndarray:
+    """Return `array` (H, W) or (H, W, C) as `resize_area` does, its longer side at most `side` pixels."""
+    scale = min(1.0, side / max(array.shape[:2]))
+    height, width = (max(1, round(length * scale)) for length in array.shape[:2])
+    return resize_area(array, height, width)
+
+
 def _overlap(source: int, target: int) -> sparse.csr_array:
     """Return (target, source) float32 weights: the share of each output cell that each input cell fills."""
     edges = np.linspace(0, source, target + 1)

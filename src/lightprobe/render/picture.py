@@ -15,7 +15,7 @@ from lightprobe.geometry.mesh import Mesh, edge_faces
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.silhouette import Crossings, coverage, silhouette_crossings, spread_color
+from lightprobe.render.silhouette import Crossings, coverage, outline_vertices, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import Shading
 from lightprobe.render.suns import Suns, sharpened
 from lightprobe.render.surface import View
@@ -43,10 +43,9 @@ class Picture:
         gbuffer, view = rasterize_asset(asset, camera, device), View.of(camera, device)
         covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=device)
         covered[gbuffer.pixel] = True
-        vertices, faces = asset.mesh.vertices, asset.mesh.faces
-        crossings = silhouette_crossings(
-            view.project(vertices), faces, edge_faces(faces), covered.reshape(view.height, view.width), view
-        )
+        screen, faces = view.project(asset.mesh.vertices), asset.mesh.faces
+        edges = edge_faces(faces, outline_vertices(screen, faces))
+        crossings = silhouette_crossings(screen, faces, edges, covered.reshape(view.height, view.width), view)
         cover = coverage(gbuffer.pixel, crossings, covered.numel())
         return Picture(asset.mesh, prefilter, gbuffer, Shading.of(gbuffer, prefilter), crossings, cover)
 

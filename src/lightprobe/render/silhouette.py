@@ -25,10 +25,33 @@ class Crossings:
     gain: Tensor  # (K,) t - 1/2: coverage given to `outer` (> 0) or taken from `inner` (< 0); differentiable
 
 
+def outline_vertices(screen: Tensor, faces: Tensor) -> Tensor:
+    """Return (V,) bool, the vertices that an edge of the outline can have; `screen` (V, 3) projected vertices.
+
+    Front- and back-facing triangles meet there, or the triangles around do not close: then the sum over them of the
+    vertex after it less the one before it is not zero. `edge_faces` of these alone is what an outline needs.
+    """
+    f = faces.long()
+    front = _facing(screen, faces)
+    ahead, back = (
+        torch.zeros(len(screen), dtype=torch.bool, device=screen.device).index_fill_(0, f[side].reshape(-1), True)
+        for side in (front, ~front)
+    )
+    step = (f.roll(-1, 1) - f.roll(1, 1)).reshape(-1)
+    sums = torch.zeros(len(screen), dtype=torch.long, device=screen.device).index_add_(0, f.reshape(-1), step)
+    return (ahead & back) | (sums != 0)
+
+
+def _facing(screen: Tensor, faces: Tensor) -> Tensor:
+    """Return (F,) bool, whether a triangle looks at the camera."""
+    corners = faces.T.long()
+    x, y = (screen.detach()[:, axis].contiguous()[corners] for axis in (0, 1))
+    return (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]) < 0
+
+
 def _outline_edges(screen: Tensor, faces: Tensor, edges: EdgeFaces) -> Tensor:
     """Return (S, 2) vertex pairs of edges between a front- and a back-facing triangle, or on the mesh border."""
-    a, b, c = screen.detach()[faces.long()][..., :2].unbind(1)
-    front = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0
+    front = _facing(screen, faces)
     one, two = edges.faces.unbind(1)
     ahead = (screen.detach()[edges.vertices][..., 2] > 1e-6).all(1)
     return edges.vertices[((front[one] != front[two]) | (one == two)) & ahead]
@@ -62,7 +85,10 @@ def _axis_crossings(ends: Tensor, covered: Tensor, along: int) -> tuple[Tensor, 
 
 
 def silhouette_crossings(screen: Tensor, faces: Tensor, edges: EdgeFaces, covered: Tensor, view: View) -> Crossings:
-    """Return the outline's crossings; `screen` (V, 3) projected vertices, `covered` (H, W) bool from rasterisation."""
+    """Return the outline's crossings; `screen` (V, 3) projected vertices, `covered` (H, W) bool from rasterisation.
+
+    edges: all of the mesh, or those of `outline_vertices`.
+    """
     pairs = _outline_edges(screen, faces, edges)
     ends = gather_rows(screen, pairs)[..., :2]
     extent = (ends.detach()[:, 0] - ends.detach()[:, 1]).abs()

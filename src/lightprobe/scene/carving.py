@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from lightprobe.imaging import resize_area
+from lightprobe.imaging import shrink_area
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull, usual_agreement, visual_hull
 
@@ -35,11 +35,9 @@ class _View:
 
     @staticmethod
     def of(camera: Camera, alpha: np.ndarray) -> "_View":
-        scale = min(1.0, _SIDE / max(alpha.shape))
-        height, width = (max(1, round(side * scale)) for side in alpha.shape)
-        mask = resize_area(np.asarray(alpha, np.float32), height, width) >= 0.5
+        mask = shrink_area(np.asarray(alpha), _SIDE) >= 0.5
         inside, outside = (ndimage.distance_transform_edt(part) > _MARGIN for part in (mask, ~mask))
-        return _View(camera.resized(width, height), inside, outside)
+        return _View(camera.resized(mask.shape[1], mask.shape[0]), inside, outside)
 
     def votes(self, hull: Hull, points: np.ndarray) -> np.ndarray:
         """Return votes (3, K) bool on `points` (K, 3).

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import resize_area
+from lightprobe.imaging import shrink_area
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.normalise import find_similarity
@@ -63,7 +63,7 @@ def explain(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: floa
     hull is carved anew.
     """
     chosen = np.unique(np.linspace(0, len(alphas) - 1, min(len(alphas), _TRIAL_PHOTOS)).astype(int))
-    small = [(cameras[i], _shrunk(alphas[i])) for i in chosen]
+    small = [(cameras[i], shrink_area(alphas[i], _TRIAL_SIDE)) for i in chosen]
     trials = [(_trial(small, change), sentence) for sentence, change in _SUSPICIONS]
     best, sentence = max(trials, key=lambda trial: trial[0])
     if best < max(found + _CLEARLY_BETTER, _CONVINCING):
@@ -86,11 +86,6 @@ def _trial(views: Sequence[tuple[Camera, np.ndarray]], change: Change) -> float:
         return 0.0
     hull = fitted_hull(cameras, alphas, similarity, _TRIAL_RESOLUTION)
     return float(np.median([overlap(a >= 0.5, silhouette(hull, c, similarity, a.shape)) for c, a in changed]))
-
-
-def _shrunk(alpha: np.ndarray) -> np.ndarray:
-    scale = min(1.0, _TRIAL_SIDE / max(alpha.shape))
-    return resize_area(alpha, *(max(1, round(side * scale)) for side in alpha.shape))
 
 
 def _with_pose(camera: Camera, pose: np.ndarray) -> Camera:
