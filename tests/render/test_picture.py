@@ -48,3 +48,13 @@ def test_coverage_is_the_share_of_the_pixel():
     _, cover = _picture(Asset(Mesh(narrow.mesh.vertices, faces, narrow.mesh.uvs, faces), narrow.textures))
     torch.testing.assert_close(cover[12, 2:15], torch.tensor([1.0] * 12 + [0.5]), rtol=0, atol=2e-3)
     assert float(cover.sum()) == pytest.approx(20 * 12.5, rel=1e-3)
+
+
+def test_one_light_after_the_other_gives_the_pictures_of_each():
+    asset, camera = _two_squares(0.25), camera_at((4.0, 1.0, 0.5), size=24)
+    operator = prefilter.cached(8, CPU)
+    lights = torch.rand(2, 6, 8, 8, 3, generator=torch.Generator().manual_seed(0))
+    kept = Picture.of(asset, camera, operator, CPU)
+    for light in (*lights, lights[0]):
+        for one, other in zip(kept.render(light), Picture.of(asset, camera, operator, CPU).render(light), strict=True):
+            assert torch.equal(one, other)

@@ -15,9 +15,8 @@ def covered(surface, picture):
 def covered_area(vertices, faces, view):
     surface = visible_surface(vertices, faces, view)
     screen = view.project(vertices)
-    mask = covered(surface, view)
-    crossings = silhouette_crossings(screen, faces, edge_faces(faces), mask, view)
-    return coverage(surface.pixel, crossings, mask.numel()), surface, crossings
+    crossings = silhouette_crossings(screen, faces, edge_faces(faces), surface.pixel, view)
+    return coverage(surface.pixel, crossings, view.height * view.width), surface, crossings
 
 
 def unit_sphere(subdivisions=3):
@@ -92,10 +91,10 @@ def test_the_outline_needs_only_the_vertices_where_it_can_be():
     open_ball = faces[(vertices[faces.long()].mean(1) @ torch.tensor([0.3, 0.9, 0.3])) < 0.6]
     for some in (faces, open_ball, faces[:1]):
         screen = view.project(vertices)
-        mask = covered(visible_surface(vertices, some, view), view)
+        pixel = visible_surface(vertices, some, view).pixel
         chosen = outline_vertices(screen, some)
         every, few = (
-            silhouette_crossings(screen, some, edges, mask, view)
+            silhouette_crossings(screen, some, edges, pixel, view)
             for edges in (edge_faces(some), edge_faces(some, chosen))
         )
         assert chosen[some.long()].all(1).float().mean() < 0.3 or len(some) == 1

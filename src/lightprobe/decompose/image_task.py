@@ -100,13 +100,10 @@ class ImageTask:
 
     def compare(self, target: Target, seen: Seen, radiance: Tensor, step: int) -> Tensor:
         """Return the loss of a photo shaded to `radiance` (K, 3), all but the light's own."""
-        count = target.view.height * target.view.width
-        covered = torch.zeros(count, dtype=torch.bool, device=radiance.device)
-        covered[seen.gbuffer.pixel] = True
-        shape = (target.view.height, target.view.width)
-        crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, covered.reshape(shape), target.view)
-        cover = coverage(seen.gbuffer.pixel, crossings, count)
-        image = spread_color(radiance, seen.gbuffer.pixel, crossings, cover)
+        pixel, view = seen.gbuffer.pixel, target.view
+        crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, pixel, view)
+        cover = coverage(pixel, crossings, view.height * view.width)
+        image = spread_color(radiance, pixel, crossings, cover)
         background = torch.rand(3, generator=generator(self.seed, "background", step)).to(radiance.device)
         loss = image_loss(image, cover, target.color, target.alpha, background, self.config.coverage_weight)
         gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())

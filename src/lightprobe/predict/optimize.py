@@ -87,18 +87,19 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     unit = color.mean().clamp(min=1e-9) / _USUAL_MEAN
     target = _displayed(color / unit)
     first = (start / unit).clamp(min=1e-4).log()
-    smooth = torch.zeros(6, BLOCKS, BLOCKS, 3, device=start.device, requires_grad=True)
-    texels = torch.zeros_like(first, requires_grad=True)
+    resolution = start.shape[1]
+    rates = ((resolution, config.learning_rate), (BLOCKS, config.smooth_learning_rate))
+    groups = [
+        {"params": [torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)], "lr": rate, "rate": rate}
+        for side, rate in rates
+        if rate > 0
+    ]
+    optimizer = torch.optim.Adam(groups)
+    changes = [group["params"][0] for group in optimizer.param_groups]
 
     def light() -> Tensor:
-        change = texels + magnify_light(smooth, start.shape[1]) if config.smooth_learning_rate else texels
-        return (first + change).exp()
+        return (first + sum(magnify_light(change, resolution) for change in changes)).exp()
 
-    groups = [{"params": [texels], "lr": config.learning_rate}]
-    if config.smooth_learning_rate:
-        groups.append({"params": [smooth], "lr": config.smooth_learning_rate})
-    optimizer = torch.optim.Adam(groups)
-    rates = [group["lr"] for group in optimizer.param_groups]
     for step in range(config.iterations):
         with torch.enable_grad():
             sought = light()
@@ -108,10 +109,10 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
             loss = difference.abs().mean() + config.grey * chroma
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        for group, rate in zip(optimizer.param_groups, rates, strict=True):
-            group["lr"] = 0.5 * rate * (1 + math.cos(math.pi * step / config.iterations))
-            if step == 0 and config.damping:
-                group["eps"] = max(config.damping * float(group["params"][0].grad.square().mean().sqrt()), _LEAST_EPS)
+        for group, change in zip(optimizer.param_groups, changes, strict=True):
+            group["lr"] = 0.5 * group["rate"] * (1 + math.cos(math.pi * step / config.iterations))
+            if step == 0:
+                group["eps"] = max(config.damping * float(change.grad.square().mean().sqrt()), _LEAST_EPS)
         optimizer.step()
     return unit * light().detach()
 

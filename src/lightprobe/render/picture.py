@@ -41,12 +41,10 @@ class Picture:
         """Return the view that a normalised-frame camera takes; asset and prefilter are on `device`."""
         camera = camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
         gbuffer, view = rasterize_asset(asset, camera, device), View.of(camera, device)
-        covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=device)
-        covered[gbuffer.pixel] = True
         screen, faces = view.project(asset.mesh.vertices), asset.mesh.faces
         edges = edge_faces(faces, outline_vertices(screen, faces))
-        crossings = silhouette_crossings(screen, faces, edges, covered.reshape(view.height, view.width), view)
-        cover = coverage(gbuffer.pixel, crossings, covered.numel())
+        crossings = silhouette_crossings(screen, faces, edges, gbuffer.pixel, view)
+        cover = coverage(gbuffer.pixel, crossings, view.height * view.width)
         return Picture(asset.mesh, prefilter, gbuffer, Shading.of(gbuffer, prefilter), crossings, cover)
 
     @torch.no_grad()

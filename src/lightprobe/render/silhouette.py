@@ -84,11 +84,14 @@ def _axis_crossings(ends: Tensor, covered: Tensor, along: int) -> tuple[Tensor, 
     return torch.where(is_left, left, left + step), torch.where(is_left, left + step, left), t
 
 
-def silhouette_crossings(screen: Tensor, faces: Tensor, edges: EdgeFaces, covered: Tensor, view: View) -> Crossings:
-    """Return the outline's crossings; `screen` (V, 3) projected vertices, `covered` (H, W) bool from rasterisation.
+def silhouette_crossings(screen: Tensor, faces: Tensor, edges: EdgeFaces, pixel: Tensor, view: View) -> Crossings:
+    """Return the outline's crossings; `screen` (V, 3) projected vertices, `pixel` (P,) those the rasteriser covered.
 
     edges: all of the mesh, or those of `outline_vertices`.
     """
+    covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=screen.device)
+    covered[pixel] = True
+    covered = covered.reshape(view.height, view.width)
     pairs = _outline_edges(screen, faces, edges)
     ends = gather_rows(screen, pairs)[..., :2]
     extent = (ends.detach()[:, 0] - ends.detach()[:, 1]).abs()
