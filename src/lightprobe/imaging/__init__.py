@@ -1,5 +1,6 @@
 """Image files in, linear float pixels out, and back; sizes are checked before anything is decoded."""
 
+from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
 from lightprobe.imaging.color import srgb_decode, srgb_encode
 from lightprobe.imaging.exif import read_exif_ev100
 from lightprobe.imaging.hdr import read_hdr, write_exr
