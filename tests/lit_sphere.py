@@ -51,7 +51,7 @@ def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, config: Disti
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
     color = torch.from_numpy(photo.color).reshape(-1, 3)[gbuffer.pixel]
-    return Desk(gbuffer, config or DistillConfig()).lesson(name, color, light)
+    return Desk(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(name, color, light)
 
 
 PATCHES = ((1.0, 0.3, 0.4), (-0.8, 0.9, 0.2), (0.2, -1.0, 0.5), (0.1, 0.2, 1.0), (-0.6, -0.6, 0.5), (0.7, 0.2, -0.5))

@@ -39,7 +39,8 @@ def log_error(model, lesson):
 
 
 def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
-    untrained = ProbeModel(new_network(CONFIG).requires_grad_(False), torch.ones(6, 16, 16, 3), CONFIG)
+    network, up = new_network(CONFIG).requires_grad_(False), photos[0].up
+    untrained = ProbeModel(network, torch.ones(6, 16, 16, 3), up, CONFIG)
     model = train(photos, replace(MLP_ONLY, steps=250, width=64, learning_rate=2e-3), CPU, seed=0)
     before, after = (sum(log_error(m, photo) for photo in photos) for m in (untrained, model))
     assert after < 0.75 * before

@@ -7,6 +7,7 @@ import torch
 
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.distill.probe_maps import BLACK, CHANNELS, RESOLUTION
+from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.distill.sphere_net import SphereNet, light_of, pad_faces
 from lightprobe.distill.sphere_training import fill_album, sphere_loss
 from lightprobe.distill.training import train
@@ -77,3 +78,40 @@ def test_maps_do_not_depend_on_exposure():
     model = train(lessons, config, CPU, 0)
     maps = [fill_album(model.network, [one], config, 0).maps for one in lessons]
     torch.testing.assert_close(maps[0], maps[1], rtol=1e-3, atol=1e-3)
+
+
+def test_a_training_starts_from_the_bundled_network_unless_told_otherwise_or_of_another_width():
+    noise = SphereNet(24).state_dict()
+    for config, bundled in ((DistillConfig(), True), (DistillConfig(pretrained=False), False)):
+        start = new_sphere(config).state_dict()
+        assert all(torch.equal(start[k], noise[k]) for k in noise) is not bundled
+    assert new_sphere(DistillConfig(sphere_width=8)).out.weight.shape[1] == 8
+
+
+def test_directions_are_told_by_up_and_by_the_camera():
+    """Where light comes from is asked in a frame of the object and its photo, not of the file's axes."""
+    asset, config = glossy_sphere(), DistillConfig(samples=256, width=16, depth=1)
+    photo = lesson(asset, camera_at((2.6, 0.0, 0.0), size=40, focal=53.0), patch_light((1.0, 0.3, 0.4)), "photo")
+    up = fill_album(new_network(config), [photo], config, 0).maps[0, -3:].reshape(3, -1).T
+    side = (
+        fill_album(new_network(config), [replace(photo, up=torch.eye(3)[1])], config, 0).maps[0, -3:].reshape(3, -1).T
+    )
+    directions = cubemap.directions(RESOLUTION).reshape(-1, 3)
+    torch.testing.assert_close(up[:, 0], directions[:, 2])
+    torch.testing.assert_close(side[:, 0], directions[:, 1])
+    assert float((up[:, 1] - directions[:, 0]).abs().max()) < 0.1, "towards the camera"
+    torch.testing.assert_close(up[:, 2], directions[:, 1], atol=0.1, rtol=0)
+    torch.testing.assert_close(side[:, 2], -directions[:, 2], atol=0.1, rtol=0)
+
+
+def test_training_ends_halfway_between_the_bundled_network_and_what_was_learned():
+    asset, camera = glossy_sphere(), camera_at((2.6, 1.4, 1.2), size=40, focal=53.0)
+    photos = [lesson(asset, camera, patch_light((1.0, 0.3, 0.4)), "photo")]
+    start = new_sphere(DistillConfig())
+    config = DistillConfig(steps=1, samples=256, width=16, depth=1, sphere_steps=1, sphere_batch=1)
+    learned = train(photos, config, CPU, 0).sphere
+    moved = max(
+        float((a - b).detach().abs().max()) for a, b in zip(learned.parameters(), start.parameters(), strict=True)
+    )
+    # Adam's first step is as long as its rate, a fiftieth of the full one in the warm-up
+    assert moved == pytest.approx(0.5 * config.sphere_learning_rate / 50, rel=0.05)

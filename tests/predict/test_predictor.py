@@ -36,7 +36,7 @@ def photo(sphere):
 def model():
     config = DistillConfig(width=16, depth=1, sphere_width=4)
     network, sphere = new_network(config).requires_grad_(False), new_sphere(config).requires_grad_(False)
-    return ProbeModel(network, torch.ones(6, 16, 16, 3), config, sphere)
+    return ProbeModel(network, torch.ones(6, 16, 16, 3), torch.tensor([0.0, 0.0, 1.0]), config, sphere)
 
 
 @pytest.fixture(scope="module")

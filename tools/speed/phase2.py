@@ -18,6 +18,8 @@ from speed.ball import CPU, LIT, camera, light
 from speed.clock import WARM, Parts, median_gap
 from speed.phase1 import SEED, picture
 
+UP = torch.tensor([0.0, 0.0, 1.0])
+
 
 def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[Lesson]:
     """Return a lesson from each of `count` cameras."""
@@ -25,7 +27,7 @@ def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[Lesson]:
     for number in range(count):
         gbuffer = rasterize_asset(asset, camera(config.max_side, number, count), CPU)
         photo = picture(asset, config.max_side, number, count)
-        desk = Desk(gbuffer, config)
+        desk = Desk(gbuffer, UP, config)
         lessons.append(desk.lesson(photo.name, photo.color[gbuffer.pixel], light(LIT, number)))
     return lessons
 

@@ -39,13 +39,16 @@ class DistillConfig:
     """Re-rendered photos: the asset in the training cameras under known lights."""
     steps: int = 2000
     """Training steps of the illumination MLP, each on one photo."""
-    sphere_steps: int = 1000
+    sphere_steps: int = 600
     """Training steps of the sphere network; 0 leaves it out."""
     sphere_batch: int = 8
     """Photos in each of them."""
     sphere_width: int = 24
     """Channels of the sphere network at its finest resolution."""
-    sphere_learning_rate: float = 2e-3
+    pretrained: bool = True
+    """Start the sphere network from the bundled one, which knows other objects, and end halfway between that one and
+    what this object taught; only for a network of its width (24)."""
+    sphere_learning_rate: float = 5e-4
     """Largest Adam step of the sphere network; it falls to nothing along a cosine."""
     learning_rate: float = 5e-4
     """Adam step."""
@@ -112,14 +115,14 @@ def quick() -> DistillConfig:
 
 def demo() -> DistillConfig:
     """The bundled scene, within about a minute on two CPU cores."""
-    return replace(quick(), steps=1500, sphere_steps=400, synthetic_lessons=300)
+    return replace(quick(), steps=1500, sphere_steps=300, synthetic_lessons=300)
 
 
 def standard() -> DistillConfig:
     """Minutes on one GPU."""
     return replace(
-        quick(), steps=15_000, sphere_steps=10_000, synthetic_lessons=10_000, sphere_width=48, light_resolution=32,
-        max_side=512, pixels_per_photo=16_384,
+        quick(), steps=15_000, sphere_steps=10_000, synthetic_lessons=10_000, sphere_width=48, pretrained=False,
+        sphere_learning_rate=2e-3, light_resolution=32, max_side=512, pixels_per_photo=16_384,
     )  # fmt: skip
 
 

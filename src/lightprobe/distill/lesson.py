@@ -26,16 +26,17 @@ class Lesson:
     light_level: Tensor  # () radiance
     distribution: Tensor  # (M,) mean distribution of all pixels
     solved: Tensor  # (2, 384, 3) from `probe_maps.evidence`
+    up: Tensor  # (3,) unit, for most of the cameras
     teacher: Tensor  # (M, 3) radiance / light_level
 
 
 class Desk:
     """One camera's view of the asset, from which any number of lessons under different lights are made."""
 
-    def __init__(self, gbuffer: GBuffer, config: DistillConfig):
-        """Take the G-buffer of the N pixels of all lessons, in any order."""
-        self.gbuffer = gbuffer
-        self.config = config
+    def __init__(self, gbuffer: GBuffer, up: Tensor, config: DistillConfig):
+        """Take the G-buffer of the N pixels of all lessons, in any order, and the direction (3,) that is up."""
+        self.gbuffer, self.config = gbuffer, config
+        self.up = up.to(gbuffer.normal.device)
         some = -(-len(gbuffer.pixel) // SOLVED_PIXELS)
         self._some = torch.arange(0, len(gbuffer.pixel), some, device=gbuffer.pixel.device)
         self._transport = CoarseTransport.of(gbuffer.select(self._some))
@@ -51,4 +52,4 @@ class Desk:
         side = self.config.light_resolution
         teacher = (resize_light(light, side) * exposure).reshape(-1, 3) / level
         solved = evidence(self._transport, color[self._some], level)
-        return Lesson(name, pixels, color >= CLIPPED, level, self._distribution, solved, teacher)
+        return Lesson(name, pixels, color >= CLIPPED, level, self._distribution, solved, self.up, teacher)

@@ -44,12 +44,12 @@ def collect_lessons(
     `maps`: environments (6, R, R, 3), z up, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
     Raises `InputError` when no photo shows the object.
     """
-    poses = [torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train]
-    pool = LightPool(mean_up(poses), [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed)
+    up = mean_up([torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train])
+    pool = LightPool(up, [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed)
     lessons: list[Lesson] = []
     for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
         if config.lessons is not Lessons.SYNTHETIC:
-            desk = Desk(look.gbuffer, config)
+            desk = Desk(look.gbuffer, up, config)
             lessons.append(desk.lesson(look.photo.name, look.color, lights[look.photo.name].to(device)))
         if config.lessons is not Lessons.TEACHER:
             first, last = (i * config.synthetic_lessons // len(scene.train) for i in (done, done + 1))
@@ -68,7 +68,7 @@ def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConf
     """Return the re-rendered lessons `numbers` in the camera of a photo."""
     order = torch.randperm(len(look.color), generator=generator(seed, f"distill-rerender/{look.photo.name}"))
     gbuffer = look.gbuffer.select(order[:_SYNTHETIC_PIXELS].to(look.color.device))
-    desk, lessons = Desk(gbuffer, config), []
+    desk, lessons = Desk(gbuffer, pool.up, config), []
     for number in numbers:
         light = pool.light(number).to(look.color.device)
         color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", number)))

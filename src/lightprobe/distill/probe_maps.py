@@ -8,9 +8,10 @@ on exposure. Per texel, with `e` against the logarithm of nothing:
     3   stacked: share of clipped pixels, roughness, log of the white-furnace luma
     6   log(max(E, 0) + e) of the coarse least-squares lights of two strengths (`render.coarse_transport`)
     1   log coverage: the mean distribution of the pixels against its mean over the sphere
-    4   direction, and its cosine with the mean view direction
+    3   cosine with up, with the mean view direction, and with what lies to the right of both
 
 Local averages and the global inversion fail in different places; both come with what tells how far to trust them.
+The last three say where light tends to come from, in a frame that means the same for every object and camera.
 """
 
 import math
@@ -28,7 +29,7 @@ from lightprobe.render.coarse_transport import CoarseTransport
 
 RESOLUTION = 16
 STRENGTHS = (0.3, 0.03)
-CHANNELS = 20
+CHANNELS = 19
 BLACK = 0.02  # e, relative to the light level
 SOLVED_PIXELS = 1024
 
@@ -40,11 +41,12 @@ def evidence(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> 
 
 
 def probe_maps(
-    pixels: ProbePixels, colors: Tensor, clipped: Tensor, light_level: Tensor, solved: Tensor, rule: AlphaRule
-) -> Tensor:
-    """Return the maps (20, 6, 16, 16) of N sampled pixels; no gradient.
+    pixels: ProbePixels, colors: Tensor, clipped: Tensor, light_level: Tensor, solved: Tensor, up: Tensor,
+    rule: AlphaRule,
+) -> Tensor:  # fmt: skip
+    """Return the maps (19, 6, 16, 16) of N sampled pixels; no gradient.
 
-    colors (N, 3): the illumination MLP's; clipped (N, 3) bool; solved (2, 384, 3): from `evidence`.
+    colors (N, 3): the illumination MLP's; clipped (N, 3) bool; solved (2, 384, 3): from `evidence`; up (3,) unit.
     """
     directions = cubemap.directions(RESOLUTION, colors.device)
     flat = directions.reshape(-1, 3)
@@ -59,7 +61,9 @@ def probe_maps(
     coverage = (weight / mean_weight.clamp(min=1e-12) + 1e-3).log()[:, None]
     lights = [magnify_light(one.reshape(6, BLOCKS, BLOCKS, 3), RESOLUTION).reshape(-1, 3) for one in solved]
     view = torch.nn.functional.normalize(pixels.view.mean(0), dim=0)
+    right = torch.nn.functional.normalize(torch.linalg.cross(up, view), dim=0, eps=1e-6)
+    frame = torch.stack([up, view, right], 1)
     logs = [(part.clamp(min=0) + BLACK).log() for part in (seen, learned)]
     logs += [(part.clamp(min=0) + BLACK).log() for part in lights]
-    maps = torch.cat([*logs[:2], what, *logs[2:], coverage, flat, (flat @ view)[:, None]], 1)
+    maps = torch.cat([*logs[:2], what, *logs[2:], coverage, flat @ frame], 1)
     return maps.T.reshape(CHANNELS, 6, RESOLUTION, RESOLUTION).contiguous()

@@ -33,7 +33,7 @@ _SATIN = 0.06  # exponential width in 1 - cosine
 class Album:
     """All lessons as the sphere network sees them."""
 
-    maps: Tensor  # (L, 20, 6, 16, 16)
+    maps: Tensor  # (L, 19, 6, 16, 16)
     lights: Tensor  # (L, 3, 1536) relative radiance
     count: int
 
@@ -49,7 +49,8 @@ def fill_album(network: IlluminationMlp, lessons: Sequence[Lesson], config: Dist
         pixels = lesson.pixels.take(chosen)
         colors = network(pixels, lesson.light_level)
         clipped = lesson.clipped[chosen]
-        maps.append(probe_maps(pixels, colors, clipped, lesson.light_level, lesson.solved, config.alpha_rule))
+        level, solved = lesson.light_level, lesson.solved
+        maps.append(probe_maps(pixels, colors, clipped, level, solved, lesson.up, config.alpha_rule))
         lights.append(_at_resolution(lesson.teacher).reshape(-1, 3).T)
     return Album(torch.stack(maps), torch.stack(lights).contiguous(), len(lessons))
 

@@ -20,7 +20,7 @@ from lightprobe.distill.lesson import Lesson
 from lightprobe.distill.lessons import collect_lessons
 from lightprobe.distill.loss import intensity_weight, sample_weight, weighted_l2
 from lightprobe.distill.probe_distribution import stack
-from lightprobe.distill.probe_model import ProbeModel, new_network, new_sphere
+from lightprobe.distill.probe_model import ProbeModel, new_network, new_sphere, starts_pretrained
 from lightprobe.distill.sampling import sample_pixels
 from lightprobe.distill.sphere_net import SphereNet
 from lightprobe.distill.sphere_training import batch, fill_album, learning_rate, sphere_loss
@@ -29,6 +29,7 @@ from lightprobe.scene.photo import Scene
 
 _MOMENTS = ("exp_avg", "exp_avg_sq")
 _LARGEST_GRADIENT = 1.0
+_START_KEPT = 0.5
 
 OnStep = Callable[[int, float], None]  # (step, loss), after every step
 
@@ -81,8 +82,22 @@ def train(
             course.take(course.sphere, loss, learning_rate(config, step), "several")
     side = config.light_resolution
     mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
-    sphere = course.sphere.requires_grad_(False) if config.sphere_steps else None
-    return ProbeModel(course.network.requires_grad_(False), mean, config, sphere)
+    sphere = _learned(course.sphere, config, seed).requires_grad_(False) if config.sphere_steps else None
+    return ProbeModel(course.network.requires_grad_(False), mean, lessons[0].up, config, sphere)
+
+
+@torch.no_grad()
+def _learned(sphere: SphereNet, config: DistillConfig, seed: int) -> SphereNet:
+    """Return the trained network, halfway back to the bundled one if it came from there.
+
+    One object's few lessons teach its errors and make the network forget what lights are like. The mean of the weights
+    before and after keeps both, at no cost (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models").
+    """
+    if starts_pretrained(config):
+        start = dict(new_sphere(config, seed).named_parameters())
+        for name, parameter in sphere.named_parameters():
+            parameter.lerp_(start[name].to(parameter.device), _START_KEPT)
+    return sphere
 
 
 def lesson_loss(

@@ -70,7 +70,8 @@ def network_light(
     transport = CoarseTransport.of(observation.gbuffer.select(observation.rows[some]))
     solved = evidence(transport, seen.color[some], level)
     colors = model.network(probes, level)
-    maps = probe_maps(probes, colors, observation.clipped[chosen], level, solved, model.config.alpha_rule)
+    clipped = observation.clipped[chosen]
+    maps = probe_maps(probes, colors, clipped, level, solved, model.up, model.config.alpha_rule)
     log_light = magnify_light(model.sphere(maps[None])[0].permute(1, 2, 3, 0).contiguous(), resolution)
     return light_of(log_light.permute(3, 0, 1, 2), level)
 

@@ -1,0 +1,44 @@
+"""Objects that nobody made: sound solids, and lessons that a number alone decides."""
+
+import torch
+
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.device import generator
+from lightprobe.distill.probe_model import new_network, new_sphere
+from lightprobe.distill.sphere_training import fill_album, sphere_loss
+from lightprobe.geometry.mesh import is_closed
+from lightprobe.light.generated import Draw
+from pretraining.photos import LIGHTS, VIEWS, lessons_of
+from pretraining.solids import random_solid
+
+
+def test_solids_are_centred_closed_and_different():
+    solids = [random_solid(Draw(generator(0, "test", k))) for k in range(3)]
+    for vertices, faces in solids:
+        assert abs(float(vertices.norm(dim=1).max()) - 1) < 1e-6
+        assert float((vertices.amax(0) + vertices.amin(0)).abs().max()) < 1e-5
+        a, b, c = vertices[faces.long()].unbind(1)
+        assert float((a * torch.linalg.cross(b, c)).sum()) > 0, "inside out"
+    assert any(is_closed(*solid) for solid in solids)
+    assert len({len(vertices) for vertices, _ in solids}) == 3
+
+
+def test_a_number_decides_the_lessons_and_their_lights_differ():
+    config = DistillConfig(samples=64)
+    first, again = lessons_of(3, config, seed=1), lessons_of(3, config, seed=1)
+    assert 0 < len(first) <= VIEWS * LIGHTS
+    for one, same in zip(first, again, strict=True):
+        assert torch.equal(one.pixels.color, same.pixels.color)
+        assert torch.equal(one.teacher, same.teacher)
+    assert not torch.equal(first[0].teacher, first[1].teacher)
+    assert float(first[0].up[2]) > 0.8
+    assert all(bool(torch.isfinite(one.solved).all()) for one in first)
+
+
+def test_the_bundled_network_knows_a_solid_and_lights_that_it_has_not_seen():
+    config = DistillConfig()
+    album = fill_album(new_network(config), lessons_of(0, config, seed=1234), config, 0)
+    with torch.no_grad():
+        bundled = float(sphere_loss(new_sphere(config)(album.maps), album.lights))
+        stacked = float(sphere_loss(album.maps[:, :3], album.lights))
+    assert bundled < 0.5 * stacked
