@@ -13,6 +13,7 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.distill.lesson import Desk, Lesson
 from lightprobe.distill.probe_maps import RESOLUTION
 from lightprobe.distill.synthetic import rerender
+from lightprobe.evaluate.viewpoints import look_at
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.light.generated import Draw, generated_light
 from lightprobe.render.gbuffer import GBuffer
@@ -99,10 +100,8 @@ def lessons_of(number: int, config: DistillConfig, seed: int) -> list[Lesson]:
 def _camera(draw: Draw) -> Camera:
     """Return a camera that has the unit sphere in view, mostly from above."""
     back = draw.towards(-15, 75)
-    right = normalize(torch.linalg.cross(_UP + 0.1 * draw.normal(3), back), dim=0)
+    up = _UP + 0.1 * draw.normal(3)
     distance = draw.scale(2.2, 6)
-    pose = np.eye(4)
-    for column, axis in enumerate((right, torch.linalg.cross(back, right), back, distance * back)):
-        pose[:3, column] = axis
+    pose = look_at((distance * back).numpy(), np.zeros(3), up.numpy())
     focal = SIDE / 2 * math.sqrt(distance**2 - 1) * draw.uniform(0.8, 1.0)
     return Camera(pose, focal, focal, SIDE / 2, SIDE / 2, SIDE, SIDE)

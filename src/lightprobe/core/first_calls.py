@@ -3,7 +3,7 @@
 PyTorch hands square roots, exponentials and their like on the CPU to Intel's vector mathematics, which looks for the
 fitting code of each function when it is first called. Two threads that call at the same time can meet it half chosen:
 one of them then computes its half with 12 bits instead of 24, in this one call (oneMKL 2024.2, PyTorch issue 188792).
-One prediction in three began so, and no two trainings need have had the same bits.
+Without this, 3 of 16 processes began so, and no two trainings need have had the same bits.
 
 Importing this module is enough; the lowest packages that compute do.
 """
