@@ -29,7 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--solids", type=int, default=360)
     parser.add_argument("--steps", type=int, default=3000, help="of the illumination MLP, whose colours are evidence")
-    parser.add_argument("--sphere-steps", type=int, default=12_000)
+    parser.add_argument("--sphere-steps", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--out", type=Path, default=TARGET)
     given = parser.parse_args()

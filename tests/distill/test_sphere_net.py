@@ -5,13 +5,14 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lightprobe.core.config_distill import DistillConfig
-from lightprobe.distill.probe_maps import BLACK, CHANNELS, RESOLUTION
+from lightprobe.core.config_distill import AlphaRule, DistillConfig
+from lightprobe.distill.probe_maps import BLACK, CHANNELS, RESOLUTION, probe_maps, turned
 from lightprobe.distill.probe_model import new_network, new_sphere
-from lightprobe.distill.sphere_net import SphereNet, light_of, pad_faces
+from lightprobe.distill.sphere_net import SphereNet, light_of, mean_over_turns, pad_faces
 from lightprobe.distill.sphere_training import fill_album, sphere_loss
 from lightprobe.distill.training import train
 from lightprobe.light import cubemap
+from lightprobe.light.prefilter import BLOCKS
 from tests.lit_sphere import CPU, glossy_sphere, lesson, patch_light
 from tests.shapes import camera_at
 
@@ -67,6 +68,42 @@ def test_a_short_training_beats_the_constant_and_the_stacked_light_on_photos_it_
         )
     assert network < 0.5 * stacked
     assert network < 0.5 * constant
+
+
+def test_turned_maps_are_those_of_a_turned_world():
+    one = lesson(
+        glossy_sphere(), camera_at((2.6, 1.4, 1.2), size=40, focal=53.0), patch_light((1.0, 0.3, 0.4)), "photo"
+    )
+    pixels, colors = one.pixels, one.pixels.color * torch.tensor([1.2, 1.0, 0.7])
+    maps = probe_maps(pixels, colors, one.clipped, one.light_level, one.solved, one.up, AlphaRule.R4)
+    index, handedness = cubemap.symmetries(RESOLUTION, CPU)
+    texels = cubemap.directions(RESOLUTION).reshape(-1, 3)
+    for turn in (3, 16, 29, 47):
+        back = torch.linalg.lstsq(texels, texels[index[turn]]).solution  # w there is w @ back here
+        blocks = (cubemap.directions(BLOCKS).reshape(-1, 3) @ back).contiguous()
+        there = probe_maps(
+            replace(pixels, normal=pixels.normal @ back.T, view=pixels.view @ back.T), colors, one.clipped,
+            one.light_level, one.solved[:, cubemap.nearest_texel(blocks, BLOCKS)], one.up @ back.T, AlphaRule.R4,
+        )  # fmt: skip
+        torch.testing.assert_close(turned(maps[None], torch.tensor([turn]))[0], there, rtol=1e-3, atol=1e-3)
+    assert set(handedness[[3, 16, 29, 47]].tolist()) == {-1.0, 1.0}
+
+
+def test_the_mean_over_all_turns_does_not_depend_on_how_the_world_lies():
+    maps = torch.randn(1, CHANNELS, 6, RESOLUTION, RESOLUTION, generator=torch.Generator().manual_seed(3))
+    net = SphereNet(4).requires_grad_(False)
+    torch.nn.init.normal_(net.out.weight, generator=torch.Generator().manual_seed(4))
+    index, handedness = cubemap.symmetries(RESOLUTION, CPU)
+    turn = int((handedness > 0).nonzero()[7])
+
+    def answers(turns: int) -> list[torch.Tensor]:
+        there = turned(maps, torch.tensor([turn]))
+        straight, turned_first = (mean_over_turns(net, one, turns).flatten(2) for one in (maps, there))
+        return [straight[:, :, index[turn]], turned_first]
+
+    torch.testing.assert_close(*answers(24), rtol=1e-4, atol=1e-4)
+    with pytest.raises(AssertionError):
+        torch.testing.assert_close(*answers(1), rtol=1e-4, atol=1e-4)
 
 
 def test_maps_do_not_depend_on_exposure():

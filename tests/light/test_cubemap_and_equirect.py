@@ -75,6 +75,18 @@ def test_a_one_texel_sun_keeps_its_flux():
     assert float((where * equirect.directions(height)[20, 37]).sum()) > math.cos(math.radians(8))
 
 
+def test_the_cube_has_24_rotations_and_24_reflections():
+    index, handedness = cubemap.symmetries(4, torch.device("cpu"))
+    texels = cubemap.exact_directions(4).reshape(-1, 3)
+    assert int((handedness == 1).sum()) == int((handedness == -1).sum()) == 24
+    assert len(index.unique(dim=0)) == 48
+    for turn, hand in zip(index, handedness, strict=True):
+        matrix = torch.linalg.lstsq(texels, texels[turn]).solution
+        torch.testing.assert_close(matrix @ matrix.T, torch.eye(3, dtype=torch.float64))
+        torch.testing.assert_close(texels @ matrix, texels[turn])
+        assert torch.linalg.det(matrix).round() == hand
+
+
 def test_tap_weights_follow_their_direction():
     direction = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.9], [1.0, 0.2, -0.1]]), dim=1).double()
     cube = torch.from_numpy(np.random.default_rng(2).random((6, 8, 8, 3)))

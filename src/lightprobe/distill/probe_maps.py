@@ -67,3 +67,15 @@ def probe_maps(
     logs += [(part.clamp(min=0) + BLACK).log() for part in lights]
     maps = torch.cat([*logs[:2], what, *logs[2:], coverage, flat @ frame], 1)
     return maps.T.reshape(CHANNELS, 6, RESOLUTION, RESOLUTION).contiguous()
+
+
+def turned(maps: Tensor, turn: Tensor) -> Tensor:
+    """Return the maps (B, 19, 6, 16, 16) of the same photos with the world turned or mirrored.
+
+    turn (B,) int64 chooses among `cubemap.symmetries`.
+    """
+    index, handedness = (part[turn] for part in cubemap.symmetries(RESOLUTION, maps.device))
+    flat = maps.flatten(2)
+    flat = flat.gather(2, index[:, None].expand_as(flat))
+    flat[:, -1] *= handedness[:, None]  # what was right of up and view is left of both in a mirror
+    return flat.view_as(maps)

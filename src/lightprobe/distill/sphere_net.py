@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.device import generator
-from lightprobe.distill.probe_maps import BLACK, CHANNELS
+from lightprobe.distill.probe_maps import BLACK, CHANNELS, turned
 from lightprobe.light import cubemap
 
 _LOG_RANGE = 8.0
@@ -72,6 +72,19 @@ class SphereNet(nn.Module):
                 else:
                     bound = math.sqrt(6 / parameter[0].numel())
                     parameter.uniform_(-bound, bound, generator=random)
+
+
+def mean_over_turns(net: SphereNet, maps: Tensor, turns: int) -> Tensor:
+    """Return the network's mean output (1, 3, 6, 16, 16) for maps (1, C, 6, 16, 16) turned `turns` ways, turned back.
+
+    Which way the cubemap's faces lie means nothing; what the network makes of it is error, and averages out.
+    """
+    index, handedness = cubemap.symmetries(maps.shape[-1], maps.device)
+    rotations = (handedness > 0).nonzero()[:, 0]
+    chosen = rotations[torch.arange(turns, device=maps.device) * len(rotations) // turns]
+    seen = net(turned(maps.expand(turns, *maps.shape[1:]), chosen)).flatten(2)
+    back = torch.empty_like(seen).scatter_(2, index[chosen][:, None].expand_as(seen), seen)
+    return back.mean(0).view(1, 3, *maps.shape[2:])
 
 
 def light_of(log_light: Tensor, light_level: Tensor) -> Tensor:

@@ -21,7 +21,7 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
 from lightprobe.distill.illumination_mlp import IlluminationMlp
 from lightprobe.distill.lesson import Lesson
-from lightprobe.distill.probe_maps import BLACK, RESOLUTION, probe_maps
+from lightprobe.distill.probe_maps import BLACK, RESOLUTION, probe_maps, turned
 from lightprobe.distill.sampling import sample_pixels
 from lightprobe.light import cubemap
 from lightprobe.light.resize import magnify_light, resize_light
@@ -68,10 +68,16 @@ def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
 
 
 def batch(album: Album, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, Tensor]:
-    """Return the maps and lights of the lessons of `step`, drawn at random."""
-    chosen = torch.randint(album.count, (config.sphere_batch,), generator=generator(seed, "sphere-batch", step))
-    chosen = chosen.to(album.maps.device)
-    return album.maps[chosen], album.lights[chosen]
+    """Return the maps and lights of the lessons of `step`, drawn at random, each turned or mirrored at random.
+
+    Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
+    """
+    random = generator(seed, "sphere-batch", step)
+    chosen = torch.randint(album.count, (config.sphere_batch,), generator=random).to(album.maps.device)
+    turn = torch.randint(48, (config.sphere_batch,), generator=random).to(album.maps.device)
+    lights = album.lights[chosen]
+    index = cubemap.symmetries(RESOLUTION, lights.device)[0][turn]
+    return turned(album.maps[chosen], turn), lights.gather(2, index[:, None].expand_as(lights))
 
 
 def learning_rate(config: DistillConfig, step: int) -> float:

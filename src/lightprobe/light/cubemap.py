@@ -6,6 +6,7 @@ direction is major + a * along + b * down, not normalised. Directions point from
 """
 
 import functools
+import itertools
 
 import torch
 from torch import Tensor
@@ -131,6 +132,24 @@ def nearest_texel(direction: Tensor, resolution: int) -> Tensor:
     column = ((a + 1.0) * (0.5 * resolution)).long().clamp(0, resolution - 1)
     row = ((b + 1.0) * (0.5 * resolution)).long().clamp(0, resolution - 1)
     return (face * resolution + row) * resolution + column
+
+
+@functools.lru_cache(maxsize=4)
+def symmetries(resolution: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return the cube's 24 rotations and 24 reflections as (index, handedness), texel for texel, without resampling.
+
+    index: (48, 6 R^2) int64, `x[index[k]]` is a cubemap x (6 R^2, ...) turned or mirrored; handedness: (48,) float32,
+    -1 for a reflection.
+    """
+    texels = exact_directions(resolution).reshape(-1, 3)
+    eye = torch.eye(3, dtype=torch.float64)
+    matrices = torch.stack([
+        torch.tensor(signs, dtype=torch.float64)[:, None] * eye[list(order)]
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+    ])  # fmt: skip
+    index = torch.stack([nearest_texel(texels @ matrix, resolution) for matrix in matrices])
+    return index.to(device), torch.linalg.det(matrices).round().float().to(device)
 
 
 def bilinear_taps(direction: Tensor, resolution: int) -> tuple[Tensor, Tensor]:
