@@ -1,11 +1,11 @@
 """Train the sphere network that every training of Phase II starts from, on objects that nobody made.
 
-    python tools/pretrain_sphere_net.py      # rewrites src/lightprobe/assets/sphere_net.safetensors, 23 minutes
+    python tools/pretrain_sphere_net.py      # rewrites src/lightprobe/assets/sphere_net.safetensors, 29 minutes
 
 What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to trust, how
 far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on one object has time
-for a few hundred lights; this one sees 17 000, on random solids of random materials under the generated places of
-`lightprobe.light.generated`. No photo and no light of any scene enters.
+for a few hundred lights; this one sees 17 000, turned and mirrored, on random solids of random materials under the
+generated places of `lightprobe.light.generated`. No photo and no light of any scene enters.
 """
 
 import argparse

@@ -57,7 +57,7 @@ def test_a_short_training_beats_the_constant_and_the_stacked_light_on_photos_it_
     random = torch.Generator().manual_seed(2)
     axes = torch.nn.functional.normalize(torch.randn(40, 3, generator=random), dim=1)
     photos = [lesson(asset, camera, patch_light(axis.tolist()), f"photo{k}") for k, axis in enumerate(axes)]
-    config = DistillConfig(steps=20, samples=256, width=16, depth=1, sphere_steps=120, sphere_width=8)
+    config = DistillConfig(steps=20, samples=256, width=16, depth=1, sphere_steps=240, sphere_width=8)
     model = train(photos[:32], config, CPU, seed=0)
     album = fill_album(model.network, photos[32:], config, 0)
     log_constant = torch.full_like(album.lights, 1 + BLACK).log().reshape(-1, 3, 6, 16, 16)
