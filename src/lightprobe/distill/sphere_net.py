@@ -53,7 +53,7 @@ class SphereNet(nn.Module):
         self._initialise(seed)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Return log(E / s + e), (B, 3, 6, 16, 16), of maps (B, 20, 6, 16, 16)."""
+        """Return log(E / s + e), (B, 3, 6, 16, 16), of maps (B, 19, 6, 16, 16)."""
         fine = _through(self.fine, maps)
         middle = _through(self.middle, _halve(fine))
         coarse = _through(self.coarse, _halve(middle))

@@ -74,10 +74,10 @@ def batch(album: Album, config: DistillConfig, seed: int, step: int) -> tuple[Te
     """
     random = generator(seed, "sphere-batch", step)
     chosen = torch.randint(album.count, (config.sphere_batch,), generator=random).to(album.maps.device)
-    turn = torch.randint(48, (config.sphere_batch,), generator=random).to(album.maps.device)
+    symmetries, _ = cubemap.symmetries(RESOLUTION, album.maps.device)
+    turn = torch.randint(len(symmetries), (config.sphere_batch,), generator=random).to(album.maps.device)
     lights = album.lights[chosen]
-    index = cubemap.symmetries(RESOLUTION, lights.device)[0][turn]
-    return turned(album.maps[chosen], turn), lights.gather(2, index[:, None].expand_as(lights))
+    return turned(album.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
 
 
 def learning_rate(config: DistillConfig, step: int) -> float:
