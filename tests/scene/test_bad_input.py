@@ -10,8 +10,9 @@ import pytest
 from PIL import Image
 
 from lightprobe.core.errors import InputError
-from lightprobe.scene import load_pixels, load_scene
+from lightprobe.scene import Camera, load_pixels, load_scene
 from lightprobe.scene.inspect import inspect
+from lightprobe.scene.normalise import first_guess
 from tests.scene.worlds import (
     names,
     picture,
@@ -314,3 +315,16 @@ def test_all_problems_at_once(nerfstudio):
     problems = inspect(nerfstudio).problems
     for fragment in ("view_00.jpg): the camera contains NaN", "images/none.jpg", "view_02.png shows no object"):
         assert sum(fragment in problem for problem in problems) == 1
+
+
+def test_a_mask_of_specks_does_not_stop_the_others():
+    shots = views(COUNT + 1)
+    cameras = [Camera(view.opengl, *view.focal, *view.center, view.width, view.height) for view in shots]
+    disc = np.hypot(*(np.mgrid[:60, :72] - np.array([29.5, 35.5])[:, None, None])) < 12
+    speck = np.zeros((60, 72), np.float32)
+    alphas = [*[disc.astype(np.float32)] * COUNT, speck]  # what a small picture leaves of it
+    center, radius = first_guess(cameras, alphas)
+    assert np.isfinite(center).all()
+    assert radius > 0
+    with pytest.raises(InputError, match="specks"):
+        first_guess(cameras, [speck] * len(cameras))

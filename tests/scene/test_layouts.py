@@ -1,10 +1,12 @@
 """One world written in every layout: the cameras must come back the same, and the marks must lie where they belong."""
 
+import json
+
 import numpy as np
 import pytest
 
 from lightprobe.scene import load_pixels, load_scene
-from tests.scene.worlds import BALLS, LAYOUTS, MIDDLE, expected_camera
+from tests.scene.worlds import BALLS, LAYOUTS, MIDDLE, expected_camera, views, write_nerfstudio
 
 
 @pytest.fixture(scope="module", params=LAYOUTS)
@@ -83,3 +85,24 @@ def test_reading_twice_gives_the_same_bits(loaded):
     again = load_scene(scene.root)
     assert (again.similarity.center == scene.similarity.center).all()
     assert again.similarity.scale == scene.similarity.scale
+
+
+@pytest.mark.parametrize(
+    ("lists", "train", "test"),
+    [
+        ({"test_filenames": [1]}, [0, 2, 3, 4], [1]),
+        ({"train_filenames": [0, 2], "test_filenames": [1]}, [0, 2], [1]),
+        ({"train_filenames": [0, 2], "val_filenames": [3], "test_filenames": [1]}, [0, 2], [1]),
+        ({"train_filenames": [0, 2], "val_filenames": [3]}, [0, 2], [3]),
+        ({"train_filenames": [0, 2]}, [0, 2], [1, 3, 4]),
+    ],
+)
+def test_nerfstudio_s_lists_of_photos(tmp_path, lists, train, test):
+    root = write_nerfstudio(tmp_path / "scene", views(5))
+    settings = json.loads((root / "transforms.json").read_text())
+    files = [frame["file_path"] for frame in settings["frames"]]
+    named = {key: [files[i] for i in numbers] for key, numbers in lists.items()}
+    (root / "transforms.json").write_text(json.dumps({**settings, **named}))
+    scene = load_scene(root)
+    assert [photo.name for photo in scene.train] == [f"view_{i:02d}" for i in train]
+    assert [photo.name for photo in scene.test] == [f"view_{i:02d}" for i in test]

@@ -75,8 +75,11 @@ def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tupl
 
     Masks cut by the photo's border say little about middle and size, and are used only when there are no others.
     """
-    whole = _whole(alphas)
-    chosen = whole if len(whole) >= _FEW else list(range(len(alphas)))
+    shown = [i for i, alpha in enumerate(alphas) if (alpha >= 0.5).any()]  # a few specks vanish in a small picture
+    if not shown:
+        raise InputError("No mask shows more than a few specks; run `lightprobe inspect` to see them.")
+    whole = [i for i in _whole(alphas) if i in shown]
+    chosen = whole if len(whole) >= _FEW else shown
     sized = [cameras[i].resized(alphas[i].shape[1], alphas[i].shape[0]) for i in chosen]
     pixels = [np.argwhere(alphas[i] >= 0.5)[:, ::-1] + 0.5 for i in chosen]
     rays = [_direction(camera, *points.mean(axis=0)) for camera, points in zip(sized, pixels, strict=True)]

@@ -2,7 +2,8 @@
 
 `transform_matrix` is camera-to-world with OpenGL axes. Intrinsics may stand in the frame or beside `frames`. Photos are
 split by file (`transforms_train.json`, `_test`, `_val` when there is no `_test`, `_relight`), else by nerfstudio's
-`train_filenames`, `test_filenames` or `val_filenames`.
+`train_filenames` and `test_filenames`, or `val_filenames` when there is no `test_filenames`. Where there is a list of
+training photos, nothing else is trained on.
 """
 
 import math
@@ -18,6 +19,7 @@ from lightprobe.scene.distortion import ADVICE, refuse_distortion
 from lightprobe.scene.frame import Frame, Problems, Split
 from lightprobe.scene.photo import Truth
 
+_OTHERS = ""  # stands for every photo that no list names
 TRAIN, SINGLE = "transforms_train.json", "transforms.json"
 _GUESSED_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
 _PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
@@ -47,24 +49,37 @@ def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) 
     data = read_json(path)
     if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
         raise InputError(f"{path} has no list of 'frames'.")
-    named = _named_splits(data, path) if split is None else {}
+    named = _named_splits(data, path) if split is None else None
     found = []
     for index, entry in enumerate(data["frames"]):
         with problems.guard():
             if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
                 raise InputError(f"{path} frame {index} has no 'file_path'.")
             settings = {**{key: value for key, value in data.items() if key != "frames"}, **entry}
-            frame_split = named.get(Path(entry["file_path"]).as_posix(), Split.TRAIN) if named else split
-            found.append(_frame(root, path, settings, frame_split))
+            file = Path(entry["file_path"]).as_posix()
+            if named is None or named.get(file, named[_OTHERS]) is not None:
+                found.append(_frame(root, path, settings, split if named is None else named.get(file, named[_OTHERS])))
     return found
 
 
-def _named_splits(data: dict[str, Any], path: Path) -> dict[str, Split]:
-    """Return nerfstudio's explicit test photos by file path, or nothing when the file names none."""
-    names = data.get("test_filenames") or data.get("val_filenames") or []
+def _named_splits(data: dict[str, Any], path: Path) -> dict[str, Split | None] | None:
+    """Return the split of nerfstudio's named photos by file path, and of `_OTHERS`; None when the file names none.
+
+    A split of None leaves a photo out.
+    """
+    train = _names(data, "train_filenames", path)
+    test = _names(data, "test_filenames", path) or _names(data, "val_filenames", path)
+    if not train and not test:
+        return None
+    others = Split.TRAIN if not train else Split.TEST if not test else None
+    return {**dict.fromkeys(train, Split.TRAIN), **dict.fromkeys(test, Split.TEST), _OTHERS: others}
+
+
+def _names(data: dict[str, Any], key: str, path: Path) -> list[str]:
+    names = data.get(key) or []
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"{path}: 'test_filenames' must be a list of file names.")
-    return {Path(name).as_posix(): Split.TEST for name in names}
+        raise InputError(f"{path}: '{key}' must be a list of file names.")
+    return [Path(name).as_posix() for name in names]
 
 
 def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None) -> Frame:
