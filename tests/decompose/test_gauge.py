@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.decompose.gauge import BRIGHTEST, CHOICES, choose_brightness
 from lightprobe.decompose.image_task import ImageTask
 from lightprobe.decompose.lights import Lights
@@ -69,6 +69,17 @@ def test_no_choice_goes_beyond_the_brightest(mean, most):
     assert model.factors[0] <= most + 1e-6
     assert model.factors[0] >= min(most, 1.2) - 1e-6
     assert torch.allclose(lights.maps[0] * model.factors[0], 2 * light)
+
+
+def test_lights_on_the_way_by_gradients_follow_the_brightness_too():
+    true, target, light, _, config = ball()
+    lights = Lights(["ball"], replace(config, light_update=LightUpdate.GRADIENT), CPU, 0)
+    lights.load(2 * light[None])
+    held, model = lights.maps[0], _Dark(true, 0.2)
+    ImageTask(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
+    assert model.factors[0] != 1
+    assert lights.maps[0] is held  # as an optimiser holds it
+    assert torch.allclose(held * model.factors[0], 2 * light)
 
 
 @pytest.mark.parametrize(("stage", "iteration", "choices"), [

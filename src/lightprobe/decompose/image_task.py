@@ -87,8 +87,7 @@ class ImageTask:
         mean = float(self.model.mean_color)
         factor = choose_brightness(shown, self.lights, self.config, step, mean)
         self.model.brighten(factor)
-        if not self.lights.gradient:
-            self.lights.maps = [light / factor for light in self.lights.maps]
+        self.lights.dim(factor)
 
     def loss(self, iteration: int, fraction: float) -> Tensor:
         """Return the loss of one photo: image, coverage, light and model regularisation."""

@@ -78,6 +78,12 @@ class Lights:
         means = torch.stack([light.detach().mean((0, 1, 2)) for light in self.maps]).clamp(min=1e-4).log().mean(0)
         return means - means.mean()
 
+    @torch.no_grad()
+    def dim(self, factor: float) -> None:
+        """Divide every light by `factor`, in place: an optimiser may hold them."""
+        for light in self.maps:
+            light.div_(factor)
+
     def clamp(self) -> None:
         """Keep gradient-fitted lights non-negative."""
         if self.gradient:
