@@ -2,6 +2,7 @@ import numpy as np
 import torch
 import trimesh
 
+from lightprobe.core.config import DecomposeConfig
 from lightprobe.geometry import atlas
 from lightprobe.geometry.mesh import (
     Mesh,
@@ -13,6 +14,7 @@ from lightprobe.geometry.mesh import (
     uv_tangents,
     vertex_normals,
 )
+from lightprobe.geometry.texels import texel_points
 from tests.shapes import sphere
 
 
@@ -37,7 +39,8 @@ def test_triangle_atlas_stays_in_the_unit_square_without_overlap():
 
 def test_unwrap_keeps_the_mesh_and_charts_do_not_overlap():
     vertices, faces = sphere(2)
-    mesh = atlas.unwrap(vertices, faces, 256, time_limit=60)
+    mesh, size = atlas.unwrap(vertices, faces, 256, time_limit=60)
+    assert size == 256
     assert np.array_equal(mesh.vertices.numpy(), vertices)
     assert np.array_equal(mesh.faces.numpy(), faces)
     assert mesh.uv_faces.max() < len(mesh.uvs)
@@ -46,13 +49,23 @@ def test_unwrap_keeps_the_mesh_and_charts_do_not_overlap():
 
 def test_unwrap_falls_back_when_time_is_up():
     vertices, faces = sphere(1)
-    mesh = atlas.unwrap(vertices, faces, 128, time_limit=0.0)
+    mesh, size = atlas.unwrap(vertices, faces, 128, time_limit=0.0)
     assert len(mesh.uvs) == 3 * len(faces)
+    assert size >= 128
+
+
+def test_the_fallback_gives_every_face_of_the_default_preset_texels():
+    config = DecomposeConfig()
+    faces = np.arange(3 * config.max_faces).reshape(-1, 3) % 999
+    mesh, size = atlas.unwrap(np.zeros((999, 3)), faces, config.texture_size, time_limit=0.0)
+    assert size <= 1024
+    face, _, _ = texel_points(mesh, size)
+    assert len(face.unique()) == config.max_faces
 
 
 def test_tangents_are_unit_and_point_along_u():
     vertices, faces = sphere(2)
-    mesh = atlas.unwrap(vertices, faces, 256, time_limit=60)
+    mesh, _ = atlas.unwrap(vertices, faces, 256, time_limit=60)
     t = uv_tangents(mesh)
     assert torch.allclose(t.norm(dim=1), torch.ones(len(t)), atol=1e-5)
     # Moving along the tangent must raise u: check it edge by edge on faces far from chart borders.

@@ -64,6 +64,17 @@ def test_round_trip_keeps_six_colours_in_place():
     assert (there[..., :3] - expected.clamp(min=0)).abs().max() < 0.06
 
 
+def test_a_large_map_is_taken_in_bands(monkeypatch):
+    map = torch.rand(64, 128, 3, generator=torch.Generator().manual_seed(0))
+    whole = equirect.to_cubemap(map, 8)
+    monkeypatch.setattr(equirect, "_AT_ONCE", 3 * 128 + 5)  # bands that cut through texels
+    seen = []
+    samples = equirect._face_samples
+    monkeypatch.setattr(equirect, "_face_samples", lambda *a: seen.append(len(a[2])) or samples(*a))
+    assert torch.allclose(equirect.to_cubemap(map, 8), whole, rtol=1e-6)
+    assert set(seen) == {3, 128 % 3}
+
+
 def test_a_one_texel_sun_keeps_its_flux():
     height = 64
     sun = torch.zeros(height, 2 * height, 3)

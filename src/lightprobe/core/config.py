@@ -3,14 +3,25 @@
 Every field can be set on the command line; the configuration used is written to the run folder as JSON.
 """
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config_distill import LIGHT_RESOLUTIONS, DistillConfig
 from lightprobe.core.errors import ConfigError
 
 __all__ = ["DecomposeConfig", "DistillConfig", "LightUpdate", "Preset", "SdfMode"]
+
+# field of `DecomposeConfig` -> the least value that a run can use
+_LEAST = {
+    **dict.fromkeys(("pass1_iterations", "pass1_side", "pass2_side", "pass3_side", "max_faces", "checkpoint_every"), 1),
+    **dict.fromkeys(("hash_levels", "hash_features", "hash_log2_size", "hash_finest"), 1),
+    **dict.fromkeys(("light_solve_pixels", "light_solve_iterations"), 1),
+    **dict.fromkeys(("texture_size", "pass3_texture_size"), 2),
+    **dict.fromkeys(("lattice_cells", "hull_voxels"), 8),
+    **dict.fromkeys(("pass2_iterations", "pass3_iterations", "sdf_coarse_grids", "validation_photos"), 0),
+}
 
 
 class Preset(StrEnum):
@@ -137,23 +148,15 @@ class DecomposeConfig:
 
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
-        positive = (
-            "pass1_iterations",
-            "pass1_side",
-            "pass2_side",
-            "pass3_side",
-            "texture_size",
-            "pass3_texture_size",
-            "max_faces",
-            "checkpoint_every",
-        )
-        for name in positive:
-            if getattr(self, name) < 1:
-                raise ConfigError(f"decompose.{name} must be at least 1, not {getattr(self, name)}.")
-        if self.lattice_cells < 8:
-            raise ConfigError(f"decompose.lattice_cells must be at least 8, not {self.lattice_cells}.")
+        for name, least in _LEAST.items():
+            if getattr(self, name) < least:
+                raise ConfigError(f"decompose.{name} must be at least {least}, not {getattr(self, name)}.")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not 0 <= value < math.inf:
+                raise ConfigError(f"decompose.{field.name} must be 0 or more and finite, not {value}.")
         for name in ("light_resolution", "teacher_resolution"):
-            if getattr(self, name) not in (8, 16, 32, 64, 128, 256):
+            if getattr(self, name) not in LIGHT_RESOLUTIONS:
                 raise ConfigError(f"decompose.{name} must be a power of two from 8 to 256, not {getattr(self, name)}.")
 
     @staticmethod

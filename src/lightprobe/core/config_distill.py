@@ -1,10 +1,13 @@
 """Phase II configuration and its presets: how the light predictor is distilled from the decomposition."""
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
 from lightprobe.core.errors import ConfigError
+
+LIGHT_RESOLUTIONS = (8, 16, 32, 64, 128, 256)  # texels along each edge of a cubemap
 
 
 class AlphaRule(StrEnum):
@@ -89,8 +92,12 @@ class DistillConfig:
         if self.sphere_steps < 0:
             raise ConfigError(f"distill.sphere_steps must not be negative, but is {self.sphere_steps}.")
         for name in ("learning_rate", "sphere_learning_rate"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"distill.{name} must be positive, not {getattr(self, name)}.")
+            if not 0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"distill.{name} must be positive and finite, not {getattr(self, name)}.")
+        if self.light_resolution not in LIGHT_RESOLUTIONS:
+            raise ConfigError(
+                f"distill.light_resolution must be a power of two from 8 to 256, not {self.light_resolution}."
+            )
 
     @property
     def total_steps(self) -> int:

@@ -10,14 +10,22 @@ from lightprobe.core.errors import ConfigError
 def resolve_device(name: str) -> torch.device:
     """Return the torch device for `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there is one."""
     if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        name = "cuda" if torch.cuda.is_available() else "cpu"
     try:
         device = torch.device(name)
     except RuntimeError as error:
         raise ConfigError(f"Unknown device '{name}': use auto, cpu or cuda.") from error
-    if device.type == "cuda" and not torch.cuda.is_available():
+    if device.type not in ("cpu", "cuda"):
+        raise ConfigError(f"Device '{name}' is not supported: use auto, cpu or cuda.")
+    if device.type == "cpu":
+        return torch.device("cpu")
+    if not torch.cuda.is_available():
         raise ConfigError(f"Device '{name}' was asked for, but PyTorch sees no CUDA device: use --device cpu or auto.")
-    return device
+    # With its number, because tensors name theirs, and `cuda` and `cuda:0` would each get tables of their own.
+    number = torch.cuda.current_device() if device.index is None else device.index
+    if number >= torch.cuda.device_count():
+        raise ConfigError(f"There is no device '{name}': this machine has {torch.cuda.device_count()} CUDA device(s).")
+    return torch.device("cuda", number)
 
 
 def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:

@@ -1,5 +1,6 @@
 """From lattice and field to a textured mesh: cleaning, decimation, unwrapping and baking."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -15,15 +16,18 @@ from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, textured_surroundings, uv_handedness
 
 
-def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device) -> Asset:
-    """Return the model's surface and materials as a textured mesh."""
+def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tell: Callable[[str], None]) -> Asset:
+    """Return the model's surface and materials as a textured mesh; `tell` hears of what went otherwise than usual."""
     vertices, faces = clean(*model.extract())
     if len(faces) == 0:
         raise ConvergenceError("The reconstructed surface is only crumbs; check masks and cameras with `inspect`.")
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
-    mesh = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds).to(device)
+    mesh, size = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds)
+    if size > config.texture_size:
+        tell(f"the unwrapper did not finish in {config.unwrap_seconds:g} s: triangles on a grid, textures of {size}²")
+    mesh = mesh.to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
-    textures = bake_textures(model, mesh, config.texture_size)
+    textures = bake_textures(model, mesh, size)
     return Asset(mesh, textures, textured_surroundings(mesh, textures.flat()) if config.shadows else None)
 
 

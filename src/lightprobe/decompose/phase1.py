@@ -24,6 +24,7 @@ from lightprobe.scene.photo import Photo, Scene
 
 BOX = 1.15  # half edge of the lattice, in object radii
 _START = "start."  # prefix, in a checkpoint, of the asset that a pass started from
+_BEFORE = "before.lights"  # of a pass
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | Non
     task = ImageTask(model, targets, lights, stage, config, job.seed)
     optimise(task, stage, config, job.progress, done, restored)
     # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
-    return _hand_over(job, bake(model, config, job.device), lights, "pass2")
+    return _hand_over(job, bake(model, config, job.device, job.progress.tell), lights, "pass2")
 
 
 def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
@@ -98,11 +99,14 @@ def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: 
         return tensors
     model = SurfaceModel(start, config)
     stage = Stage("pass2", config.pass1_iterations, config.pass2_iterations)
-    job.progress.extra = _named(start)
+    lights_before = tensors[_BEFORE] if done else tensors["lights"]
+    job.progress.extra = {**_named(start), _BEFORE: lights_before}
     targets = job.targets(photos, config.pass2_side)
     task = ImageTask(model, targets, lights, stage, config, job.seed)
     optimise(task, stage, config, job.progress, done, tensors if done else None)
     kept = _best(job, stage, held_out, [start, model.asset()])
+    if kept is start:
+        lights.load(lights_before)  # those of a pass that is not kept belong to its asset
     return _hand_over(job, kept, lights, "pass3")
 
 
@@ -114,17 +118,21 @@ def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: d
     if config.pass3_iterations == 0 or not _has_detail(photos, config):
         return start, lights
     stage = Stage("pass3", config.pass1_iterations + config.pass2_iterations, config.pass3_iterations)
-    job.progress.extra = _named(start)
+    lights_before = tensors[_BEFORE] if done else tensors["lights"]
+    job.progress.extra = {**_named(start), _BEFORE: lights_before}
     pixels = [PhotoPixels.of(start, job.targets([photo], config.pass3_side)[0], job.seed) for photo in photos]
     pixels = [photo for photo in pixels if len(photo.color) > 0]
-    before = start.textures.resized(config.pass3_texture_size)
+    before = start.textures.resized(max(config.pass3_texture_size, start.textures.size))
     model = SurfaceModel(replace(start, textures=before), config)
     task = TextureTask(model, pixels, lights, stage, config, job.seed)
     optimise(task, stage, config, job.progress, done, tensors if done else None)
     refined = model.asset()
     # Detail that only explains errors of the lights is worse than none; halfway there is often better than either.
     halfway = replace(refined, textures=before.halfway(refined.textures))
-    return _best(job, stage, held_out, [start, halfway, refined]), lights
+    kept = _best(job, stage, held_out, [start, halfway, refined])
+    if kept is start:
+        lights.load(lights_before)
+    return kept, lights
 
 
 def _best(job: Job, stage: Stage, held_out: list[Photo], assets: list[Asset]) -> Asset:

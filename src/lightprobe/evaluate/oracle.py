@@ -8,7 +8,6 @@ the asset's.
 Notation: K texels on the surface; maps of a photo are (H, W, 8): base colour 3, roughness, metallic, world normal 3.
 """
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from torch.nn import functional
 
 from lightprobe.core.errors import InputError
 from lightprobe.decompose import Decomposition
-from lightprobe.geometry.atlas import triangle_atlas
+from lightprobe.geometry.atlas import triangle_atlas, triangle_atlas_size
 from lightprobe.geometry.mesh import Mesh, crease_normals, decimate, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.imaging import read_hdr, read_ldr
@@ -66,7 +65,7 @@ def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path
 def true_asset(scene: Scene) -> Asset:
     """Return the scene's true object in the normalised frame."""
     mesh = _true_mesh(scene)
-    size = min(_LARGEST_TEXTURE, 256 * math.ceil((_TEXELS_PER_FACE * math.sqrt(len(mesh.faces) / 2) + 64) / 256))
+    size = min(_LARGEST_TEXTURE, triangle_atlas_size(len(mesh.faces), _TEXELS_PER_FACE))
     uvs, uv_faces = triangle_atlas(len(mesh.faces), size)
     mesh = replace(mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=torch.from_numpy(uv_faces.astype(np.int32)))
     face, barycentric, texel = texel_points(mesh, size)

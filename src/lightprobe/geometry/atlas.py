@@ -1,6 +1,7 @@
 """Texture coordinates for a mesh: charts by xatlas under a time limit, or a simple atlas that always succeeds."""
 
 import io
+import math
 import subprocess
 import sys
 import zipfile
@@ -10,21 +11,27 @@ import torch
 
 from lightprobe.geometry.mesh import Mesh
 
+_FEWEST_TEXELS = 6  # along an edge of the square that two triangles share, margins included
 
-def unwrap(vertices: np.ndarray, faces: np.ndarray, texture_size: int, time_limit: float) -> Mesh:
-    """Return the mesh with texture coordinates; vertices (V, 3), faces (F, 3).
+
+def unwrap(vertices: np.ndarray, faces: np.ndarray, texture_size: int, time_limit: float) -> tuple[Mesh, int]:
+    """Return the mesh with texture coordinates, vertices (V, 3), faces (F, 3), and the texture size that it needs.
 
     The unwrapper runs in a process of its own, because on difficult meshes it can take unbounded time; after
-    `time_limit` seconds (or a crash) `triangle_atlas` takes over.
+    `time_limit` seconds (or a crash) `triangle_atlas` takes over, which may need more than `texture_size` texels.
     """
     result = _run_xatlas(vertices, faces, texture_size, time_limit)
-    uvs, uv_faces = result if result is not None else triangle_atlas(len(faces), texture_size)
-    return Mesh(
+    if result is None:
+        texture_size = max(texture_size, triangle_atlas_size(len(faces), _FEWEST_TEXELS))
+        result = triangle_atlas(len(faces), texture_size)
+    uvs, uv_faces = result
+    mesh = Mesh(
         torch.from_numpy(np.ascontiguousarray(vertices, np.float32)),
         torch.from_numpy(np.ascontiguousarray(faces, np.int32)),
         torch.from_numpy(np.ascontiguousarray(uvs, np.float32)),
         torch.from_numpy(np.ascontiguousarray(uv_faces, np.int32)),
     )
+    return mesh, texture_size
 
 
 def _run_xatlas(
@@ -40,6 +47,11 @@ def _run_xatlas(
         return answer["uvs"], answer["uv_faces"]
     except (subprocess.SubprocessError, OSError, ValueError, zipfile.BadZipFile):
         return None
+
+
+def triangle_atlas_size(count: int, texels: int) -> int:
+    """Return the texture size, a multiple of 256, that gives each pair of `count` triangles a square of `texels`²."""
+    return 256 * math.ceil((texels * math.sqrt(count / 2) + 64) / 256)
 
 
 def triangle_atlas(count: int, texture_size: int) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from lightprobe.kernels import weighted_gather
 from lightprobe.light import cubemap
 
 _PER_TEXEL = 4  # samples along a texel edge of the map
+_AT_ONCE = 2**20  # samples; each takes some 400 bytes on the way
 
 
 def directions(height: int, device: torch.device | str = "cpu") -> Tensor:
@@ -58,11 +59,17 @@ def to_cubemap(map: Tensor, resolution: int) -> Tensor:
     split = max(2, math.ceil(_PER_TEXEL * height / (2 * resolution)))
     values = map.reshape(-1, map.shape[-1])
     faces = []
-    for face in range(6):  # one face at a time bounds the memory
-        point, solid_angle = _face_samples(face, resolution, split, map.device)
-        weight = solid_angle[:, None].to(map.dtype)
-        looked_up = weighted_gather(values, *_bilinear_taps(point, height, map.dtype))
-        faces.append(_texel_sums(looked_up * weight, resolution, split) / _texel_sums(weight, resolution, split))
+    rows = resolution * split
+    for face in range(6):
+        total, share = map.new_zeros(resolution, resolution, map.shape[-1]), map.new_zeros(resolution, resolution, 1)
+        for some in torch.arange(rows, device=map.device).split(max(1, _AT_ONCE // rows)):
+            point, solid_angle = _face_samples(face, rows, some)
+            weight = solid_angle[:, None].to(map.dtype)
+            looked_up = weighted_gather(values, *_bilinear_taps(point, height, map.dtype))
+            for sums, each in ((total, looked_up * weight), (share, weight)):
+                across = each.reshape(len(some), resolution, split, -1).sum(2)
+                sums.index_add_(0, some.div(split, rounding_mode="floor"), across)
+        faces.append(total / share)
     return torch.stack(faces)
 
 
@@ -97,15 +104,9 @@ def _bilinear_taps(direction: Tensor, height: int, dtype: torch.dtype) -> tuple[
     return index, weight.to(dtype)
 
 
-def _face_samples(face: int, resolution: int, split: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the points (n^2, 3) float64 and solid angles (n^2,) of a face's n = R split grid."""
-    n = resolution * split
-    centres = (torch.arange(n, dtype=torch.float64, device=device) + 0.5) * (2.0 / n) - 1.0
-    b, a = (grid.flatten() for grid in torch.meshgrid(centres, centres, indexing="ij"))
+def _face_samples(face: int, side: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the points (K side, 3) float64 and solid angles (K side,) of K `rows` of a face's side x side grid."""
+    centres = (torch.arange(side, dtype=torch.float64, device=rows.device) + 0.5) * (2.0 / side) - 1.0
+    b, a = (grid.flatten() for grid in torch.meshgrid(centres[rows], centres, indexing="ij"))
     point = cubemap.face_points(torch.full_like(a, face, dtype=torch.long), a, b)
-    return point, (2.0 / n) ** 2 / point.norm(dim=-1) ** 3
-
-
-def _texel_sums(values: Tensor, resolution: int, split: int) -> Tensor:
-    """Sum a face's samples (n^2, C) over the texels: (R, R, C)."""
-    return values.reshape(resolution, split, resolution, split, -1).sum((1, 3))
+    return point, (2.0 / side) ** 2 / point.norm(dim=-1) ** 3

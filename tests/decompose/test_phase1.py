@@ -1,0 +1,28 @@
+"""What Phase I keeps of a pass that made things worse."""
+
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.decompose import phase1
+from lightprobe.scene import load_scene
+from tests.toy_scene import write_toy_scene
+
+CONFIG = DecomposeConfig(
+    pass1_iterations=4, pass2_iterations=3, pass3_iterations=3, pass1_side=24, pass2_side=24, lattice_cells=8,
+    hull_voxels=16, hash_levels=2, hash_finest=16, light_resolution=8, teacher_resolution=8, texture_size=64,
+    pass3_texture_size=64, light_update=LightUpdate.GRADIENT, unwrap_seconds=0.0, shadows=False,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [True, False])
+def test_lights_of_a_pass_that_is_not_kept_go_with_it(tmp_path, monkeypatch, kept):
+    scene = load_scene(write_toy_scene(tmp_path, train=4, test=1))
+    handed = []
+    hand_over = phase1._hand_over
+    monkeypatch.setattr(phase1, "_hand_over", lambda *a: handed.append(hand_over(*a)) or handed[-1])
+    monkeypatch.setattr(phase1, "_best", lambda job, stage, held, assets: assets[-1 if kept else 0])
+    found = phase1.decompose(scene, CONFIG)
+    before = dict(zip(sorted(found.lights), handed[0]["lights"], strict=True))
+    assert all(torch.equal(found.lights[name], light) for name, light in before.items()) is not kept
