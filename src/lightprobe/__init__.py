@@ -1,11 +1,11 @@
 """Turn one photo of a known object into the HDR environment map around it.
 
     import lightprobe
-    scene = lightprobe.load_scene("photos/cup")
-    decomposition = lightprobe.decompose(scene)
-    model = lightprobe.distill(decomposition, scene)
-    prediction = lightprobe.Predictor(decomposition, model).predict(pixels, camera)
-    image, coverage = lightprobe.relight(decomposition, prediction.environment, camera)
+    predictor = lightprobe.Predictor.load("runs/cup")  # what `lightprobe train photos/cup -o runs/cup` left
+    pixels, camera = lightprobe.load_photo("new.jpg", camera="new.json", mask="new_mask.png")
+    prediction = predictor.predict(pixels, camera)
+    prediction.save("light.exr", confidence="seen.exr")
+    image, coverage = lightprobe.relight(predictor.decomposition, prediction.environment, camera)
 
 Names are loaded when first used, so importing this package costs nothing.
 """
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from lightprobe.distill import distill
     from lightprobe.evaluate import evaluate, relight
     from lightprobe.predict import Predictor
-    from lightprobe.scene import load_scene
+    from lightprobe.scene import load_photo, load_scene
 
-__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_scene", "relight"]
+__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "relight"]
 
-_HOME = {"Predictor": "predict", "load_scene": "scene", "relight": "evaluate"}
+_HOME = {"Predictor": "predict", "load_photo": "scene", "load_scene": "scene", "relight": "evaluate"}
 _PHASES = ("decompose", "distill", "evaluate")  # packages that share their name with the one thing they do
 
 
@@ -50,6 +50,10 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(importlib.import_module(f"lightprobe.{_HOME[name]}"), name)
     raise AttributeError(f"module 'lightprobe' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 sys.modules[__name__].__class__ = _Lightprobe

@@ -174,7 +174,25 @@ def test_commands_on_something_that_is_no_run(tmp_path, capsys):
 
 def test_export_before_fit_says_so(tmp_path, capsys):
     run = RunFolder.create(tmp_path / "run")
-    fails(["export", run.path, "-o", tmp_path / "out"], capsys, ["asset.safetensors", "does not exist"])
+    for command in (["export", "-o", tmp_path / "out"], ["distill"]):
+        fails([command[0], run.path, *command[1:]], capsys, ["Phase I has not finished", "lightprobe train"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_of_two_exports_are_not_mixed(tmp_path, capsys):
+    run = RunFolder.create(tmp_path / "run")
+    write_png(tmp_path / "out" / "old.png", np.zeros((2, 2, 3)))
+    for command in (["export"], ["relight", "--env", tmp_path / "e.exr"]):
+        fails([command[0], run.path, *command[1:], "-o", tmp_path / "out"], capsys, ["out is not empty"])
+
+
+def test_bad_environments_of_the_user_cost_no_phase(scene, tmp_path, capsys):
+    arguments = ["train", scene, "-o", tmp_path / "run", "--device", "cpu", "--hdri", tmp_path / "maps"]
+    fails(arguments, capsys, ["maps", "not a folder"])
+    (tmp_path / "maps").mkdir()
+    fails(arguments, capsys, ["maps", "no .exr or .hdr"])
+    assert fails([*arguments, "--preset", "paper"], capsys, ["--hdri changes nothing"]) == 3
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
@@ -182,7 +200,12 @@ def test_export_before_fit_says_so(tmp_path, capsys):
     [
         (["fly"], ["no command 'fly'", "--help"]),
         (["fit", "SCENE", "-o", "RUN", "--device", "tpu"], ["tpu"]),
-        (["fit", "SCENE", "-o", "RUN", "--decompose.texture-size", "0"], ["texture_size", "at least 1"]),
+        (["fit", "SCENE", "-o", "RUN", "--decompose.texture-size", "0"], ["texture_size", "at least 2"]),
+        (["fit", "SCENE", "-o", "RUN", "--device", "mps"], ["mps", "not supported"]),
+        (["fit", "SCENE", "-o", "RUN", "--decompose.hull-voxels", "0"], ["hull_voxels", "at least 8"]),
+        (["fit", "SCENE", "-o", "RUN", "--decompose.learning-rate-light", "nan"], ["learning_rate_light", "finite"]),
+        (["train", "SCENE", "-o", "RUN", "--distill.light-resolution", "12"], ["light_resolution", "power of two"]),
+        (["inspect", "SCENE", "-o", "sheet.jpg"], ["sheet.jpg", ".png"]),
         (["render", "RUN", "--camera", "c.json", "--env", "e.exr", "-o", "out.gif"], [".gif", ".png or .exr"]),
     ],
 )
@@ -210,4 +233,10 @@ def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch)
     arguments = ["fit", scene, "-o", tmp_path / "run", "--device", "cpu"]
     assert fails(arguments, capsys, ["interrupted", "same command"]) == 130
     monkeypatch.setattr("lightprobe.cli.stages.decompose", exhaust)
+    assert fails(arguments, capsys, ["Out of memory"]) == 4
+
+    def allocate(*arguments):
+        raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 9 bytes.")
+
+    monkeypatch.setattr("lightprobe.cli.stages.decompose", allocate)
     assert fails(arguments, capsys, ["Out of memory"]) == 4

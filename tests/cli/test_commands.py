@@ -2,17 +2,25 @@
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from PIL import Image
 
 from lightprobe.cli.main import COMMANDS, main
+from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import read_hdr, read_ldr, write_exr
+from lightprobe.imaging import read_hdr, read_ldr, srgb_encode, write_exr, write_png
 from lightprobe.scene.camera import Camera
 from tests.toy_scene import SIZE, TINY, TINY_DISTILL, write_toy_scene
+
+PHASES = ("decompose", "distill")
 
 
 def succeed(*arguments) -> None:
@@ -68,13 +76,90 @@ def test_predict_writes_map_picture_and_confidence(trained, tmp_path, capsys):
     assert light.shape[1] == 2 * light.shape[0]
     assert light.min() >= 0
     assert light.max() > 0
-    assert run.prediction_file("test_00", ".exr").read_bytes() == out.read_bytes()
-    assert read_ldr(run.prediction_file("test_00", ".png"))[0].shape == light.shape
     confidence = read_hdr(tmp_path / "c.exr")
     assert confidence.min() >= 0
     assert confidence.max() <= 1
+    printed = capsys.readouterr()
+    assert str(out) in printed.out
+    assert "warning" not in printed.err
+    assert not run.prediction_file("test_00", ".exr").exists()
+    succeed("predict", run.path, image)  # a photo of the run's own scene
+    assert run.prediction_file("test_00", ".exr").read_bytes() == out.read_bytes()
+    assert read_ldr(run.prediction_file("test_00", ".png"))[0].shape == light.shape
     assert run.prediction_file("test_00", ".confidence.exr").read_bytes() == (tmp_path / "c.exr").read_bytes()
-    assert str(out) in capsys.readouterr().out
+
+
+def test_several_photos_are_predicted_into_a_folder(trained, tmp_path, capsys):
+    scene, run = trained
+    images = sorted((scene / "test").glob("*.png"))
+    masks = tmp_path / "masks"
+    for image in images:
+        alpha = read_ldr(image)[1]
+        write_png(masks / image.name, np.repeat(alpha[..., None], 3, 2))
+    out = tmp_path / "lights"
+    succeed("predict", run.path, *images, "--mask", masks, "-o", out, "--confidence", out)
+    assert {p.name for p in out.iterdir()} == {
+        f"{image.stem}{suffix}" for image in images for suffix in (".exr", ".confidence.exr")
+    }
+    assert not np.array_equal(*(read_hdr(out / f"{image.stem}.exr") for image in images))
+    assert main(["predict", str(run.path), *map(str, images), "-o", str(tmp_path / "one.exr")]) == 3
+    assert main(["predict", str(run.path), str(images[0]), str(images[0]), "-o", str(tmp_path / "twice")]) == 3
+    assert "same name" in capsys.readouterr().err
+
+
+def test_a_camera_of_another_photo_is_noticed(trained, tmp_path, capsys):
+    scene, run = trained
+    record = run.scene()["photos"]["train"]["train_03"]["camera"]
+    shifted = {**record, "cx": record["cx"] + SIZE / 4}
+    (tmp_path / "camera.json").write_text(json.dumps(shifted))
+    image = scene / "train" / "train_03.png"
+    succeed("predict", run.path, image, "--camera", tmp_path / "camera.json", "-o", tmp_path / "light.exr")
+    assert "overlap by only" in capsys.readouterr().err
+
+
+def test_maps_are_refused_under_names_that_hide_what_they_are(trained, tmp_path, capsys):
+    scene, run = trained
+    image, out = scene / "test" / "test_00.png", tmp_path / "light.exr"
+    for names in (("-o", tmp_path / "light.png"), ("-o", out, "--confidence", tmp_path / "c.png"),
+                  ("-o", out, "--confidence", out)):  # fmt: skip
+        assert main(["predict", str(run.path), str(image), *map(str, names)]) == 3
+    assert not list(tmp_path.iterdir())
+    assert capsys.readouterr().out == ""
+
+
+def test_without_a_model_predict_says_what_it_does(trained, tmp_path, capsys):
+    scene, run = trained
+    shutil.copytree(run.path, tmp_path / "run", ignore=shutil.ignore_patterns("model"))
+    succeed("predict", tmp_path / "run", scene / "test" / "test_00.png")
+    printed = capsys.readouterr().out
+    assert "No trained model" in printed
+    assert "(solve;" in printed
+
+
+def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
+    scene, run = trained
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "runs").mkdir()
+    shutil.copytree(scene, tmp_path / "photos" / "cup")
+    shutil.copytree(run.path, tmp_path / "runs" / "cup")
+    color, alpha = read_ldr(scene / "test" / "test_00.png")
+    Image.fromarray((255 * srgb_encode(torch.from_numpy(color)).numpy()).astype(np.uint8)).save(tmp_path / "new.jpg")
+    write_png(tmp_path / "new_mask.png", np.repeat(alpha[..., None], 3, 2))
+    (tmp_path / "new.json").write_text(json.dumps(run.scene()["photos"]["test"]["test_00"]["camera"]))
+    stored = {phase: {k: v for k, v in run.config(phase).items() if k not in ("seed", "hdri")} for phase in PHASES}
+    short = {"decompose": DecomposeConfig.from_json(stored["decompose"]),
+             "distill": DistillConfig.from_json(stored["distill"])}  # fmt: skip
+    monkeypatch.setattr("lightprobe.decompose.phase1.DecomposeConfig", lambda: short["decompose"])
+    monkeypatch.setattr("lightprobe.distill.training.DistillConfig", lambda: short["distill"])
+    monkeypatch.chdir(tmp_path)
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    names: dict = {}
+    for example in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):
+        exec(example, names)
+    assert names["image"].shape == (SIZE, SIZE, 3)
+    assert names["scores"]["psnr_masked"] > 5
+    assert read_hdr(tmp_path / "light.exr").shape == (64, 128, 3)
+    assert read_hdr(tmp_path / "seen.exr").shape[:2] == (64, 128)
 
 
 def test_render_writes_the_camera_s_picture(trained, tmp_path):

@@ -5,8 +5,6 @@ import sys
 
 import pytest
 
-PHASES = ("decompose", "distill", "evaluate")
-
 
 def python(code: str) -> None:
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

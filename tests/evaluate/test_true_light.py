@@ -25,7 +25,7 @@ def true_light(tmp_path_factory):
 
 
 def guess(environment: torch.Tensor, confidence: torch.Tensor | None = None) -> Prediction:
-    return Prediction(environment, torch.full((6, 16, 16), 0.5) if confidence is None else confidence, {})
+    return Prediction(environment, torch.full((6, 16, 16), 0.5) if confidence is None else confidence, {}, 1.0)
 
 
 def test_the_truth_has_hardly_an_error_and_a_factor_only_a_raw_one(true_light):

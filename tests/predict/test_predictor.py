@@ -46,7 +46,7 @@ def predictor(sphere, model):
 
 
 def rerender_error(predictor, photo, light):
-    again = photograph(predictor.asset, CAMERA, light)
+    again = photograph(predictor.decomposition.asset, CAMERA, light)
     return float(np.abs(again.color - photo.color)[photo.alpha > 0.5].mean())
 
 
@@ -98,7 +98,7 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
 
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
     patient = Predictor(
-        Decomposition(sphere, {}, predictor.similarity), light_resolution=16,
+        Decomposition(sphere, {}, predictor.decomposition.similarity), light_resolution=16,
         optimize=OptimizeConfig(iterations=150, pixels=512),
     )  # fmt: skip
     optimised, solved = (patient.predict(photo, CAMERA, m).environment for m in (Method.OPTIMIZE, Method.SOLVE))
@@ -125,7 +125,9 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     mask = np.zeros_like(photo.alpha)
     mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
     usual = replace(model, mean_light=torch.full((6, 16, 16, 3), 3.0))
-    asked = Predictor(Decomposition(predictor.asset, {}, predictor.similarity), usual, light_resolution=16)
+    asked = Predictor(
+        Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, light_resolution=16
+    )
     prediction = asked.predict(Pixels(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
     behind = (cubemap.directions(16) @ camera) > 0.9
@@ -163,9 +165,11 @@ def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphe
         predictor.predict(photo, CAMERA.resized(32, 32))
     with pytest.raises(InputError, match="Only 0 pixels"):
         predictor.predict(Pixels(photo.color, np.zeros_like(photo.alpha)), CAMERA)
-    without = Predictor(Decomposition(sphere, {}, predictor.similarity), light_resolution=16)
+    without = Predictor(Decomposition(sphere, {}, predictor.decomposition.similarity), light_resolution=16)
     with pytest.raises(ConfigError, match="no trained model"):
         without.predict(photo, CAMERA, Method.PROBE_MLP)
-    paper = Predictor(Decomposition(sphere, {}, predictor.similarity), replace(predictor.model, sphere=None))
+    paper = Predictor(
+        Decomposition(sphere, {}, predictor.decomposition.similarity), replace(predictor.model, sphere=None)
+    )
     with pytest.raises(ConfigError, match="without the sphere network"):
         paper.predict(photo, CAMERA, Method.PROBE_NET)

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lightprobe.cli.using import load_model
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
+from lightprobe.distill import ProbeModel
 from lightprobe.imaging import resize_area
 from lightprobe.predict import Predictor, methods_for
 from lightprobe.scene import load_pixels, load_scene
@@ -76,7 +76,7 @@ def resample(photo: Photo, side: int) -> tuple[Pixels, Camera]:
 def predict(run: RunFolder, scene: Path, repeats: int) -> Target:
     """Return the cost of a prediction in this process, after one that warms up."""
     device = resolve_device("cpu")
-    model, photo = load_model(run, device), load_scene(scene).test[0]
+    model, photo = ProbeModel.load(run.model_folder), load_scene(scene).test[0]
     predictor = Predictor(Decomposition.load(run, device), model, device, light_resolution=TEXELS)
     pixels, camera = resample(photo, SIDE)
     predictor.predict(pixels, camera)

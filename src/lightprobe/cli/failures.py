@@ -12,6 +12,7 @@ from lightprobe.core.errors import LightprobeError, ResourceError
 from lightprobe.core.run import RunFolder
 
 INTERRUPTED = 130  # what shells report for a program ended by Ctrl-C
+_TOO_MUCH = ("not enough memory", "can't allocate memory")  # what PyTorch says on the CPU, by system
 UNEXPECTED = 70  # "internal software error" in BSD's sysexits
 
 
@@ -40,7 +41,7 @@ def explained(log: Path | None = None) -> Iterator[None]:
             raise ResourceError(f"{error.filename}: {error.strerror or error}.") from error
         raise _unexpected(error, log) from error
     except Exception as error:
-        if type(error).__name__ == "OutOfMemoryError" or "not enough memory" in str(error):
+        if type(error).__name__ == "OutOfMemoryError" or any(words in str(error) for words in _TOO_MUCH):
             raise _out_of_memory() from error
         raise _unexpected(error, log) from error
 

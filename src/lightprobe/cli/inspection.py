@@ -6,7 +6,7 @@ from typing import Annotated
 from tyro.conf import arg
 
 from lightprobe.cli.options import SceneArg
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.scene.inspect import inspect as examine
 from lightprobe.scene.overlay import write_overlay_sheet
 
@@ -23,6 +23,8 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
       lightprobe inspect photos/cup
       lightprobe inspect photos/cup -o /tmp/sheet.png
     """
+    if output is not None and output.suffix.lower() != ".png":
+        raise ConfigError(f"Cannot write the overlay sheet as '{output.name}': name it .png.")
     found = examine(scene)
     print("\n".join(found.lines()))
     if found.photos:

@@ -12,14 +12,15 @@ CameraArg = Annotated[
     Path,
     arg(
         metavar="C.json",
-        help="Camera of the view: camera_to_world, fx, fy, cx, cy, width, height; or a transforms.json.",
+        help="Camera of the view: camera_to_world, fx, fy, cx, cy, width, height; or a file with many.",
     ),
 ]
 EnvironmentArg = Annotated[Path, arg(metavar="ENV.exr", help="Equirectangular environment, EXR or Radiance HDR.")]
 Device = Annotated[str, arg(metavar="auto|cpu|cuda", help="Where to compute.")]
 Seed = Annotated[int, arg(help="Equal seeds give equal results on a CPU.")]
 Restart = Annotated[
-    FlagCreatePairsOff[bool], arg(help="Throw away what this phase has done in the run and begin anew.")
+    FlagCreatePairsOff[bool],
+    arg(help="Begin anew: throw away what this command, and all that builds on it, has left in the run."),
 ]
 Hdri = Annotated[
     Path | None,

@@ -2,15 +2,17 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from lightprobe.cli.progress import Meter, clock
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config import DecomposeConfig, DistillConfig
-from lightprobe.core.errors import InputError
+from lightprobe.core.config_distill import Lessons
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition, Progress, decompose
@@ -26,13 +28,39 @@ _RECORD_EVERY = 10  # steps between lines of metrics.jsonl
 _LIGHTS = "lights"  # the stage that only solves for the final lights: nothing is trained, no checkpoint is written
 
 
+@dataclass(frozen=True)
+class UserMaps:
+    """Environments of the user's that Phase II trains under as well, and where they came from."""
+
+    source: str | None
+    maps: list[Tensor]  # (6, R, R, 3) each
+
+    @staticmethod
+    def read(folder: Path | None, config: DistillConfig | None) -> "UserMaps":
+        """Return the maps of a folder, none without one; called before Phase I, so that a mistake costs no time.
+
+        Raises `InputError` for a folder without usable maps, `ConfigError` when Phase II would not use them.
+        """
+        if folder is None:
+            return UserMaps(None, [])
+        if config is not None and config.lessons is Lessons.TEACHER:
+            raise ConfigError("--hdri changes nothing where no photos are re-rendered (lessons teacher); leave it out.")
+        return UserMaps(str(folder.resolve()), load_environments(folder, MAP_RESOLUTION))
+
+
 def open_scene(run: RunFolder, folder: Path | None) -> Scene:
     """Load the scene of a run, from `folder` when it has moved, and check that it is still the same."""
     path = folder or Path(run.scene()["root"])
     if not path.is_dir():
         raise InputError(f"The photos of {run.path} are no longer in {path}; tell where they are with --scene FOLDER.")
     scene = load_scene(path)
-    run.record_scene(scene_record(scene))
+    try:
+        run.record_scene(scene_record(scene))
+    except ConfigError as error:
+        raise InputError(
+            f"{path} is not the scene that {run.path} learnt from, or its photos, masks or cameras have changed; "
+            "tell where that scene is with --scene FOLDER."
+        ) from error
     return scene
 
 
@@ -56,23 +84,18 @@ def run_decompose(
 
 def run_distill(
     run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
-    device: torch.device, seed: int, meter: Meter, hdri: Path | None = None,
+    device: torch.device, seed: int, meter: Meter, user_maps: "UserMaps",
 ) -> ProbeModel:  # fmt: skip
-    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
-
-    hdri: folder of environments to train under as well.
-    """
-    maps_from = None if hdri is None else str(hdri.resolve())
-    run.record_config("distill", {"seed": seed, "hdri": maps_from, **asdict(config)})
+    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
+    run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
     if model_exists(run):
         return ProbeModel.load(run.model_folder).to(device)
     started = time.monotonic()
-    maps = [] if hdri is None else load_environments(hdri, MAP_RESOLUTION)
     recorder = _Recorder(run, "distill", run.model_checkpoints)
     model = distill(
         decomposition, scene(), config, device, seed, run.model_checkpoints,
         lambda step, loss: recorder.step(meter, "distill", step, config.total_steps, loss),
-        maps=maps, on_lesson=lambda done, total: meter.update("lessons", done, total),
+        maps=user_maps.maps, on_lesson=lambda done, total: meter.update("lessons", done, total),
     )  # fmt: skip
     model.save(run.model_folder)
     run.log(f"distill finished in {clock(time.monotonic() - started)}{_peak()}")
@@ -86,8 +109,8 @@ def _peak() -> str:
 
 
 def model_exists(run: RunFolder) -> bool:
-    """Return whether Phase II has finished; its config.json is written last."""
-    return (run.model_folder / "config.json").exists()
+    """Return whether Phase II has finished."""
+    return ProbeModel.exists(run.model_folder)
 
 
 def restart_decompose(run: RunFolder) -> None:

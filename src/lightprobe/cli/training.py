@@ -13,7 +13,7 @@ from lightprobe.cli.evaluation import evaluate_run, print_tables
 from lightprobe.cli.failures import writing
 from lightprobe.cli.options import Device, Hdri, Restart, RunArg, RunOut, SceneArg, Seed
 from lightprobe.cli.progress import Meter
-from lightprobe.cli.stages import open_scene, restart_decompose, restart_distill, run_decompose, run_distill
+from lightprobe.cli.stages import UserMaps, open_scene, restart_decompose, restart_distill, run_decompose, run_distill
 from lightprobe.core import config, config_distill
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset
 from lightprobe.core.device import resolve_device
@@ -81,12 +81,12 @@ def distill(
       lightprobe distill runs/cup --restart --hdri ~/hdris
       lightprobe distill runs/cup --restart --distill.lessons teacher
     """
-    where, folder = resolve_device(device), RunFolder.open(run)
+    where, folder, user_maps = resolve_device(device), RunFolder.open(run), UserMaps.read(hdri, distill)
     with writing(folder), Meter() as meter:
         if restart:
             restart_distill(folder)
         decomposition = Decomposition.load(folder, where)
-        run_distill(folder, decomposition, lambda: open_scene(folder, scene), distill, where, seed, meter, hdri)
+        run_distill(folder, decomposition, lambda: open_scene(folder, scene), distill, where, seed, meter, user_maps)
     print(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}")
 
 
@@ -106,14 +106,14 @@ def _train(
     scene_folder: Path, output: Path, device: str, seed: int, restart: bool, first: DecomposeConfig,
     second: DistillConfig | None, hdri: Path | None = None, *, next_step: bool = True,
 ) -> None:  # fmt: skip
-    where, scene = resolve_device(device), load_scene(scene_folder)
+    where, user_maps, scene = resolve_device(device), UserMaps.read(hdri, second), load_scene(scene_folder)
     run = RunFolder.create(output)
     with writing(run), Meter() as meter:
         if restart:
             restart_decompose(run)
         decomposition = run_decompose(run, scene, first, where, seed, meter)
         if second is not None:
-            run_distill(run, decomposition, lambda: scene, second, where, seed, meter, hdri)
+            run_distill(run, decomposition, lambda: scene, second, where, seed, meter, user_maps)
     print(f"Mesh: {run.mesh_folder / 'object.glb'}\nEnvironments: {run.environment_folder}")
     if next_step:
         print(f"Next: lightprobe {'distill' if second is None else 'eval'} {output}")

@@ -1,5 +1,8 @@
 """predict, render, relight, export: the commands that use what was learnt."""
 
+import os
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -7,73 +10,117 @@ import numpy as np
 import torch
 from tyro.conf import Positional, arg
 
-from lightprobe.cli.cameras import read_camera
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg
 from lightprobe.cli.progress import Meter
-from lightprobe.cli.stages import model_exists
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
-from lightprobe.distill import ProbeModel
-from lightprobe.evaluate import (
-    load_environment,
-    panorama,
-    turntable,
-    write_confidence,
-    write_map,
-    write_prediction,
-)
+from lightprobe.evaluate import load_environment, turntable, write_prediction
 from lightprobe.evaluate import relight as relight_image
 from lightprobe.export import export as export_files
-from lightprobe.imaging import image_size, write_exr, write_png
-from lightprobe.predict import Method, Predictor, methods_for
-from lightprobe.scene import load_pixels
-from lightprobe.scene.photo import Photo
-from lightprobe.scene.pixels import fit_camera
+from lightprobe.imaging import write_exr, write_png
+from lightprobe.predict import Method, Prediction, Predictor, check_names, methods_for
+from lightprobe.scene import load_photo, read_camera
 from lightprobe.scene.record import recorded_cameras
 
 MethodArg = Annotated[Method | None, arg(help="How to predict; by default the best this run is trained for.")]
 
-
-def load_model(run: RunFolder, device: torch.device) -> ProbeModel | None:
-    """Return the Phase II model of a run, or None before `distill`."""
-    return ProbeModel.load(run.model_folder).to(device) if model_exists(run) else None
+_LARGEST_SIDE = 8192  # pixels of a picture's edge
+_SAME_PLACE = 0.8  # overlap of mask and object; right cameras have more than .94, also on photos from the internet
 
 
 def predict(
     run: RunArg,
-    image: Annotated[Positional[Path], arg(metavar="IMAGE", help="Photo of the object.")],
+    images: Annotated[Positional[tuple[Path, ...]], arg(metavar="IMAGE...", help="Photos of the object.")],
     *,
-    camera: CameraArg,
-    output: Annotated[Path | None, arg(aliases=["-o"], metavar="ENV.exr", help="Also write the map here.")] = None,
-    mask: Annotated[Path | None, arg(metavar="M", help="White object on black; else the photo's alpha.")] = None,
+    camera: Annotated[
+        Path | None,
+        arg(metavar="C.json", help="Camera of the photo, or many of which its name chooses; else the run's own."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        arg(aliases=["-o"], metavar="ENV", help="The map's name, .exr or .hdr; of several photos a folder."),
+    ] = None,
+    mask: Annotated[
+        Path | None,
+        arg(metavar="M", help="White object on black, or a folder of such; else the photo's alpha."),
+    ] = None,
     method: MethodArg = None,
-    confidence: Annotated[Path | None, arg(metavar="C.exr", help="Also write the confidence here.")] = None,
+    confidence: Annotated[
+        Path | None, arg(metavar="C.exr", help="Also write the confidence here; of several photos a folder.")
+    ] = None,
     device: Device = "auto",
 ) -> None:
-    """Predict the environment around the object from one photo.
+    """Predict the environment around the object from one photo, or from several one by one.
 
-    The map, a picture of it and the confidence of each direction go to RUN/predictions.
+    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions. Photos of the run's
+    own scene need no --camera.
 
     Examples:
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
       lightprobe predict runs/cup test/r_003.png --camera transforms_test.json
+      lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
-    where, folder = resolve_device(device), RunFolder.open(run)
-    view = fit_camera(read_camera(camera, image, image_size(image)), image, str(camera))
-    pixels, view = load_pixels(Photo(image.stem, view, image, mask))
-    decomposition, model = Decomposition.load(folder, where), load_model(folder, where)
-    predictor = Predictor.of(decomposition, model, where)
-    prediction = predictor.predict(pixels, view, method or methods_for(model)[0])
-    stored = folder.prediction_file(image.stem, ".exr", method.value if method else None)
-    write_prediction(prediction, stored)
-    if output is not None:
-        write_map(output, panorama(prediction.environment))
-    if confidence is not None:
-        write_confidence(prediction, confidence)
-    parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in prediction.seconds.items())
-    print(f"Environment: {output or stored} ({parts})")
+    folder = RunFolder.open(run)
+    jobs = [_Job.of(folder, image, len(images) > 1, mask, method, output, confidence) for image in images]
+    if len({job.output for job in jobs}) < len(jobs):
+        raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
+    photos = [load_photo(job.image, camera or folder.scene_file, job.mask) for job in jobs]
+    predictor = Predictor.load(run, resolve_device(device))
+    chosen = method or methods_for(predictor.model)[0]
+    if predictor.model is None and method is None:
+        print(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
+    for job, (pixels, view) in zip(jobs, photos, strict=True):
+        prediction = predictor.predict(pixels, view, chosen)
+        job.write(prediction)
+        parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in prediction.seconds.items())
+        print(f"Environment: {job.output} ({chosen.value}; {parts})")
+        if prediction.overlap < _SAME_PLACE:
+            print(
+                f"lightprobe: warning: in {job.image} the mask and the object as this camera sees it overlap by only "
+                f"{100 * prediction.overlap:.0f} %. Unless the mask leaves part of the object out, the camera or the "
+                "object is another one, and the map is wrong.",
+                file=sys.stderr,
+            )
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One photo of a call, and where its results go."""
+
+    image: Path
+    mask: Path | None
+    output: Path
+    confidence: Path | None
+    kept: bool  # in the run, with a picture and the confidence beside it
+
+    @staticmethod
+    def of(
+        run: RunFolder, image: Path, several: bool, mask: Path | None, method: Method | None, output: Path | None,
+        confidence: Path | None,
+    ) -> "_Job":  # fmt: skip
+        """Refuse what could not be written, before any work."""
+        if mask is not None and mask.is_dir():
+            mask = mask / f"{image.stem}.png"
+        if several:
+            for place in (output, confidence):
+                if place is not None and (place.suffix.lower() in (".exr", ".hdr") or place.is_file()):
+                    raise ConfigError(f"Of several photos the maps need a folder, and {place} is named like one map.")
+            output = None if output is None else output / f"{image.stem}.exr"
+            confidence = None if confidence is None else confidence / f"{image.stem}.confidence.exr"
+        check_names(output, confidence)
+        kept = output is None
+        stored = run.prediction_file(image.stem, ".exr", method.value if method else None)
+        return _Job(image, mask, output or stored, confidence, kept)
+
+    def write(self, prediction: Prediction) -> None:
+        if self.kept:
+            write_prediction(prediction, self.output)
+            if self.confidence is not None:
+                prediction.save_confidence(self.confidence)
+        else:
+            prediction.save(self.output, self.confidence)
 
 
 def render(
@@ -82,17 +129,19 @@ def render(
     camera: CameraArg,
     env: EnvironmentArg,
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT", help="Picture: .png (sRGB) or .exr (linear).")],
+    frame: Annotated[str | None, arg(metavar="NAME", help="Photo whose camera is meant, of a file with many.")] = None,
     device: Device = "auto",
 ) -> None:
     """Render the object under an environment.
 
     Examples:
       lightprobe render runs/cup --camera view.json --env studio.exr -o cup.png
+      lightprobe render runs/cup --camera transforms_test.json --frame r_003 --env studio.exr -o cup.png
     """
     if output.suffix.lower() not in (".png", ".exr"):
         raise ConfigError(f"Cannot write '{output.suffix}' pictures: name the output .png or .exr.")
     where, folder = resolve_device(device), RunFolder.open(run)
-    view = read_camera(camera)
+    view = read_camera(camera, None if frame is None else Path(frame))
     image, cover = relight_image(Decomposition.load(folder, where), load_environment(env, where), view)
     write_picture(output, image, cover)
     print(f"Picture: {output}")
@@ -112,9 +161,10 @@ def relight(
     Examples:
       lightprobe relight runs/cup --env studio.exr -o relit
     """
-    if frames < 1 or side < 8:
-        raise ConfigError("A turntable needs --frames of at least 1 and --side of at least 8.")
+    if frames < 1 or not 8 <= side <= _LARGEST_SIDE:
+        raise ConfigError(f"A turntable needs --frames of at least 1 and --side from 8 to {_LARGEST_SIDE}.")
     where, folder = resolve_device(device), RunFolder.open(run)
+    _refuse_mixing(output)
     decomposition, light = Decomposition.load(folder, where), load_environment(env, where)
     record = folder.scene()
     photos = list(recorded_cameras(record, "train").values())
@@ -134,14 +184,24 @@ def export(
     output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="Folder for the files.")],
     device: Device = "auto",
 ) -> None:
-    """Write mesh.glb, its textures and every environment as EXR and HDR, for Blender, three.js and others.
+    """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and others.
+
+    The light of another photo is what `lightprobe predict` writes, as .exr or .hdr.
 
     Examples:
       lightprobe export runs/cup -o cup_files
     """
-    decomposition = Decomposition.load(RunFolder.open(run), resolve_device(device))
+    folder = RunFolder.open(run)
+    _refuse_mixing(output)
+    decomposition = Decomposition.load(folder, resolve_device(device))
     written = export_files(decomposition, output, decomposition.lights)
     print(f"{len(written)} files in {output}; mesh: {written[0]}")
+
+
+def _refuse_mixing(folder: Path) -> None:
+    """Refuse a folder that holds files: among those of an earlier call the new ones could not be told apart."""
+    if folder.is_dir() and any(not name.startswith(".") for name in os.listdir(folder)):
+        raise ConfigError(f"{folder} is not empty; give a new folder with -o, so that no older file stays among these.")
 
 
 def write_picture(path: Path, image: torch.Tensor, cover: torch.Tensor) -> None:

@@ -88,11 +88,6 @@ class Checkpoints:
                 continue
         return None
 
-    def clear(self) -> None:
-        """Remove every checkpoint."""
-        for _, folder in self._newest_first():
-            self._remove(folder)
-
     def _newest_first(self) -> Iterator[tuple[int, Path]]:
         names = os.listdir(self.folder) if self.folder.is_dir() else []
         found = [(int(match[1]), self.folder / name) for name in names if (match := _STEP_FOLDER.fullmatch(name))]

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
+from lightprobe.core.errors import InputError
 from lightprobe.core.files import read_json
 from lightprobe.core.run import RunFolder
 from lightprobe.render.asset import Asset
@@ -32,6 +33,12 @@ class Decomposition:
     @staticmethod
     def load(run: RunFolder, device: torch.device) -> "Decomposition":
         """Read what `save` wrote; raise `InputError` when Phase I has not finished in this run."""
+        if not run.asset_file.is_file():
+            root = read_json(run.scene_file)["root"] if run.scene_file.is_file() else "SCENE"
+            raise InputError(
+                f"{run.path} has no reconstructed object yet, Phase I has not finished in it; "
+                f"go on with: lightprobe train {root} -o {run.path}"
+            )
         asset = Asset.load(run.asset_file).to(device)
         lights = {name: light.to(device) for name, light in load_tensors(_lights_file(run)).items()}
         similarity = Similarity.from_json(read_json(run.scene_file)["similarity"])

@@ -26,8 +26,8 @@ _UP = "up"
 class ProbeModel:
     """A trained light predictor for one object.
 
-    `mean_light` is the teachers' mean (6, R, R, 3) relative to each photo's light level: what the light usually is in
-    directions that a photo says nothing about.
+    `mean_light` is the mean light (6, R, R, 3) of all lessons relative to each one's light level: what the light
+    usually is in directions that a photo says nothing about.
     """
 
     network: IlluminationMlp
@@ -48,6 +48,11 @@ class ProbeModel:
         if self.sphere is not None:
             save_tensors(Path(folder) / _SPHERE, self.sphere.state_dict())
         write_json(Path(folder) / _CONFIG, asdict(self.config))
+
+    @staticmethod
+    def exists(folder: Path) -> bool:
+        """Return whether `save` has finished in `folder`; config.json is written last."""
+        return (Path(folder) / _CONFIG).is_file()
 
     @staticmethod
     def load(folder: Path) -> "ProbeModel":

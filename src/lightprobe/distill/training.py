@@ -37,9 +37,9 @@ OnStep = Callable[[int, float], None]  # (step, loss), after every step
 def distill(
     decomposition: Decomposition,
     scene: Scene,
-    config: DistillConfig,
-    device: torch.device,
-    seed: int,
+    config: DistillConfig | None = None,
+    device: torch.device | None = None,
+    seed: int = 0,
     checkpoints: Checkpoints | None = None,
     on_step: OnStep | None = None,
     *,
@@ -48,10 +48,12 @@ def distill(
 ) -> ProbeModel:
     """Train the predictors on the scene's training photos and on re-rendered ones, and return the model.
 
+    Without `config` the preset `quick`, without `device` the CPU.
     maps: environments (6, R, R, 3), z up, to re-render under as well. on_lesson: hears of (done, all) photos prepared.
     Raises `InputError` when no photo shows the object, `ConfigError` when `checkpoints` holds another configuration's
     state, `ConvergenceError` when the loss stops being finite.
     """
+    config, device = config or DistillConfig(), device or torch.device("cpu")
     lessons = collect_lessons(
         decomposition.asset, decomposition.lights, scene, config, device, seed, maps, on_lesson
     )  # fmt: skip

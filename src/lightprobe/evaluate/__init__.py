@@ -3,7 +3,7 @@
 from lightprobe.evaluate.evaluation import Evaluation, Protocols, ViewResult, evaluate
 from lightprobe.evaluate.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.evaluate.pictures import view_pictures
-from lightprobe.evaluate.prediction_files import panorama, write_confidence, write_map, write_prediction
+from lightprobe.evaluate.prediction_files import write_prediction
 from lightprobe.evaluate.relighting import load_environment, relight
 from lightprobe.evaluate.report import spread, write_report
 from lightprobe.evaluate.viewpoints import turntable
@@ -16,13 +16,10 @@ __all__ = [
     "evaluate",
     "load_environment",
     "oracle_decomposition",
-    "panorama",
     "relight",
     "spread",
     "turntable",
     "view_pictures",
-    "write_confidence",
-    "write_map",
     "write_prediction",
     "write_report",
 ]

@@ -23,7 +23,7 @@ from lightprobe.evaluate.prediction_files import write_prediction
 from lightprobe.evaluate.stand_in import StandIn
 from lightprobe.evaluate.true_light import ConfidenceBins, TrueLight, falls
 from lightprobe.evaluate.views import TestView, halves
-from lightprobe.predict import Method, Prediction, Predictor
+from lightprobe.predict import Method, Prediction, Predictor, methods_for
 from lightprobe.scene.photo import Photo, Scene
 
 OnPhoto = Callable[[int, int], None]  # (photos done, photos in all)
@@ -101,15 +101,15 @@ def evaluate(
     model: ProbeModel | None,
     scene: Scene,
     *,
-    methods: Sequence[Method],
-    device: torch.device,
+    methods: Sequence[Method] = (),
+    device: torch.device | None = None,
     run: RunFolder | None = None,
     protocols: Protocols | None = None,
     true_object: Decomposition | None = None,
     on_photo: OnPhoto | None = None,
     on_view: OnView | None = None,
 ) -> Evaluation:
-    """Score `methods`, the first being the default, on the scene's test photos.
+    """Score `methods`, the first being the default, on the scene's test photos; by default those of `methods_for`.
 
     With `run`, predictions are written to its folder. `true_object` is relit with the predicted lights in place of the
     decomposition's own object. `on_view` receives the default method's result for every photo.
@@ -117,6 +117,7 @@ def evaluate(
     """
     if not scene.test:
         raise InputError(f"{scene.root} has no test photos to evaluate on; add some, or use more than one photo.")
+    methods, device = methods or methods_for(model), device or torch.device("cpu")
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
     judge = _Judge.of(decomposition, model, scene, protocols or Protocols(), device, true_object)
     result, bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
@@ -174,7 +175,7 @@ class _Judge:
     ) -> "_Judge":
         known = any(photo.truth.environment is not None for photo in scene.test)
         stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
-        return _Judge(decomposition, Predictor.of(decomposition, model, device), stand_in, protocols, device)
+        return _Judge(decomposition, Predictor(decomposition, model, device), stand_in, protocols, device)
 
     def true_light(self, photo: Photo) -> TrueLight | None:
         path, center = photo.truth.environment, self.decomposition.similarity.center

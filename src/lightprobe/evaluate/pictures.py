@@ -9,9 +9,10 @@ from PIL import Image
 from torch import Tensor
 
 from lightprobe.evaluate.evaluation import ViewResult
-from lightprobe.evaluate.prediction_files import exposure, panorama, tone_mapped
+from lightprobe.evaluate.prediction_files import exposure, tone_mapped
 from lightprobe.evaluate.relighting import load_environment
 from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
+from lightprobe.light.files import panorama
 
 _SIDE = 256
 _DIFFERENCE_GAIN = 3.0

@@ -1,4 +1,4 @@
-"""Environment maps of a user's as cubemaps."""
+"""Environment maps in files: equirectangular outside, cubemaps within."""
 
 from pathlib import Path
 
@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.core.errors import InputError
-from lightprobe.imaging import read_hdr
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.imaging import read_hdr, write_exr, write_radiance
 from lightprobe.light import equirect
 
 _RESOLUTIONS = (8, 16, 32, 64, 128)
@@ -46,3 +46,23 @@ def environment_files(folder: Path) -> list[Path]:
     if not paths:
         raise InputError(f"{folder} has no .exr or .hdr environment map.")
     return paths
+
+
+def panorama(cube: Tensor) -> np.ndarray:
+    """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32 in the convention of the files."""
+    return equirect.from_cubemap(cube, 2 * cube.shape[1]).detach().cpu().numpy()
+
+
+def write_map(path: Path, image: np.ndarray) -> None:
+    """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
+
+    Raises `ConfigError` for any other suffix.
+    """
+    check_map_name(path)
+    (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
+
+
+def check_map_name(path: Path) -> None:
+    """Raise `ConfigError` when no environment can be written under this name."""
+    if path.suffix.lower() not in _SUFFIXES:
+        raise ConfigError(f"Cannot write an environment as '{path.name}': name it .exr or .hdr.")

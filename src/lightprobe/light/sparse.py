@@ -72,7 +72,7 @@ class CompressedRows:
     columns: int
 
     def multiply(self, x: Tensor) -> Tensor:
-        """Return the product (rows, 3) with x (columns, 3), in x's dtype; no gradient."""
+        """Return the product (rows, 3) with x (columns, 3), on a CPU in x's dtype; no gradient."""
         x = x.detach()
         if x.is_cuda:
             return self._on_gpu @ x.to(self.value.dtype)
@@ -112,11 +112,6 @@ class SparseOperator:
     def adjoint(self, y: Tensor) -> Tensor:
         """Return matrix^T @ y, (columns, 3), from y (rows, 3); no gradient."""
         return self.transpose.multiply(y)
-
-    @property
-    def nonzeros(self) -> int:
-        """Number of stored entries."""
-        return self.forward.value.numel()
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import CLIPPED, Pixels
 
 _OPAQUE = 0.9
+_HALF = 0.5
 _FEWEST_PIXELS = 16
 
 
@@ -33,6 +34,7 @@ class Observation:
     pixels: ProbePixels  # (K) linear colours in the photo's exposure
     clipped: Tensor  # (K, 3) bool: the photo's white hides how bright the pixel was
     light_level: Tensor  # () radiance of the constant light that explains the photo's total luma
+    overlap: float  # of the mask and the rasterised object, intersection over union
 
 
 def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, max_pixels: int) -> Observation:
@@ -50,8 +52,9 @@ def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, 
     color, alpha, clipped = _reduced(pixels, max_pixels)
     camera = camera.resized(alpha.shape[1], alpha.shape[0])
     gbuffer = rasterize_asset(asset, camera, device)
-    trusted = torch.from_numpy(alpha).to(device).reshape(-1)[gbuffer.pixel] >= _OPAQUE
-    rows = trusted.nonzero()[:, 0]
+    cover = torch.from_numpy(alpha).to(device).reshape(-1)
+    covered = cover[gbuffer.pixel]
+    rows = (covered >= _OPAQUE).nonzero()[:, 0]
     if len(rows) < _FEWEST_PIXELS:
         raise InputError(
             f"Only {len(rows)} pixels of the mask show the object as seen by this camera; check the pose and the mask."
@@ -59,7 +62,13 @@ def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, 
     at = gbuffer.pixel[rows]
     seen = probe_pixels(gbuffer, rows, torch.from_numpy(color).to(device).reshape(-1, 3)[at])
     hidden = torch.from_numpy(clipped).to(device).reshape(-1, 3)[at]
-    return Observation(gbuffer, rows, seen, hidden, seen.light_level())
+    return Observation(gbuffer, rows, seen, hidden, seen.light_level(), _overlap(cover, covered))
+
+
+def _overlap(cover: Tensor, covered: Tensor) -> float:
+    """Return the intersection over union of a mask (N,) and the object's pixels, where the mask is `covered` (P,)."""
+    both = int((covered >= _HALF).sum())
+    return both / (int((cover >= _HALF).sum()) + len(covered) - both)
 
 
 def _reduced(pixels: Pixels, max_pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,18 +8,21 @@ Every map is exact in exposure: a photo twice as bright gives a map of twice the
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from enum import StrEnum
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from lightprobe.core.errors import ConfigError
+from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.probe_model import ProbeModel
 from lightprobe.predict.confidence import confidence
 from lightprobe.predict.observation import Observation, observe
 from lightprobe.predict.optimize import OptimizeConfig, brief, optimize_environment, refine_environment
+from lightprobe.predict.prediction import Prediction
 from lightprobe.predict.prior import calmed, constant_light, network_light, sampled_probes, stacked_light
 from lightprobe.predict.solve import SolveConfig, solve_environment
 from lightprobe.scene.camera import Camera
@@ -36,7 +39,7 @@ class Method(StrEnum):
     PROBE_NET = "probe-net"
     """The sphere network on stacked probes and coarse least-squares lights."""
     OPTIMIZE = "optimize"
-    """Gradient descent on every texel for this one photo, as inverse renderers do: minutes."""
+    """Gradient descent on every texel for this one photo, as inverse renderers do: 15 s to minutes."""
     PROBE_NET_OPTIMIZE = "probe-net+optimize"
     """A few steps of the same descent from the sphere network's map."""
     SOLVE = "solve"
@@ -55,15 +58,6 @@ def methods_for(model: ProbeModel | None) -> tuple[Method, ...]:
     return (
         paper if model.sphere is None else (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *paper)
     )
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """The light around the object in one photo, in the input frame's axes and the photo's exposure."""
-
-    environment: Tensor  # (6, R, R, 3) linear radiance >= 0
-    confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
-    seconds: dict[str, float]  # wall time of "rasterise", "network", "stack", "solve", "confidence" and "total"
 
 
 class Predictor:
@@ -87,8 +81,7 @@ class Predictor:
         max_pixels: photos with more object pixels are reduced by area averaging.
         """
         self.device = device or torch.device("cpu")
-        self.asset = decomposition.asset.to(self.device)
-        self.similarity = decomposition.similarity
+        self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         self.model = None if model is None else model.to(self.device)
         self.light_resolution = light_resolution
         self.max_pixels = max_pixels
@@ -98,11 +91,14 @@ class Predictor:
         self.seed = seed
 
     @staticmethod
-    def of(
-        decomposition: Decomposition, model: ProbeModel | None = None, device: torch.device | None = None
-    ) -> "Predictor":
-        """Return `Predictor(decomposition, model, device)`."""
-        return Predictor(decomposition, model, device)
+    def load(run: Path | str, device: torch.device | None = None) -> "Predictor":
+        """Return the predictor of a run folder, with its model if Phase II has finished there.
+
+        Raises `InputError` when `run` is no run folder or Phase I has not finished in it.
+        """
+        folder, where = RunFolder.open(Path(run)), device or torch.device("cpu")
+        model = ProbeModel.load(folder.model_folder) if ProbeModel.exists(folder.model_folder) else None
+        return Predictor(Decomposition.load(folder, where), model, where)
 
     @torch.no_grad()
     def predict(self, pixels: Pixels, camera: Camera, method: Method | None = None) -> Prediction:
@@ -114,10 +110,10 @@ class Predictor:
         learned method is asked of a predictor without a model.
         """
         method = method or methods_for(self.model)[0]
-        clock = _Clock()
+        clock = _Clock(self.device)
         with clock.part("rasterise"):
-            camera = camera.normalised(self.similarity)
-            observation = observe(self.asset, pixels, camera, self.device, self.max_pixels)
+            camera = camera.normalised(self.decomposition.similarity)
+            observation = observe(self.decomposition.asset, pixels, camera, self.device, self.max_pixels)
             chosen = sampled_probes(observation, self.seed)
         environment = _PRIORS[method](self, observation, chosen, clock)
         if method in _FITTED:
@@ -125,7 +121,7 @@ class Predictor:
                 environment = _FITTED[method](self, observation, environment)
         with clock.part("confidence"):
             trust = confidence(observation, environment, fitted=method in _FITTED, seed=self.seed)
-        return Prediction(environment, trust, clock.finish())
+        return Prediction(environment, trust, clock.finish(), observation.overlap)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return constant_light(observation, self.light_resolution)
@@ -182,7 +178,8 @@ _FITTED = {
 class _Clock:
     """Wall time of the parts of a prediction."""
 
-    def __init__(self) -> None:
+    def __init__(self, device: torch.device) -> None:
+        self._device = device
         self._begin = time.perf_counter()
         self._seconds = {"rasterise": 0.0, "network": 0.0, "stack": 0.0, "solve": 0.0, "confidence": 0.0}
 
@@ -190,8 +187,8 @@ class _Clock:
     def part(self, name: str) -> Iterator[None]:
         begin = time.perf_counter()
         yield
-        if torch.cuda.is_available():
-            torch.cuda.synchronize()
+        if self._device.type == "cuda":  # its kernels run on while we go on
+            torch.cuda.synchronize(self._device)
         self._seconds[name] += time.perf_counter() - begin
 
     def finish(self) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """First guesses of a photo's light.
 
 Notation: W(w) = mean_p D_p(w) the mean distribution of the sampled pixels (1/sr), Wbar its mean over the sphere, s the
-photo's light level, P the stacked probes (Equation 5), E_m the training photos' mean light relative to their levels.
+photo's light level, P the stacked probes (Equation 5), E_m the lessons' mean light relative to their levels.
 """
 
 import math

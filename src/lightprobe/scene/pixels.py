@@ -77,8 +77,8 @@ def _checked_alpha(photo: Photo, alpha: np.ndarray | None) -> np.ndarray:
     """Return `alpha` if it is there, has the photo's size and shows something; raise `InputError` otherwise."""
     if alpha is None:
         raise InputError(
-            f"{photo.image_path} has no mask: give it an alpha channel, or put masks/{photo.image_path.stem}.png "
-            "beside the images folder (white object on black)."
+            f"{photo.image_path} has no mask: give it an alpha channel, or a picture of the object in white on black, "
+            f"in a scene masks/{photo.image_path.stem}.png beside the images folder, for a prediction with --mask."
         )
     path = photo.mask_path or photo.image_path
     width, height = photo.camera.width, photo.camera.height

@@ -5,7 +5,7 @@ from typing import Any
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum
-from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Scene
 
 SPLITS = ("train", "test", "relight")
@@ -24,11 +24,6 @@ def recorded_cameras(record: dict[str, Any], split: str) -> dict[str, Camera]:
         name: Camera.from_json(photo["camera"], source=f"scene.json, photo {name}")
         for name, photo in record["photos"][split].items()
     }
-
-
-def recorded_similarity(record: dict[str, Any]) -> Similarity:
-    """Return the similarity of a scene.json value."""
-    return Similarity.from_json(record["similarity"])
 
 
 def _photo_record(photo: Photo, root: Path) -> dict[str, Any]:

@@ -1,0 +1,78 @@
+"""A photo from outside a scene: its camera, out of a file that may hold many, and its pixels.
+
+Cameras come in three kinds of file: one camera in lightprobe's own JSON (README, "Conventions"), the frames of a
+transforms file, or the photos of a run's scene.json.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import read_json
+from lightprobe.imaging import image_size
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Photo, Pixels
+from lightprobe.scene.pixels import fit_camera, load_pixels
+from lightprobe.scene.record import SPLITS
+from lightprobe.scene.transforms import frame_camera
+
+_Entry = dict[str, Any]
+
+
+def load_photo(image: Path | str, camera: Path | str, mask: Path | str | None = None) -> tuple[Pixels, Camera]:
+    """Return the pixels of a photo and its input-frame camera, as `Predictor.predict` takes them.
+
+    `camera`: one of the files above; of several cameras the one that belongs to `image`. `mask`: white object on
+    black; without it the photo's alpha counts. Raises `InputError` naming the file that cannot be used.
+    """
+    image, camera = Path(image), Path(camera)
+    view = fit_camera(read_camera(camera, image, image_size(image)), image, str(camera))
+    return load_pixels(Photo(image.stem, view, image, None if mask is None else Path(mask)))
+
+
+def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | None = None) -> Camera:
+    """Return the camera in `path`; raise `InputError` naming the file when there is none or several.
+
+    Of several cameras the one that belongs to `image` is taken: a file, or only a photo's name. `size` (width, height)
+    stands in where the file gives none.
+    """
+    value = read_json(path)
+    if isinstance(value, dict) and isinstance(value.get("photos"), dict):
+        root = Path(str(value.get("root", "")))
+        photos = [
+            (root / photo["image"], name, photo)
+            for split in SPLITS
+            for name, photo in value["photos"].get(split, {}).items()
+        ]
+        return Camera.from_json(_pick(photos, image, path)["camera"], source=str(path))
+    if isinstance(value, dict) and isinstance(value.get("frames"), list):
+        frames = [frame for frame in value["frames"] if isinstance(frame, dict) and "file_path" in frame]
+        named = [(path.parent / frame["file_path"], Path(frame["file_path"]).name, frame) for frame in frames]
+        common = {key: setting for key, setting in value.items() if key != "frames"}
+        settings = {**common, **_pick(named, image, path)}
+        return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
+    return Camera.from_json(value, source=str(path))
+
+
+def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: Path) -> _Entry:
+    """Return the only one of (file, name, entry), or the one whose file or name is `image`'s; the file comes first."""
+    if len(entries) == 1:
+        return entries[0][2]
+    if image is not None:
+        names, whole = {image.name, image.stem}, {image.resolve(), image.resolve().with_suffix("")}
+        for same in (
+            [entry for file, _, entry in entries if file.resolve() in whole],
+            [entry for file, name, entry in entries if name in names or file.name in names],
+        ):
+            if len(same) == 1:
+                return same[0]
+    wanted = f"not exactly one for {image}" if image else "this command takes one"
+    some = ", ".join(name for _, name, _ in entries[:3])
+    raise InputError(f"{source} holds {len(entries)} cameras ({some}, ...), {wanted}; give a file with the one camera.")
+
+
+def _written_size(settings: _Entry, path: Path) -> tuple[int, int]:
+    try:
+        return int(settings["w"]), int(settings["h"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path} gives no image size; add the keys w and h.") from error
