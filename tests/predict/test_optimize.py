@@ -1,4 +1,7 @@
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,7 +10,7 @@ import torch
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
 from lightprobe.predict.observation import observe
-from lightprobe.predict.optimize import OptimizeConfig, brief, refine_environment
+from lightprobe.predict.optimize import OptimizeConfig, _Part, brief, refine_environment
 from lightprobe.scene.photo import Pixels
 from tests.lit_sphere import glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
@@ -48,6 +51,35 @@ def test_the_smooth_part_moves_what_single_texels_hardly_would():
         light = refine_environment(observation, prior, config, seed=0)
         moved[rate] = float((light / prior).log().abs()[ahead].mean())
     assert moved[0.2] > 10 * moved[0.0]
+
+
+def test_steps_are_those_of_adam():
+    """Bit for bit, with another rate and another least size of the gradient in each part."""
+    parts = [_Part.still(4, 0.1, CPU), _Part.still(2, 0.2, CPU)]
+    parts[0].eps, parts[1].eps = 0.3, 1e-8
+    groups = [{"params": [part.change.detach().clone()], "lr": part.rate, "eps": part.eps} for part in parts]
+    adam, random = torch.optim.Adam(groups), torch.Generator().manual_seed(0)
+    for share in (1.0, 0.7, 0.1):
+        for part, group in zip(parts, adam.param_groups, strict=True):
+            gradient = torch.randn(part.change.shape, generator=random)
+            group["lr"], group["params"][0].grad = share * part.rate, gradient
+            part.step(gradient, share)
+        adam.step()
+    for part, group in zip(parts, adam.param_groups, strict=True):
+        assert torch.equal(part.change, group["params"][0])
+
+
+def test_a_refinement_in_a_new_process_loads_no_compiler():
+    """PyTorch's costs it two seconds."""
+    code = """
+import sys, torch
+from lightprobe.predict.optimize import brief, refine_environment
+from tests.predict.test_optimize import corner
+observation, _ = corner()
+refine_environment(observation, observation.light_level.expand(6, 4, 4, 3).contiguous(), brief(), seed=0)
+sys.exit("torch._dynamo" in sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True)
 
 
 @pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "grey"])

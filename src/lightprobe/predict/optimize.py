@@ -18,6 +18,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.optim.adam import adam
 
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
@@ -31,6 +32,7 @@ from lightprobe.render.transport import Transport
 _REFINED_RESOLUTION = 32
 _DARK = 1e-4  # relative to the light level
 _LEAST_EPS = 1e-8  # Adam's own
+_BETAS = 0.9, 0.999  # Adam's own
 _USUAL_MEAN = 0.22  # linear mean of a well-exposed object: the loss is taken as if the photo were exposed so
 
 
@@ -77,6 +79,37 @@ class _Render(torch.autograd.Function):
         return ctx.transport.adjoint(gradient), None
 
 
+@dataclass
+class _Part:
+    """A part of the change of the log radiance, and Adam's memory of it.
+
+    The update is PyTorch's function and not its class, as the first use of any `torch.optim.Optimizer` imports the
+    compiler of PyTorch: two seconds, of which a prediction in a new process would be the longest part.
+    """
+
+    change: Tensor  # (6, n, n, 3), requires grad
+    rate: float
+    mean: Tensor  # of the gradient, as change
+    square: Tensor  # mean of its square
+    steps: Tensor  # () float32, on the CPU
+    eps: float = _LEAST_EPS
+
+    @staticmethod
+    def still(side: int, rate: float, device: torch.device) -> "_Part":
+        """Return no change yet on 6 x side x side texels."""
+        change = torch.zeros(6, side, side, 3, device=device, requires_grad=True)
+        return _Part(change, rate, torch.zeros_like(change), torch.zeros_like(change), torch.tensor(0.0))
+
+    @torch.no_grad()
+    def step(self, gradient: Tensor, share: float) -> None:
+        """Take one step of Adam, of `share` of the rate."""
+        adam(
+            [self.change], [gradient], [self.mean], [self.square], [], [self.steps],
+            amsgrad=False, beta1=_BETAS[0], beta2=_BETAS[1], lr=share * self.rate, weight_decay=0.0, eps=self.eps,
+            maximize=False,
+        )  # fmt: skip
+
+
 def optimize_environment(observation: Observation, start: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
     """Return the light (6, R, R, 3) > 0 found from `start` (6, R, R, 3)."""
     every = torch.arange(len(observation.rows), device=start.device)
@@ -89,13 +122,8 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     first = (start / unit).clamp(min=1e-4).log()
     resolution = start.shape[1]
     rates = ((resolution, config.learning_rate), (BLOCKS, config.smooth_learning_rate))
-    groups = [
-        {"params": [torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)], "lr": rate, "rate": rate}
-        for side, rate in rates
-        if rate > 0
-    ]
-    optimizer = torch.optim.Adam(groups)
-    changes = [group["params"][0] for group in optimizer.param_groups]
+    parts = [_Part.still(side, rate, start.device) for side, rate in rates if rate > 0]
+    changes = [part.change for part in parts]
 
     def light() -> Tensor:
         return (first + sum(magnify_light(change, resolution) for change in changes)).exp()
@@ -107,13 +135,10 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
             difference = torch.where(clipped, difference.clamp(max=0), difference)
             chroma = (sought - sought.mean(-1, keepdim=True)).abs().mean()
             loss = difference.abs().mean() + config.grey * chroma
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        for group, change in zip(optimizer.param_groups, changes, strict=True):
-            group["lr"] = 0.5 * group["rate"] * (1 + math.cos(math.pi * step / config.iterations))
+        for part, gradient in zip(parts, torch.autograd.grad(loss, changes), strict=True):
             if step == 0:
-                group["eps"] = max(config.damping * float(change.grad.square().mean().sqrt()), _LEAST_EPS)
-        optimizer.step()
+                part.eps = max(config.damping * float(gradient.square().mean().sqrt()), _LEAST_EPS)
+            part.step(gradient, 0.5 * (1 + math.cos(math.pi * step / config.iterations)))
     return unit * light().detach()
 
 
