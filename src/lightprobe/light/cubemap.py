@@ -134,7 +134,7 @@ def nearest_texel(direction: Tensor, resolution: int) -> Tensor:
     return (face * resolution + row) * resolution + column
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=16)  # a prefilter asks for every power of two up to its own
 def symmetries(resolution: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the cube's 24 rotations and 24 reflections as (index, handedness), texel for texel, without resampling.
 

@@ -30,6 +30,7 @@ import torch
 
 from lightprobe.core.jit import compiled, threads
 from lightprobe.light import cubemap
+from lightprobe.light.orbits import sources
 
 ROOT = 2  # squares along a face edge at the top of the pyramid
 _GAUSS = 1.0 / math.sqrt(3.0)
@@ -63,16 +64,27 @@ class Nodes:
         moments = scipy.sparse.vstack([*self._square_moments(solid_angle), tents], format="csr")
         return scipy.sparse.csr_array(scipy.sparse.diags_array(1.0 / moments.sum(axis=1)) @ moments)
 
+    def sources(self) -> np.ndarray:
+        """Return the node that each symmetry of the cube carries onto each node, (48, total) int32."""
+        tables, first = [], 0
+        for size in (*self._sizes(), self.tent_resolution):
+            tables.append(sources(size) + np.int32(first))
+            first += 6 * size * size
+        return np.concatenate(tables, axis=1)
+
+    def _sizes(self) -> list[int]:
+        """Return the squares along a face edge in every level of the pyramid, from the top."""
+        return [2**k for k in range(ROOT.bit_length() - 1, self.resolution.bit_length())]
+
     def _square_moments(self, solid_angle: np.ndarray) -> list[scipy.sparse.csr_array]:
         face, row, column = np.indices(solid_angle.shape)
         texel = np.arange(solid_angle.size)
-        moments, size = [], ROOT
-        while size <= self.resolution:
+        moments = []
+        for size in self._sizes():
             ratio = self.resolution // size
             square = ((face * size + row // ratio) * size + column // ratio).ravel()
             shape = (6 * size * size, solid_angle.size)
             moments.append(scipy.sparse.csr_array((solid_angle.ravel(), (square, texel)), shape=shape))
-            size *= 2
         return moments
 
 

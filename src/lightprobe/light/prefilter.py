@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import scipy.sparse
 import torch
 from torch import Tensor
@@ -28,6 +29,7 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
 from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
+from lightprobe.light.orbits import Orbits, unfold
 from lightprobe.light.sparse import ChosenRows, SparseOperator
 
 MIN_ROUGHNESS, MAX_ROUGHNESS = 0.08, 1.4
@@ -78,15 +80,21 @@ def plan_levels(resolution: int) -> tuple[Level, ...]:
 
 
 def _lobe_matrix(levels: tuple[Level, ...], nodes: Nodes, accuracy: Accuracy) -> scipy.sparse.csr_array:
-    """Return the rows of all levels, one below the other."""
-    rows = []
+    """Return the rows of all levels, one below the other; float32, unsorted."""
+    orbits = {resolution: Orbits.of(resolution) for resolution in {level.resolution for level in levels}}
+    rows, which, by, count = [], [], [], 0
     for level in levels:
-        directions, alpha = cubemap.exact_directions(level.resolution).reshape(-1, 3).numpy(), level.roughness**2
+        orbit, alpha = orbits[level.resolution], level.roughness**2
+        directions = cubemap.exact_directions(level.resolution).reshape(-1, 3).numpy()[orbit.first]
         if level.roughness < accuracy.wide:
             rows.append(narrow_rows(directions, alpha, nodes, accuracy.tolerance))
         else:
             rows.append(wide_rows(directions, alpha, nodes))
-    return scipy.sparse.csr_array(scipy.sparse.vstack(rows, format="csr"))
+        which.append(orbit.which + count)
+        by.append(orbit.by)
+        count += len(directions)
+    first = scipy.sparse.csr_array(scipy.sparse.vstack(rows, format="csr"), dtype=np.float32)
+    return unfold(first, np.concatenate(which), np.concatenate(by), nodes.sources())
 
 
 def _block_matrix(resolution: int) -> scipy.sparse.csr_array:

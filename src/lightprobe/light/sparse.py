@@ -102,8 +102,11 @@ class SparseOperator:
 
     @staticmethod
     def build(matrix: scipy.sparse.csr_array, device: torch.device | str = "cpu") -> "SparseOperator":
-        """Return the operator of a SciPy matrix; entries are rounded to float32."""
-        return SparseOperator(_compress(matrix, device), _compress(matrix.T.tocsr(), device))
+        """Return the operator of a SciPy matrix; entries are rounded to float32, or shared where they are."""
+        transpose = matrix.T.tocsr()
+        if not matrix.has_sorted_indices:  # a transpose is sorted, stably, and quicker to find than an order
+            matrix = transpose.T.tocsr()
+        return SparseOperator(_compress(matrix, device), _compress(transpose, device))
 
     def apply(self, x: Tensor) -> Tensor:
         """Return matrix @ x, (rows, 3), from x (columns, 3); no gradient."""
@@ -159,8 +162,8 @@ def _compress(matrix: scipy.sparse.csr_array, device: torch.device | str) -> Com
     matrix.sort_indices()
     small = torch.device(device).type == "cpu" and matrix.shape[1] <= 1 << 16
     return CompressedRows(
-        torch.from_numpy(matrix.indptr.astype(np.int32)).to(device),
-        torch.from_numpy(matrix.indices.astype(np.uint16 if small else np.int32)).to(device),
-        torch.from_numpy(matrix.data.astype(np.float32)).to(device),
+        torch.from_numpy(matrix.indptr.astype(np.int32, copy=False)).to(device),
+        torch.from_numpy(matrix.indices.astype(np.uint16 if small else np.int32, copy=False)).to(device),
+        torch.from_numpy(matrix.data.astype(np.float32, copy=False)).to(device),
         matrix.shape[1],
     )
