@@ -1,15 +1,21 @@
 """Photos rendered from a known asset: an evaluation against it must find it perfect, and a wrong one not."""
 
+import base64
 import dataclasses
+import io
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.evaluate import Protocols, evaluate, load_environment, relight, view_pictures
+from lightprobe.evaluate.color_scale import confidence_colors
+from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.evaluate.pictures import PICTURE_NOTES
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.material.textures import Textures
 from lightprobe.predict import Method, methods_for
@@ -116,12 +122,40 @@ def test_the_first_method_is_the_default_one(evaluated):
     assert default.read_bytes() == named.read_bytes()
 
 
+def test_the_place_without_a_name_is_only_for_the_run_s_own_default(known, tmp_path):
+    decomposition, scene = known
+    run, quickly = RunFolder(tmp_path), Protocols(unseen=False)
+    evaluate(decomposition, None, scene, methods=(Method.CONSTANT,), device=CPU, run=run, protocols=quickly)
+    assert run.prediction_file("a", ".exr", "constant").is_file()
+    assert not run.prediction_file("a", ".exr").exists()
+    methods = (Method.CONSTANT, Method.SOLVE)
+    evaluate(decomposition, None, scene, methods=methods, device=CPU, run=run, protocols=quickly)
+    solved = run.prediction_file("a", ".exr", "solve").read_bytes()
+    assert run.prediction_file("a", ".exr").read_bytes() == solved
+
+
+def test_every_score_has_a_heading(evaluated):
+    result = evaluated[0]
+    assert result.truth.keys() == OBJECT.keys()
+    named = (IMAGES | LIGHTS | MAPS).keys()
+    assert {name for name in result.mean(Method.SOLVE) if not name.endswith("n_rmse")} == named
+
+
 def test_pictures_of_a_view_are_complete(evaluated):
     titles = list(view_pictures(evaluated[2][0]))
     assert titles == [
         "photo", "render", "difference ×3", "base colour", "roughness", "metallic", "normal", "predicted light",
         "true light", "confidence", "spheres, predicted light", "spheres, true light",
     ]  # fmt: skip
+    assert titles == list(PICTURE_NOTES)
+
+
+def test_the_picture_of_the_confidence_has_the_colors_of_its_scale(evaluated):
+    view = evaluated[2][0]
+    sure = dataclasses.replace(view.prediction, confidence=torch.full_like(view.prediction.confidence, 0.5))
+    encoded = view_pictures(dataclasses.replace(view, prediction=sure))["confidence"].partition(",")[2]
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded)))) / 255
+    assert np.abs(picture - confidence_colors(np.array(0.5))).max() < 0.02
 
 
 def test_a_wrong_material_is_found_out(known):

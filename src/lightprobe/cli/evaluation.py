@@ -1,5 +1,8 @@
 """eval: the numbers, the predictions and the report of a run."""
 
+from collections.abc import Sequence
+from datetime import datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -13,13 +16,14 @@ from lightprobe.cli.options import Device, RunArg
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import model_exists, open_scene
 from lightprobe.core.device import resolve_device
-from lightprobe.core.files import write_json
+from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate import (
     Evaluation,
     Protocols,
+    Report,
     ViewResult,
     can_be_oracle,
     evaluate,
@@ -28,35 +32,32 @@ from lightprobe.evaluate import (
     view_pictures,
     write_report,
 )
+from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.evaluate.run_info import read_phases, training_commands, training_facts
 from lightprobe.predict import Method, methods_for
 from lightprobe.scene.photo import Scene
 
-# score -> (heading, decimals); "object": the object's pixels only, "unseen": the half the light was not predicted from,
-# "relit": the object in other views under the predicted light against the true one, one factor per channel
-_TABLES: tuple[dict[str, tuple[str, int]], ...] = (
-    {
-        "psnr": ("PSNR", 2),
-        "ssim": ("SSIM", 3),
-        "psnr_masked": ("PSNR object", 2),
-        "ssim_masked": ("SSIM object", 3),
-        "psnr_unseen": ("PSNR unseen", 2),
-        "seconds": ("seconds", 2),
-    },
-    {
-        "relit_psnr_scaled": ("relit PSNR", 2),
-        "diffuse_si_rmse": ("diffuse", 3),
-        "matte_si_rmse": ("matte", 3),
-        "mirror_si_rmse": ("mirror", 3),
-        "light_log_rmse": ("log-RMSE", 3),
-        "light_log_rmse_scaled": ("scaled", 3),
-    },
+# title -> the scores that fit side by side in 80 columns
+_TABLES = {
+    "The photos, re-rendered under the predicted light": tuple(IMAGES),
+    "Predicted against true light: what it makes of objects": (
+        "relit_psnr", "relit_psnr_scaled", "diffuse_si_rmse", "matte_si_rmse", "mirror_si_rmse",
+    ),
+    "Predicted against true light: the maps": (
+        "light_log_rmse", "light_log_rmse_scaled", "light_log_rmse_channels",
+    ),
+}  # fmt: skip
+
+_METHODS = (
+    "Methods to compare. Where the run has numbers of its default method, those of methods without it go to "
+    "RUN/report/comparison and replace nothing."
 )
 
 
 def eval(  # the name of the command
     run: RunArg,
     *,
-    methods: Annotated[tuple[Method, ...], arg(help="Methods to compare, the default one first.")] = (),
+    methods: Annotated[tuple[Method, ...], arg(help=_METHODS)] = (),
     output: Annotated[
         Path | None, arg(aliases=["-o"], metavar="metrics.json", help="Numbers; also in the run.")
     ] = None,
@@ -97,6 +98,9 @@ def evaluate_run(
         scene = open_scene(run, scene_folder)
         true_object = _true_object(run, decomposition, scene, needed=oracle)
         out = run.oracle if oracle else run
+        own = methods_for(model)[0]
+        chosen = default_first(methods, own) or (*methods_for(model), *((Method.OPTIMIZE,) if slow else ()))
+        numbers, page = destination(out, chosen, own)
         shown = set(spread([photo.name for photo in scene.test]))
 
         def keep(result: ViewResult) -> None:
@@ -105,17 +109,54 @@ def evaluate_run(
 
         result = evaluate(
             true_object if oracle and true_object is not None else decomposition, model, scene,
-            methods=methods or (*methods_for(model), *((Method.OPTIMIZE,) if slow else ())), device=device, run=out,
-            protocols=protocols, true_object=true_object,
+            methods=chosen, device=device, run=out, protocols=protocols, true_object=true_object,
             on_view=keep, on_photo=lambda done, total: meter.update("evaluate", done, total),
         )  # fmt: skip
-        metrics = result.to_json()
-        for path in {out.metrics_file, output or out.metrics_file}:
-            write_json(path, metrics)
-        title = f"lightprobe: {scene.root.name}{', true object' if oracle else ''}"
-        write_report(out.report_file, metrics, pictures, _facts(scene, decomposition), title)
-    print(f"Report: {out.report_file}")
+        for path in {numbers, output or numbers}:
+            write_json(path, result.to_json())
+        phases = read_phases(run)
+        again = eval_command(methods, protocols or Protocols(), oracle=oracle, slow=slow)
+        report = Report(
+            title=f"lightprobe: {scene.root.name}{', true object' if oracle else ''}", metrics=result.to_json(),
+            pictures=pictures, facts=_facts(scene, decomposition) | training_facts(phases) | _made(),
+            commands=[*training_commands(phases, scene.root), again] if phases else [],
+            files=({} if oracle else {"object.glb": run.mesh_folder / "object.glb"}) | {"metrics.json": numbers},
+            photo_files={name: _photo_files(out, name, chosen[0]) for name in pictures},
+        )  # fmt: skip
+        write_report(page, report)
+    print(f"Report: {page}")
+    if numbers != out.metrics_file:
+        print(f"Numbers: {numbers} ({out.metrics_file} and its report keep those of {own.value})")
     return result
+
+
+def default_first(methods: Sequence[Method], default: Method) -> tuple[Method, ...]:
+    """Return the methods, each once, with the run's default one first if it is among them."""
+    return tuple(sorted(dict.fromkeys(methods), key=lambda method: method is not default))
+
+
+def destination(out: RunFolder, methods: Sequence[Method], default: Method) -> tuple[Path, Path]:
+    """Return where the numbers and the page of `methods` go: never over those of the run's default method without it.
+
+    The place beside them lies in the report's folder, which goes with the rest when a phase is restarted.
+    """
+    if default in methods or not out.metrics_file.is_file():
+        return out.metrics_file, out.report_file
+    if default.value not in read_json(out.metrics_file).get("methods", {}):
+        return out.metrics_file, out.report_file
+    folder = out.report_file.parent / "comparison"
+    return folder / "metrics.json", folder / "index.html"
+
+
+def eval_command(methods: Sequence[Method], protocols: Protocols, *, oracle: bool, slow: bool) -> str:
+    """Return the command line of an evaluation; RUN stands for the run's folder."""
+    usual = Protocols()
+    words = ["lightprobe eval RUN", *(["--methods", *(m.value for m in methods)] if methods else [])]
+    words += ["--no-unseen"] if not protocols.unseen else []
+    words += ["--oracle-asset"] if oracle else []
+    words += ["--slow"] if slow else []
+    words += [f"--slow-photos {protocols.slow_photos}"] if protocols.slow_photos != usual.slow_photos else []
+    return " ".join(words)
 
 
 def _true_object(run: RunFolder, decomposition: Decomposition, scene: Scene, *, needed: bool) -> Decomposition | None:
@@ -129,16 +170,21 @@ def print_tables(evaluation: Evaluation) -> None:
     """Print the means of every method, the scores of the asset and the check of the confidence to standard output."""
     metrics = evaluation.to_json()
     rows = metrics["methods"]
-    for scores in _TABLES:
-        columns = [name for name in scores if any(name in row for row in rows.values())]
+    known = IMAGES | LIGHTS | MAPS
+    for title, names in _TABLES.items():
+        columns = {name: known[name] for name in names if any(name in row for row in rows.values())}
         if not columns:
             continue
-        table = Table(Column("method", no_wrap=True), *(scores[name][0] for name in columns))
+        headings = (heading.name for heading in columns.values())
+        table = Table(Column("method", no_wrap=True), *headings, title=title, title_justify="left", title_style="")
         for method, row in rows.items():
-            table.add_row(method, *(f"{row[name]:.{scores[name][1]}f}" if name in row else "-" for name in columns))
+            table.add_row(method, *(h.text(row[name]) if name in row else "-" for name, h in columns.items()))
         Console().print(table)
-    for name, value in evaluation.truth.items():
-        print(f"{name}: {value:.4f}")
+    found = {heading: evaluation.truth[name] for name, heading in OBJECT.items() if name in evaluation.truth}
+    if found:
+        print("The object against ground truth; relighting is under known novel lights:")
+    for heading, value in found.items():
+        print(f"  {heading.name}: {heading.text(value)}")
     for method, checked in metrics["confidence"].items():
         errors = " ".join(f"{part['log_rmse_scaled']:.2f}" for part in checked["bins"])
         verdict = "falls" if checked["falls"] else "does not fall throughout"
@@ -152,3 +198,13 @@ def _facts(scene: Scene, decomposition: Decomposition) -> dict[str, str]:
         "triangles": f"{len(decomposition.asset.mesh.faces):,}",
         "textures": f"{decomposition.asset.textures.size}²",
     }
+
+
+def _made() -> dict[str, str]:
+    return {"evaluated": datetime.now().strftime("%Y-%m-%d %H:%M"), "by lightprobe": version("lightprobe")}
+
+
+def _photo_files(out: RunFolder, photo: str, method: Method) -> dict[str, Path]:
+    """Return the files of a photo's prediction in the method's own folder, which no other method writes to."""
+    suffixes = {"predicted light, EXR": ".exr", "confidence, EXR": ".confidence.exr"}
+    return {name: out.prediction_file(photo, suffix, method.value) for name, suffix in suffixes.items()}

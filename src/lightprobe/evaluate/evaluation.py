@@ -111,8 +111,9 @@ def evaluate(
 ) -> Evaluation:
     """Score `methods`, the first being the default, on the scene's test photos; by default those of `methods_for`.
 
-    With `run`, predictions are written to its folder. `true_object` is relit with the predicted lights in place of the
-    decomposition's own object. `on_view` receives the default method's result for every photo.
+    With `run`, predictions are written to its folder, each method's to one of its own; those of `methods_for(model)[0]`
+    also to the place without a name, where no other method's ever go. `true_object` is relit with the predicted lights
+    in place of the decomposition's own object. `on_view` receives the default method's result for every photo.
     Raises `InputError` when the scene has no test photo.
     """
     if not scene.test:
@@ -135,7 +136,7 @@ def evaluate(
             if light is not None:
                 bins[method].add(seen.prediction, light.cube)
             if run is not None:
-                _write(seen.prediction, run, photo, method, default=method is methods[0])
+                _write(seen.prediction, run, photo, method, default=method is methods_for(model)[0])
             if on_view is not None and method is methods[0]:
                 on_view(seen)
         if on_photo is not None:

@@ -8,6 +8,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+from lightprobe.evaluate.color_scale import RANGE, confidence_colors
 from lightprobe.evaluate.evaluation import ViewResult
 from lightprobe.evaluate.prediction_files import exposure, tone_mapped
 from lightprobe.evaluate.relighting import load_environment
@@ -15,7 +16,35 @@ from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
 from lightprobe.light.files import panorama
 
 _SIDE = 256
-_DIFFERENCE_GAIN = 3.0
+_DIFFERENCE_GAIN = 3
+
+_DIFFERENCE = f"difference ×{_DIFFERENCE_GAIN}"
+CONFIDENCE = "confidence"
+PICTURE_NOTES = {
+    "photo": "the test photo on white, cut to the object",
+    "render": "the object under the light predicted from this very photo",
+    _DIFFERENCE: f"photo against render, |a - b| of the sRGB values times {_DIFFERENCE_GAIN}: black where they are "
+    f"equal, a channel at its brightest where it is off by 1/{_DIFFERENCE_GAIN} of its range or more",
+    "base colour": "of the object, sRGB",
+    "roughness": "black 0, perfectly smooth; white 1",
+    "metallic": "black 0, no metal; white 1, metal",
+    "normal": "x, y, z of the unit normal in the scene as red, green, blue: -1 is black, 0 middle grey, 1 full",
+    "predicted light": "the environment map in all directions, tone-mapped: highlights are bent, not cut; its EXR has "
+    "the linear radiance",
+    "true light": "the true map; both are shown at the exposure that suits this one",
+    CONFIDENCE: "exp(-the error to expect of ln radiance), direction by direction: .5 says that the radiance is "
+    f"probably off by a factor of 2, as 1/.5 = 2. The colours run from {RANGE[0]} or less to {RANGE[1]}, for all "
+    "photos alike",
+    "spheres, predicted light": "a diffuse, a rough reflecting and a mirror sphere in the object's place",
+    "spheres, true light": "the same under the true light",
+}
+"""What each picture shows and how it is to be read, by title."""
+
+PICTURE_HINTS = {
+    _DIFFERENCE: f"black: equal; brightest: off by 1/{_DIFFERENCE_GAIN} or more",
+    CONFIDENCE: "×2: the radiance is probably off by a factor of two",
+}
+"""The same in a few words, for those pictures that mislead without."""
 
 
 def data_uri(encoded: np.ndarray, *, side: int = _SIDE) -> str:
@@ -34,7 +63,7 @@ def view_pictures(result: ViewResult) -> dict[str, str]:
     pictures = {
         "photo": photo,
         "render": render,
-        f"difference ×{_DIFFERENCE_GAIN:.0f}": np.abs(photo - render) * _DIFFERENCE_GAIN,
+        _DIFFERENCE: np.abs(photo - render) * _DIFFERENCE_GAIN,
         **_material_pictures(result),
     }
     box = object_box(view.mask.cpu().numpy())
@@ -72,7 +101,7 @@ def _on_white(result: ViewResult, values: Tensor) -> np.ndarray:
 
 
 def _light_pictures(result: ViewResult) -> dict[str, np.ndarray]:
-    """The predicted light, the true one at the same exposure when it is known, and the confidence."""
+    """The predicted light, the true one at the same exposure when it is known, and the confidence in colours."""
     predicted = panorama(result.prediction.environment)
     truth = result.view.photo.truth.environment
     lights = {"predicted light": predicted}
@@ -81,7 +110,7 @@ def _light_pictures(result: ViewResult) -> dict[str, np.ndarray]:
         lights["true light"] = panorama(load_environment(truth, environment.device))
     factor = exposure(list(lights.values())[-1])
     pictures = {title: srgb_encode(tone_mapped(image, factor)) for title, image in lights.items()}
-    return pictures | {"confidence": panorama(result.prediction.confidence[..., None])[..., 0]}
+    return pictures | {CONFIDENCE: confidence_colors(panorama(result.prediction.confidence[..., None])[..., 0])}
 
 
 def _sphere_pictures(result: ViewResult) -> dict[str, np.ndarray]:

@@ -1,50 +1,24 @@
-"""The evaluation as one web page that needs no other file: tables, and a row of pictures per test photo."""
+"""The evaluation as one web page that needs no other file: tables, and rows of pictures per test photo.
+
+Its links lead to the files of the run, relative to the page, for as long as it stays where it was written.
+"""
 
 import html
-from collections.abc import Iterable, Sequence
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from lightprobe.core.files import write_bytes
-
-Rows = dict[str, dict[str, Any]]
+from lightprobe.evaluate.color_scale import css_gradient, ticks
+from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT, Heading
+from lightprobe.evaluate.pictures import CONFIDENCE, PICTURE_HINTS, PICTURE_NOTES
+from lightprobe.evaluate.report_tables import Rows, folded, score_list, table
 
 MAX_ROWS = 32  # photos with pictures; the table has all of them
-
-# score -> (heading, decimals, what it says)
-_COLUMNS = {
-    "psnr": ("PSNR", 2, "dB, full frame on white, sRGB"),
-    "ssim": ("SSIM", 3, "full frame on white, sRGB"),
-    "psnr_masked": ("PSNR object", 2, "dB, the object's pixels only"),
-    "ssim_masked": ("SSIM object", 3, "the object's pixels only"),
-    "psnr_unseen": ("PSNR unseen half", 2, "dB; light from one half of the object, scored on the other"),
-    "seconds": ("seconds", 2, "time to predict the light of one photo"),
-}
-_LIGHT = {
-    "relit_psnr": ("relit PSNR", 2, "dB; the object in other views under the predicted against the true light"),
-    "relit_psnr_scaled": ("… scaled", 2, "dB, one factor per channel"),
-    "diffuse_si_rmse": ("diffuse", 3, "sphere, scale-invariant RMSE of the tone-mapped light; lower is better"),
-    "matte_si_rmse": ("matte", 3, "the same for a rough reflecting sphere"),
-    "mirror_si_rmse": ("mirror", 3, "the same for a mirror"),
-    "diffuse_angular": ("diffuse °", 1, "sphere, mean angle between colours"),
-    "matte_angular": ("matte °", 1, "sphere, mean angle between colours"),
-    "mirror_angular": ("mirror °", 1, "sphere, mean angle between colours"),
-    "light_log_rmse": ("log-RMSE", 3, "ln radiance against the true environment, by solid angle"),
-    "light_log_rmse_scaled": ("… scaled", 3, "the same after one factor"),
-    "light_log_rmse_channels": ("… per channel", 3, "the same after one factor per channel"),
-    "light_log_rmse_confident": ("… confident", 3, "the raw one, weighted by confidence"),
-}
-_TRUTH = {
-    "chamfer": ("Chamfer distance", 4, "mean, both ways, in object radii"),
-    "base_color_psnr": ("base colour PSNR", 2, "dB"),
-    "base_color_psnr_scaled": ("… scaled", 2, "dB, one factor per channel"),
-    "roughness_mae": ("roughness error", 3, "mean absolute"),
-    "metallic_mae": ("metallic error", 3, "mean absolute"),
-    "normal_degrees": ("normal error", 1, "degrees, mean"),
-    "relight_psnr": ("relighting PSNR", 2, "dB, the object's pixels under novel lights"),
-    "relight_psnr_scaled": ("… scaled", 2, "dB, one factor per channel"),
-    "relight_ssim": ("relighting SSIM", 3, "the object's pixels under novel lights"),
-}
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #d8d8d4; --soft: #6b6b66; --back: #fbfbf9; --text: #1d1d1b; --card: #ffffff; }
@@ -55,56 +29,80 @@ _STYLE = """
 body { margin: 0 auto; max-width: 1500px; padding: 2.5rem 1.5rem 4rem; background: var(--back); color: var(--text);
   font: 15px/1.5 system-ui, sans-serif; }
 h1 { font-size: 1.6rem; margin: 0 0 .2rem; } h2 { font-size: 1.1rem; margin: 2.4rem 0 .6rem; }
-h3 { font-size: .95rem; margin: 1.4rem 0 .4rem; } small { color: var(--soft); }
-p { color: var(--soft); margin: .2rem 0 1rem; max-width: 75ch; }
+h3 { font-size: .95rem; margin: 1.4rem 0 .4rem; } small { color: var(--soft); font-weight: normal; }
+p { color: var(--soft); margin: .2rem 0 1rem; max-width: 75ch; } p.run { margin-bottom: .2rem; max-width: none; }
+a { color: inherit; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .35rem .9rem .35rem 0; text-align: right; border-bottom: 1px solid var(--line); white-space: nowrap; }
 th { font-weight: 600; } th:first-child, td:first-child { text-align: left; }
-th[title] { cursor: help; }
+td b { font-weight: 700; } td.note { color: var(--soft); text-align: left; font-size: .85rem; }
+.arrow { color: var(--soft); font-weight: normal; }
+details { color: var(--soft); font-size: .85rem; margin: .5rem 0 1rem; } summary { cursor: pointer; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1.2rem; margin: .5rem 0; }
+dt { color: var(--text); } dd { margin: 0; max-width: 75ch; }
+code { display: block; overflow-x: auto; white-space: pre; font-size: .8rem; line-height: 1.6; }
 section { background: var(--card); border: 1px solid var(--line); border-radius: 10px;
   padding: .9rem 1rem; margin: 1rem 0; }
 section header { display: flex; flex-wrap: wrap; gap: .3rem 1.2rem; align-items: baseline; margin-bottom: .6rem; }
-section header span { color: var(--soft); }
-.row { display: grid; gap: .7rem; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); }
-figure { margin: 0; } figure.wide { grid-column: span 2; }
+section header span { color: var(--soft); } section header span:last-child { margin-left: auto; font-size: .85rem; }
+.row { display: grid; gap: .7rem; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); margin-bottom: .7rem; }
+.row.maps { grid-template-columns: repeat(auto-fill, minmax(235px, 1fr)); margin-bottom: 0; }
+figure { margin: 0; }
 figure img { width: 100%; display: block; border-radius: 5px; border: 1px solid var(--line); }
 figcaption { color: var(--soft); font-size: .8rem; margin-top: .2rem; }
+.scale { height: .5rem; border-radius: 2px; margin-top: .35rem; }
+.ticks { position: relative; height: 2.5em; font-size: .7rem; line-height: 1.25; color: var(--soft); }
+.ticks span { position: absolute; transform: translateX(-50%); text-align: center; white-space: nowrap; }
+.ticks span:first-child { transform: none; text-align: left; }
+.ticks span:last-child { transform: translateX(-100%); text-align: right; }
 """
 
 
-def write_report(
-    path: Path, metrics: dict[str, Any], pictures: dict[str, dict[str, str]], facts: dict[str, str], title: str
-) -> None:
-    """Write the page at `path`, atomically.
+@dataclass(frozen=True)
+class Report:
+    """What the page shows."""
 
-    `metrics` is the content of metrics.json, `pictures` maps photo names to data URIs by title, and `facts` are
-    sentences about the run by heading.
-    """
-    write_bytes(path, report_page(metrics, pictures, facts, title).encode())
+    title: str
+    metrics: dict[str, Any]  # the content of metrics.json
+    pictures: dict[str, dict[str, str]] = field(default_factory=dict)  # photo -> title -> data URI
+    facts: dict[str, str] = field(default_factory=dict)  # about the object and the run, by heading
+    commands: Sequence[str] = ()  # that make these numbers again
+    files: dict[str, Path] = field(default_factory=dict)  # of the run as a whole, by what they are
+    photo_files: dict[str, dict[str, Path]] = field(default_factory=dict)  # photo -> the same
 
 
-def report_page(metrics: dict[str, Any], pictures: dict[str, dict[str, str]], facts: dict[str, str], title: str) -> str:
-    """Return the page as HTML."""
-    per_photo = metrics["photos"]
-    default = metrics["default_method"]
+def write_report(path: Path, report: Report) -> None:
+    """Write the page at `path`, atomically; it links to those of the report's files that exist."""
+    write_bytes(path, report_page(report, path.parent).encode())
+
+
+def report_page(report: Report, folder: Path) -> str:
+    """Return the page as HTML with links relative to `folder`."""
+    metrics = report.metrics
     body = [
-        f"<h1>{html.escape(title)}</h1>",
-        _facts(facts),
+        f"<h1>{html.escape(report.title)}</h1>",
+        _facts(report, folder),
+        _commands(report.commands),
         "<h2>Light from a single photo, by method</h2>",
         "<p>The light is predicted from each test photo, the object re-rendered with it and compared with the photo. "
-        f"Means over {len(per_photo)} test photos, ± the half width of their 95 % interval. Pictures and the last "
-        f"table belong to <b>{html.escape(default)}</b>.</p>",
-        _table("method", *_with_intervals(metrics), _COLUMNS),
+        f"Means over {len(metrics['photos'])} test photos, ± the half width of their 95 % interval. Pictures and the "
+        f"last table belong to <b>{html.escape(metrics['default_method'])}</b>.</p>",
+        "<p>↑ more is better, ↓ less is better; the best value of a column is bold.</p>",
+        _by_method(metrics, IMAGES),
         *_light_tables(metrics),
     ]
-    if any(name in metrics["mean"] for name in _TRUTH):
-        body += ["<h2>Against ground truth</h2>", _table("", {"object": metrics["mean"]}, {}, _TRUTH)]
+    if any(name in metrics["mean"] for name in OBJECT):
+        body += ["<h2>The object against ground truth</h2>", score_list(metrics["mean"], OBJECT)]
     body.append("<h2>Test photos</h2>")
-    body += [_photo(name, per_photo[name], pictures[name]) for name in pictures]
-    body += ["<h2>Every photo</h2>", _table("photo", per_photo, {}, _COLUMNS | _LIGHT)]
+    shown = {title for pictures in report.pictures.values() for title in pictures}
+    if shown:
+        notes = ((title, note) for title, note in PICTURE_NOTES.items() if title in shown)
+        body.append(folded("What the pictures show", notes))
+    body += [_photo(report, name, folder) for name in report.pictures]
+    body += ["<h2>Every photo</h2>", table("photo", metrics["photos"], IMAGES | LIGHTS | MAPS)]
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
-    head += f"<title>{html.escape(title)}</title><style>{_STYLE}</style>"
+    head += f"<title>{html.escape(report.title)}</title><style>{_STYLE}</style>"
     return f'<!doctype html>\n<html lang="en"><head>{head}</head><body>\n' + "\n".join(body) + "\n</body></html>\n"
 
 
@@ -115,68 +113,94 @@ def spread(names: Sequence[str], limit: int = MAX_ROWS) -> list[str]:
     return [names[i * len(names) // limit] for i in range(limit)]
 
 
-def _facts(facts: dict[str, str]) -> str:
-    return "<p>" + " · ".join(f"{html.escape(k)} {html.escape(v)}" for k, v in facts.items()) + "</p>"
+def _facts(report: Report, folder: Path) -> str:
+    facts = [f"{html.escape(heading)} {html.escape(fact)}" for heading, fact in report.facts.items()]
+    return f'<p class="run">{" · ".join([*facts, *_links(report.files, folder)])}</p>'
 
 
-def _with_intervals(metrics: dict[str, Any]) -> tuple[Rows, Rows]:
-    """Return the means of the methods and the half widths of their 95 % intervals."""
-    return metrics["methods"], metrics.get("interval", {})
+def _commands(commands: Sequence[str]) -> str:
+    if not commands:
+        return ""
+    lines = html.escape("\n".join(commands))
+    return f"<details><summary>Commands that make these numbers again</summary><code>{lines}</code></details>"
+
+
+def _links(files: dict[str, Path], folder: Path) -> list[str]:
+    found = {name: os.path.relpath(path, folder) for name, path in files.items() if path.is_file()}
+    return [f'<a href="{quote(Path(path).as_posix())}">{html.escape(name)}</a>' for name, path in found.items()]
+
+
+def _by_method(metrics: dict[str, Any], headings: dict[str, Heading]) -> str:
+    """Return a table of the methods' means.
+
+    A slow method may have seen only some of the photos; its mean is of other photos, so its row says how many they
+    are and is never the best one.
+    """
+    seen = [photo.get("methods", metrics["methods"]) for photo in metrics["photos"].values()]
+    counts = {method: sum(method in scores for scores in seen) for method in metrics["methods"]}
+    labels = {
+        method: method if count == len(seen) else f"{method} ({count} photo{'' if count == 1 else 's'})"
+        for method, count in counts.items()
+    }
+    rows: Rows = {labels[method]: scores for method, scores in metrics["methods"].items()}
+    intervals: Rows = {labels[method]: around for method, around in metrics.get("interval", {}).items()}
+    compared = [labels[method] for method, count in counts.items() if count == len(seen)]
+    return table("method", rows, headings, intervals=intervals, compared=compared)
 
 
 def _light_tables(metrics: dict[str, Any]) -> list[str]:
     """Return the scores of the lights and the error by confidence, or nothing where the true lights are unknown."""
-    if not any(name in scores for scores in metrics["methods"].values() for name in _LIGHT):
+    if not any(name in scores for scores in metrics["methods"].values() for name in LIGHTS | MAPS):
         return []
-    body = ["<h3>Against the true lights</h3>", _table("method", *_with_intervals(metrics), _LIGHT)]
-    rows = {
-        method: {str(i): part["log_rmse_scaled"] for i, part in enumerate(checked["bins"])}
+    body = ["<h3>Against the true lights: what they make of objects</h3>", _by_method(metrics, LIGHTS)]
+    body += ["<h3>Against the true lights: the maps</h3>", _by_method(metrics, MAPS)]
+    rows: Rows = {
+        method: {f"e{i}": part["log_rmse_scaled"] for i, part in enumerate(checked["bins"])}
         | {f"c{i}": part["confidence"] for i, part in enumerate(checked["bins"])}
         for method, checked in metrics.get("confidence", {}).items()
     }
-    columns = {str(i): (f"fifth {i + 1}", 2, "log-RMSE after one factor") for i in range(5)}
-    columns |= {f"c{i}": (f"confidence {i + 1}", 2, "mean confidence of these directions") for i in range(5)}
+    columns = {f"e{i}": Heading(f"fifth {i + 1}", 2, "log-RMSE after one factor", False) for i in range(5)}
+    columns |= {f"c{i}": Heading(f"confidence {i + 1}", 2, "mean confidence") for i in range(5)}
     return [
         *body,
         "<h3>Error by confidence</h3>",
-        "<p>All directions of all photos in five parts of equal solid angle, the least confident first.</p>",
-        _table("method", rows, {}, columns),
+        "<p>All directions of all photos in five parts of equal solid angle, the least confident first: the log-RMSE "
+        "of each after one factor, and its mean confidence. Each method is divided by its own confidence, which is "
+        "good where the error falls from left to right.</p>",
+        table("method", rows, columns, legend=False),
     ]
 
 
-def _table(corner: str, rows: Rows, intervals: Rows, columns: dict[str, tuple[str, int, str]]) -> str:
-    """Return a table with the columns that any row has; a known interval stands in the cell's title."""
-    used = {key: column for key, column in columns.items() if any(key in scores for scores in rows.values())}
-    head = "".join(f'<th title="{html.escape(note)}">{html.escape(name)}</th>' for name, _, note in used.values())
-    lines = [
-        f"<tr><td>{html.escape(name)}</td>{''.join(_cells(scores, intervals.get(name, {}), used))}</tr>"
-        for name, scores in rows.items()
-    ]
-    table = (
-        f"<table><thead><tr><th>{html.escape(corner)}</th>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-    )
-    return f'<div class="scroll">{table}</div>'
-
-
-def _cells(scores: dict[str, Any], interval: dict[str, Any], columns: dict[str, tuple[str, int, str]]) -> Iterable[str]:
-    for key, (_, decimals, _) in columns.items():
-        if key not in scores:
-            yield "<td>–</td>"
-            continue
-        around = f"<small> ± {interval[key]:.{decimals}f}</small>" if key in interval else ""
-        yield f"<td>{scores[key]:.{decimals}f}{around}</td>"
-
-
-def _photo(name: str, scores: dict[str, Any], pictures: dict[str, str]) -> str:
+def _photo(report: Report, name: str, folder: Path) -> str:
+    scores, pictures = report.metrics["photos"][name], report.pictures[name]
     notes = f"{scores['psnr_masked']:.2f} dB on the object" if "psnr_masked" in scores else ""
-    figures = "".join(
-        f'<figure{" class=wide" if _is_panorama(title) else ""}><img alt="{html.escape(title)}" src="{uri}">'
-        f"<figcaption>{html.escape(title)}</figcaption></figure>"
-        for title, uri in pictures.items()
+    links = " · ".join(_links(report.photo_files.get(name, {}), folder))
+    header = f"<header><b>{html.escape(name)}</b><span>{notes}</span><span>{links}</span></header>"
+    maps = [title for title in pictures if _is_of_the_light(title)]
+    others = [title for title in pictures if title not in maps]
+    rows = (("row", others), ("row maps", maps))
+    grids = [
+        f'<div class="{kind}">{"".join(_figure(title, pictures[title]) for title in titles)}</div>'
+        for kind, titles in rows
+        if titles
+    ]
+    return f"<section>{header}{''.join(grids)}</section>"
+
+
+def _figure(title: str, uri: str) -> str:
+    below = _scale() if title == CONFIDENCE else ""
+    hint = PICTURE_HINTS.get(title)
+    caption = html.escape(title) + (f"<br><small>{html.escape(hint)}</small>" if hint else "")
+    return f'<figure><img alt="{html.escape(title)}" src="{uri}">{below}<figcaption>{caption}</figcaption></figure>'
+
+
+def _scale() -> str:
+    """Return the bar of the confidence's colours, with the factor that each means."""
+    marks = "".join(
+        f'<span style="left: {100 * place:.1f}%">{number}<br>{factor}</span>' for place, number, factor in ticks()
     )
-    header = f"<header><b>{html.escape(name)}</b><span>{notes}</span></header>"
-    return f"<section>{header}<div class=row>{figures}</div></section>"
+    return f'<div class="scale" style="background: {css_gradient()}"></div><div class="ticks">{marks}</div>'
 
 
-def _is_panorama(title: str) -> bool:
-    return "light" in title or title == "confidence"  # the spheres' titles name a light, too
+def _is_of_the_light(title: str) -> bool:
+    return re.search(r"\blight\b", title) is not None or title == CONFIDENCE
