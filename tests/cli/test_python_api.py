@@ -15,6 +15,15 @@ def test_importing_the_package_loads_nothing_heavy():
     python("import sys, lightprobe; assert not {'torch', 'numba', 'numpy'} & set(sys.modules)")
 
 
+def test_predict_loads_none_of_the_evaluation_s_libraries():
+    """They take a second to import, more than the prediction."""
+    python(
+        "import sys, lightprobe.cli.using\n"
+        "heavy = {'trimesh', 'torchmetrics', 'scipy.stats', 'scipy.ndimage', 'torch._dynamo'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
+    )
+
+
 def slow(first: str):
     return pytest.param(first, marks=pytest.mark.slow)
 

@@ -134,6 +134,21 @@ def test_the_place_without_a_name_is_only_for_the_run_s_own_default(known, tmp_p
     assert run.prediction_file("a", ".exr").read_bytes() == solved
 
 
+def test_a_photo_that_cannot_be_scored_is_named_and_costs_no_other(known, tmp_path):
+    decomposition, scene = known
+    away = dataclasses.replace(scene.test[1].camera, camera_to_world=scene.test[1].camera.camera_to_world.copy())
+    away.camera_to_world[:3, 3] *= -1  # looks away from the object
+    lost = dataclasses.replace(scene.test[1], camera=away)
+    methods, quickly = (Method.CONSTANT,), Protocols(unseen=False)
+    both = dataclasses.replace(scene, test=(lost, scene.test[0]))
+    result = evaluate(decomposition, None, both, methods=methods, device=CPU, protocols=quickly)
+    assert result.photos.keys() == {"a"}
+    assert result.skipped.keys() == {"bb"}
+    assert result.to_json()["skipped"] == result.skipped
+    with pytest.raises(InputError, match="No test photo of"):
+        evaluate(decomposition, None, dataclasses.replace(scene, test=(lost,)), methods=methods, device=CPU)
+
+
 def test_every_score_has_a_heading(evaluated):
     result = evaluated[0]
     assert result.truth.keys() == OBJECT.keys()

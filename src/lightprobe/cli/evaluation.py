@@ -1,5 +1,6 @@
 """eval: the numbers, the predictions and the report of a run."""
 
+import sys
 from collections.abc import Sequence
 from datetime import datetime
 from importlib.metadata import version
@@ -67,7 +68,7 @@ def eval(  # the name of the command
         FlagCreatePairsOff[bool],
         arg(help="Put the scene's true object in place of the reconstructed one; results go to RUN/oracle."),
     ] = False,
-    slow: Annotated[bool, arg(help="Also score `optimize`, which takes a minute or more a photo.")] = False,
+    slow: Annotated[bool, arg(help="Also score `optimize`, which takes 15 s to minutes a photo.")] = False,
     slow_photos: Annotated[int, arg(help="Test photos that methods slower than 20 s a photo are scored on.")] = 4,
     device: Device = "auto",
 ) -> None:
@@ -99,7 +100,7 @@ def evaluate_run(
         true_object = _true_object(run, decomposition, scene, needed=oracle)
         out = run.oracle if oracle else run
         own = methods_for(model)[0]
-        chosen = default_first(methods, own) or (*methods_for(model), *((Method.OPTIMIZE,) if slow else ()))
+        chosen = default_first((*(methods or methods_for(model)), *((Method.OPTIMIZE,) if slow else ())), own)
         numbers, page = destination(out, chosen, own)
         shown = set(spread([photo.name for photo in scene.test]))
 
@@ -124,6 +125,8 @@ def evaluate_run(
             photo_files={name: _photo_files(out, name, chosen[0]) for name in pictures},
         )  # fmt: skip
         write_report(page, report)
+    for photo, why in result.skipped.items():
+        print(f"lightprobe: warning: test photo {photo} is not scored. {why}", file=sys.stderr)
     print(f"Report: {page}")
     if numbers != out.metrics_file:
         print(f"Numbers: {numbers} ({out.metrics_file} and its report keep those of {own.value})")

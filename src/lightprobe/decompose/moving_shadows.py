@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+import scipy
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
@@ -19,14 +19,14 @@ _TURN = 0.1  # a turned normal is as far away as this share of the object's radi
 class MovingShadows:
     """What a past state of the surface saw around it."""
 
-    tree: cKDTree  # of points (V, 6): position and scaled normal
+    tree: "scipy.spatial.cKDTree"  # of points (V, 6): position and scaled normal
     around: Surroundings
 
     @staticmethod
     def of(vertices: Tensor, faces: Tensor, colors: Tensor) -> "MovingShadows":
         """Return what the mesh (V, 3), (F, 3) with base colours (V, 3) sees."""
         around = surroundings(vertices, faces, colors[faces.long()].mean(1), _SIDE)
-        return MovingShadows(cKDTree(_points(vertices, faces)), around)
+        return MovingShadows(scipy.spatial.cKDTree(_points(vertices, faces)), around)
 
     def brightened(self, factor: float) -> "MovingShadows":
         """Return them with base colours times `factor`."""

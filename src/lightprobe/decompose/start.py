@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import torch
-from scipy import ndimage
 
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.tet_lattice import TetLattice, build_lattice
@@ -24,10 +24,10 @@ class Start:
 def hull_distance(hull: Hull) -> np.ndarray:
     """Return the signed distance (N, N, N) float32 of a hull's voxels in normalised units, inside < 0, smoothed."""
     voxel = (hull.hi[0] - hull.lo[0]) / hull.occupancy.shape[0]
-    outside = ndimage.distance_transform_edt(~hull.occupancy)
-    inside = ndimage.distance_transform_edt(hull.occupancy)
+    outside = scipy.ndimage.distance_transform_edt(~hull.occupancy)
+    inside = scipy.ndimage.distance_transform_edt(hull.occupancy)
     # Voxel distances are half a voxel off on either side and stepped: a light blur removes the steps.
-    return ndimage.gaussian_filter((outside - inside).astype(np.float32), 0.7) * np.float32(voxel)
+    return scipy.ndimage.gaussian_filter((outside - inside).astype(np.float32), 0.7) * np.float32(voxel)
 
 
 def start_from_hull(hull: Hull, cells: int) -> Start:
@@ -42,7 +42,7 @@ def start_from_hull(hull: Hull, cells: int) -> Start:
 
     def at(points: np.ndarray) -> np.ndarray:
         voxels = (points - lower) / extent * field.shape[0] - 0.5
-        return ndimage.map_coordinates(field, voxels.reshape(-1, 3).T, order=1, mode="nearest").reshape(
+        return scipy.ndimage.map_coordinates(field, voxels.reshape(-1, 3).T, order=1, mode="nearest").reshape(
             points.shape[:-1]
         )
 

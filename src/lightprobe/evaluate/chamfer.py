@@ -1,8 +1,8 @@
 """Distance between two surfaces, measured where both can be seen from outside."""
 
 import numpy as np
+import scipy
 import torch
-from scipy.spatial import cKDTree
 
 from lightprobe.evaluate.viewpoints import surrounding
 from lightprobe.kernels import rasterize
@@ -26,8 +26,8 @@ def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, seed: in
 
 def chamfer_distance(points: np.ndarray, reference: np.ndarray) -> float:
     """Return the mean of the two mean nearest-neighbour distances between point sets (N, 3) and (M, 3)."""
-    there = cKDTree(reference).query(points)[0].mean()
-    back = cKDTree(points).query(reference)[0].mean()
+    there = scipy.spatial.cKDTree(reference).query(points)[0].mean()
+    back = scipy.spatial.cKDTree(points).query(reference)[0].mean()
     return float((there + back) / 2)
 
 

@@ -50,6 +50,7 @@ class Evaluation:
     photos: dict[str, dict[Method, Scores]] = field(default_factory=dict)
     truth: Scores = field(default_factory=dict)
     confidence: dict[Method, list[Scores]] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)  # photo that could not be scored -> why
 
     def values(self, method: Method) -> dict[str, list[float]]:
         """Return the finite values of every score of the method, over photos."""
@@ -81,6 +82,7 @@ class Evaluation:
                 method.value: {"bins": bins, "falls": falls(bins)} for method, bins in self.confidence.items() if bins
             },
             "photos": photos,
+            **({"skipped": self.skipped} if self.skipped else {}),
         }
 
 
@@ -114,7 +116,8 @@ def evaluate(
     With `run`, predictions are written to its folder, each method's to one of its own; those of `methods_for(model)[0]`
     also to the place without a name, where no other method's ever go. `true_object` is relit with the predicted lights
     in place of the decomposition's own object. `on_view` receives the default method's result for every photo.
-    Raises `InputError` when the scene has no test photo.
+    A photo that cannot be scored is left out and named in `Evaluation.skipped`. Raises `InputError` when no test photo
+    is left.
     """
     if not scene.test:
         raise InputError(f"{scene.root} has no test photos to evaluate on; add some, or use more than one photo.")
@@ -124,14 +127,19 @@ def evaluate(
     result, bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
     materials = truth.MaterialScores()
     for done, photo in enumerate(scene.test):
-        view = TestView.load(photo, decomposition, judge.predictor.light_resolution, device)
+        try:
+            view = TestView.load(photo, decomposition, judge.predictor.light_resolution, device)
+            light = judge.true_light(photo)
+            first = judge.score(view, light, methods[0])
+        except InputError as error:  # one photo that cannot serve must not cost the numbers of the others
+            result.skipped[photo.name] = str(error)
+            continue
         materials.add(view)
-        light = judge.true_light(photo)
         result.photos[photo.name] = {}
         for method in methods:
             if method is not methods[0] and judge.too_slow(method, done):
                 continue
-            seen = judge.score(view, light, method)
+            seen = first if method is methods[0] else judge.score(view, light, method)
             result.photos[photo.name][method] = seen.scores
             if light is not None:
                 bins[method].add(seen.prediction, light.cube)
@@ -141,6 +149,8 @@ def evaluate(
                 on_view(seen)
         if on_photo is not None:
             on_photo(done + 1, len(scene.test))
+    if not result.photos:
+        raise InputError(f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}")
     result.confidence = {method: gathered.result() for method, gathered in bins.items()}
     result.truth = _asset_scores(decomposition, scene, materials, device)
     return result
@@ -211,7 +221,10 @@ def _protocol_b(view: TestView, predictor: Predictor, method: Method) -> Scores:
     values = []
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))
-        light = predictor.predict(half, view.camera, method).environment
+        try:
+            light = predictor.predict(half, view.camera, method).environment
+        except InputError:  # too little of the object is in this half
+            continue
         image = on_white(*view.picture.render(light))
         other = torch.from_numpy(masks[i ^ 1]).to(image.device)
         values.append(view.score(image, other).psnr_masked)

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
+import scipy
 import torch
-from scipy.stats import t as student_t
 from torch import Tensor
-from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import cubemap
@@ -42,6 +41,8 @@ def on_white(premultiplied: Tensor, coverage: Tensor) -> Tensor:
 
 def image_scores(image: Tensor, reference: Tensor, mask: Tensor) -> ImageScores:
     """Compare two sRGB images (H, W, 3) in [0, 1]; `mask` (H, W) bool marks the object's pixels."""
+    from torchmetrics.functional.image import peak_signal_noise_ratio
+
     a, b = (x.permute(2, 0, 1)[None].to(torch.float32) for x in (image, reference))
     mean, per_pixel = _ssim(a, b)
     inside = mask.to(per_pixel.device)
@@ -55,6 +56,8 @@ def image_scores(image: Tensor, reference: Tensor, mask: Tensor) -> ImageScores:
 
 def _ssim(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
     """Return the mean SSIM of (1, 3, H, W) images and its map (H, W), the mean over channels."""
+    from torchmetrics.functional.image import structural_similarity_index_measure
+
     mean, full = structural_similarity_index_measure(a, b, data_range=1.0, return_full_image=True)
     return float(mean), full[0].mean(0)
 
@@ -125,7 +128,7 @@ def interval(values: Sequence[float]) -> float:
     if len(values) < 2:
         return math.nan
     spread = float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    return float(student_t.ppf(0.975, len(values) - 1)) * spread
+    return float(scipy.stats.t.ppf(0.975, len(values) - 1)) * spread
 
 
 def mean_angle(normals: np.ndarray, reference: np.ndarray) -> float:

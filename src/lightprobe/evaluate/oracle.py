@@ -12,9 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 import torch
-import trimesh
-from scipy.spatial import cKDTree
 from torch import Tensor
 from torch.nn import functional
 
@@ -82,6 +81,8 @@ def true_asset(scene: Scene) -> Asset:
 
 def _true_mesh(scene: Scene) -> Mesh:
     """Return the mesh in the normalised frame, its texture coordinates still to be made."""
+    import trimesh
+
     try:
         true = trimesh.load_mesh(scene.root / "mesh.obj", process=False)
         true.merge_vertices()
@@ -113,7 +114,7 @@ def _gathered(vertices: Tensor, faces: Tensor, position: Tensor, normal: Tensor,
     total[seen] /= weights[seen]
     known = seen.nonzero()[:, 0]
     known = known[:: max(1, len(known) // _NEIGHBOURS)]
-    nearest = cKDTree(position[known].numpy()).query(position[~seen].numpy())[1]
+    nearest = scipy.spatial.cKDTree(position[known].numpy()).query(position[~seen].numpy())[1]
     total[~seen] = total[known[torch.from_numpy(np.asarray(nearest))]]
     doubtful = weights[:, 0] < _DOUBTFUL
     total[doubtful, 5:] = normal[doubtful]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import trimesh
 from torch import Tensor
 
 from lightprobe.decompose import Decomposition
@@ -30,6 +29,8 @@ Scores = dict[str, float]
 
 def surface_scores(decomposition: Decomposition, mesh_file: Path) -> Scores:
     """Return the mean symmetric Chamfer distance to the true mesh, in units of the object's radius."""
+    import trimesh
+
     true = trimesh.load_mesh(mesh_file, process=False)
     mesh = decomposition.asset.mesh
     vertices = decomposition.similarity.invert(mesh.vertices.detach().cpu().numpy())

@@ -1,8 +1,8 @@
 """From the surface to its texture: which point each texel shows, and what texels outside all charts hold."""
 
 import numpy as np
+import scipy
 import torch
-from scipy import ndimage
 from torch import Tensor
 
 from lightprobe.geometry.mesh import Mesh
@@ -29,7 +29,7 @@ def fill_texels(flat: Tensor, texel: Tensor, size: int) -> Tensor:
     """Copy the nearest covered texel into every uncovered one, so that filtering over chart borders sees no black."""
     empty = np.ones(size * size, bool)
     empty[texel.cpu().numpy()] = False
-    _, (i, j) = ndimage.distance_transform_edt(empty.reshape(size, size), return_indices=True)
+    _, (i, j) = scipy.ndimage.distance_transform_edt(empty.reshape(size, size), return_indices=True)
     return flat[torch.from_numpy((i * size + j).reshape(-1)).long().to(flat.device)]
 
 

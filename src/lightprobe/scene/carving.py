@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from lightprobe.imaging import shrink_area
 from lightprobe.scene.camera import Camera
@@ -36,7 +36,7 @@ class _View:
     @staticmethod
     def of(camera: Camera, alpha: np.ndarray) -> "_View":
         mask = shrink_area(np.asarray(alpha), _SIDE) >= 0.5
-        inside, outside = (ndimage.distance_transform_edt(part) > _MARGIN for part in (mask, ~mask))
+        inside, outside = (scipy.ndimage.distance_transform_edt(part) > _MARGIN for part in (mask, ~mask))
         return _View(camera.resized(mask.shape[1], mask.shape[0]), inside, outside)
 
     def votes(self, hull: Hull, points: np.ndarray) -> np.ndarray:

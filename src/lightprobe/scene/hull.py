@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from lightprobe.core.jit import compiled, threads
 from lightprobe.scene.camera import Camera
@@ -53,7 +53,7 @@ class Hull:
         """Chessboard distance to the nearest occupied voxel, (N, N, N) int32; a large number when there is none."""
         if not self.occupancy.any():
             return np.full(self.occupancy.shape, 2 * self.occupancy.shape[0], np.int32)
-        return ndimage.distance_transform_cdt(~self.occupancy, metric="chessboard").astype(np.int32)
+        return scipy.ndimage.distance_transform_cdt(~self.occupancy, metric="chessboard").astype(np.int32)
 
 
 def visual_hull(
@@ -94,7 +94,7 @@ def _ballot(mask: np.ndarray, far_votes: int) -> np.ndarray:
     """
     if not mask.any():
         return np.zeros(mask.shape, np.int8)
-    far = ndimage.distance_transform_edt(~mask) > _FAR * max(mask.shape)
+    far = scipy.ndimage.distance_transform_edt(~mask) > _FAR * max(mask.shape)
     return np.where(mask, 1, np.where(far, 1 - far_votes, 0)).astype(np.int8)
 
 

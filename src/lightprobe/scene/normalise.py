@@ -7,7 +7,7 @@ first size, and the visual hull in that volume the bounding box whose centre and
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.scene.camera import Camera, Similarity
@@ -127,7 +127,7 @@ def _bounds(hull: Hull) -> tuple[np.ndarray, np.ndarray]:
 
 def _main_parts(occupancy: np.ndarray) -> np.ndarray:
     """Return `occupancy` without specks: connected parts below a hundredth of the largest one."""
-    labels, _ = ndimage.label(occupancy, structure=np.ones((3, 3, 3)))
+    labels, _ = scipy.ndimage.label(occupancy, structure=np.ones((3, 3, 3)))
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     return (sizes >= 0.01 * sizes.max())[labels] & occupancy

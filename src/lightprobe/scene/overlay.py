@@ -6,8 +6,8 @@ Where the two outlines run together, mask and camera are right; where they do no
 from pathlib import Path
 
 import numpy as np
+import scipy
 from PIL import Image, ImageDraw, ImageFont
-from scipy import ndimage
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import atomic_path
@@ -54,7 +54,7 @@ def outlined(photo: PhotoReport) -> np.ndarray:
 
 def _outline(shape: np.ndarray) -> np.ndarray:
     """Return the pixels of a bool picture that touch its outside; the border of the picture is not outside."""
-    return shape & ~ndimage.binary_erosion(shape, border_value=1)
+    return shape & ~scipy.ndimage.binary_erosion(shape, border_value=1)
 
 
 def _write_head(draw: ImageDraw.ImageDraw, inspection: Inspection, shown: int) -> None:
