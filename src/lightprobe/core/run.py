@@ -7,7 +7,7 @@ RUN/env/<photo>.exr
 RUN/model/                       Phase II weights, config and checkpoints
 RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
 RUN/metrics.json
-RUN/report/index.html
+RUN/report/index.html            and comparison/, numbers and page of methods without the run's default one
 RUN/oracle/                      the evaluation of a synthetic scene's true object, files named as in RUN
 """
 
