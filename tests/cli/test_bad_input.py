@@ -179,6 +179,19 @@ def test_export_before_fit_says_so(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_prediction_needs_a_photo_and_its_mask(tmp_path, capsys):
+    run = RunFolder.create(tmp_path / "run")
+    fails(["predict", run.path], capsys, ["No photo is named"])
+    write_png(tmp_path / "a.png", np.ones((8, 8, 3)))
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]
+    camera = {"camera_to_world": pose, "fx": 8, "fy": 8, "cx": 4, "cy": 4, "width": 8, "height": 8}
+    (tmp_path / "c.json").write_text(json.dumps(camera))
+    (tmp_path / "masks").mkdir()
+    asked = ["predict", run.path, tmp_path / "a.png", "--camera", tmp_path / "c.json"]
+    fails(asked, capsys, ["a.png has no mask", "--mask"])
+    fails([*asked, "--mask", tmp_path / "masks"], capsys, ["masks/a.png"])
+
+
 def test_files_of_two_exports_are_not_mixed(tmp_path, capsys):
     run = RunFolder.create(tmp_path / "run")
     write_png(tmp_path / "out" / "old.png", np.zeros((2, 2, 3)))

@@ -165,14 +165,19 @@ def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
     assert read_hdr(tmp_path / "seen.exr").shape[:2] == (64, 128)
 
 
-def test_render_writes_the_camera_s_picture(trained, tmp_path):
-    _, run = trained
+def test_render_writes_the_camera_s_picture(trained, tmp_path, capsys):
+    scene, run = trained
     record = json.loads(run.scene_file.read_text())["photos"]["test"]["test_01"]["camera"]
     (tmp_path / "camera.json").write_text(json.dumps(record))
     env = run.environment_file("train_00")
     for suffix in ("png", "exr"):
         out = tmp_path / f"view.{suffix}"
         succeed("render", run.path, "--camera", tmp_path / "camera.json", "--env", env, "-o", out)
+    many = ["render", run.path, "--camera", scene / "transforms_test.json", "--env", env, "-o", tmp_path / "frame.png"]
+    assert main([str(word) for word in many]) == 2
+    assert "holds 2 cameras" in capsys.readouterr().err
+    succeed(*many, "--frame", "test_01")
+    assert (tmp_path / "frame.png").read_bytes() == (tmp_path / "view.png").read_bytes()
     color, alpha = read_ldr(tmp_path / "view.png")
     linear = read_hdr(tmp_path / "view.exr")
     assert linear.shape == (SIZE, SIZE, 4)

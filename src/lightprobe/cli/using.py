@@ -44,7 +44,10 @@ def predict(
     ] = None,
     mask: Annotated[
         Path | None,
-        arg(metavar="M", help="White object on black, or a folder of such; else the photo's alpha."),
+        arg(
+            metavar="M",
+            help="White object on black, or a folder with a .png like it for each photo; else the photo's alpha.",
+        ),
     ] = None,
     method: MethodArg = None,
     confidence: Annotated[
@@ -63,6 +66,8 @@ def predict(
       lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
     folder = RunFolder.open(run)
+    if not images:
+        raise ConfigError("No photo is named: lightprobe predict RUN IMAGE.")
     jobs = [_Job.of(folder, image, len(images) > 1, mask, method, output, confidence) for image in images]
     if len({job.output for job in jobs}) < len(jobs):
         raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
