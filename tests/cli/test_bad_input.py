@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from lightprobe.cli.main import main
+from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import write_png
+from lightprobe.scene import load_photo
 from tests.toy_scene import write_toy_scene
 
 
@@ -188,8 +190,9 @@ def test_a_prediction_needs_a_photo_and_its_mask(tmp_path, capsys):
     (tmp_path / "c.json").write_text(json.dumps(camera))
     (tmp_path / "masks").mkdir()
     asked = ["predict", run.path, tmp_path / "a.png", "--camera", tmp_path / "c.json"]
-    fails(asked, capsys, ["a.png has no mask", "--mask"])
-    fails([*asked, "--mask", tmp_path / "masks"], capsys, ["masks/a.png"])
+    fails([*asked, "--mask", tmp_path / "masks"], capsys, ["masks/a.png", "does not exist"])
+    with pytest.raises(InputError, match=r"a\.png has no mask.*--mask"):
+        load_photo(tmp_path / "a.png", tmp_path / "c.json")
 
 
 def test_files_of_two_exports_are_not_mixed(tmp_path, capsys):

@@ -21,7 +21,7 @@ from lightprobe.evaluate import relight as relight_image
 from lightprobe.export import export as export_files
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.predict import Method, Prediction, Predictor, check_names, methods_for
-from lightprobe.scene import load_photo, read_camera
+from lightprobe.scene import load_pixels, new_photo, read_camera
 from lightprobe.scene.record import recorded_cameras
 
 MethodArg = Annotated[Method | None, arg(help="How to predict; by default the best this run is trained for.")]
@@ -71,13 +71,13 @@ def predict(
     jobs = [_Job.of(folder, image, len(images) > 1, mask, method, output, confidence) for image in images]
     if len({job.output for job in jobs}) < len(jobs):
         raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
-    photos = [load_photo(job.image, camera or folder.scene_file, job.mask) for job in jobs]
+    photos = [new_photo(job.image, camera or folder.scene_file, job.mask) for job in jobs]
     predictor = Predictor.load(run, resolve_device(device))
     chosen = method or methods_for(predictor.model)[0]
     if predictor.model is None and method is None:
         print(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
-    for job, (pixels, view) in zip(jobs, photos, strict=True):
-        prediction = predictor.predict(pixels, view, chosen)
+    for job, photo in zip(jobs, photos, strict=True):
+        prediction = predictor.predict(*load_pixels(photo), chosen)
         job.write(prediction)
         parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in prediction.seconds.items())
         print(f"Environment: {job.output} ({chosen.value}; {parts})")

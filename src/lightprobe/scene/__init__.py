@@ -4,7 +4,7 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.carving import carved_hull
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.loading import load_scene
-from lightprobe.scene.new_photo import load_photo, read_camera
+from lightprobe.scene.new_photo import load_photo, new_photo, read_camera
 from lightprobe.scene.photo import Photo, Pixels, Scene, Truth
 from lightprobe.scene.pixels import load_alpha, load_pixels
 
@@ -21,6 +21,7 @@ __all__ = [
     "load_photo",
     "load_pixels",
     "load_scene",
+    "new_photo",
     "read_camera",
     "visual_hull",
 ]

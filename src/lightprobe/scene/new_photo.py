@@ -20,14 +20,19 @@ _Entry = dict[str, Any]
 
 
 def load_photo(image: Path | str, camera: Path | str, mask: Path | str | None = None) -> tuple[Pixels, Camera]:
-    """Return the pixels of a photo and its input-frame camera, as `Predictor.predict` takes them.
+    """Return the pixels of a photo and its input-frame camera, as `Predictor.predict` takes them; see `new_photo`."""
+    return load_pixels(new_photo(Path(image), Path(camera), None if mask is None else Path(mask)))
+
+
+def new_photo(image: Path, camera: Path, mask: Path | None = None) -> Photo:
+    """Return a photo with its camera, its pixels still undecoded.
 
     `camera`: one of the files above; of several cameras the one that belongs to `image`. `mask`: white object on
     black; without it the photo's alpha counts. Raises `InputError` naming the file that cannot be used.
     """
-    image, camera = Path(image), Path(camera)
-    view = fit_camera(read_camera(camera, image, image_size(image)), image, str(camera))
-    return load_pixels(Photo(image.stem, view, image, None if mask is None else Path(mask)))
+    if mask is not None and not mask.is_file():
+        raise InputError(f"{mask} does not exist; name the mask of {image}, or a folder that holds it.")
+    return Photo(image.stem, fit_camera(read_camera(camera, image, image_size(image)), image, str(camera)), image, mask)
 
 
 def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | None = None) -> Camera:
