@@ -139,6 +139,7 @@ def test_without_a_model_predict_says_what_it_does(trained, tmp_path, capsys):
     assert "(solve;" in printed
 
 
+@pytest.mark.slow
 def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
     scene, run = trained
     (tmp_path / "photos").mkdir()
