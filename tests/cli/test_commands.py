@@ -227,6 +227,7 @@ def test_eval_writes_numbers_predictions_and_a_self_contained_report(trained, tm
         assert any(method in line and f"{means['psnr']:.2f}" in line for line in printed.splitlines())
 
 
+@pytest.mark.slow
 def test_eval_of_other_methods_leaves_the_default_s_results_alone(trained, capsys):
     _, run = trained
     succeed("eval", run.path, "--no-unseen", "--methods", "constant", "probe-net+optimize")
@@ -287,6 +288,7 @@ def test_a_moved_scene_is_found_by_its_new_place(trained, tmp_path, capsys):
         succeed("eval", run.path, "--scene", scene, *quickly)
 
 
+@pytest.mark.slow
 def test_a_phase_can_be_restarted_with_other_options(trained, tmp_path):
     _, run = trained
     before = run.asset_file.read_bytes()

@@ -122,6 +122,7 @@ def test_the_first_method_is_the_default_one(evaluated):
     assert default.read_bytes() == named.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_place_without_a_name_is_only_for_the_run_s_own_default(known, tmp_path):
     decomposition, scene = known
     run, quickly = RunFolder(tmp_path), Protocols(unseen=False)

@@ -69,6 +69,7 @@ def test_steps_are_those_of_adam():
         assert torch.equal(part.change, group["params"][0])
 
 
+@pytest.mark.slow
 def test_a_refinement_in_a_new_process_loads_no_compiler():
     """PyTorch's costs it two seconds."""
     code = """

@@ -65,6 +65,7 @@ def test_photos_are_their_linear_renders_clipped():
             np.testing.assert_allclose(srgb_decode(photo[solid][:, :3]), expected, atol=0.01)
 
 
+@pytest.mark.slow
 def test_direct_light_over_the_environment_is_the_render():
     rng = np.random.default_rng(1)
     rendered, predicted, mirrored = [], [], []

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from demo_scene.geometry import coffee_pot
 from demo_scene.textures import ATLAS, TILES, atlas_uv, paint
@@ -41,6 +42,7 @@ def test_parts_use_disjoint_tiles():
     assert taken.max() == 1
 
 
+@pytest.mark.slow
 def test_same_seed_same_paint():
     again = paint(PARTS, seed=3)
     assert np.array_equal(again.base, ATLAS_MAPS.base)

@@ -1,5 +1,6 @@
 """Objects that nobody made: sound solids, and lessons that a number alone decides."""
 
+import pytest
 import torch
 
 from lightprobe.core.config_distill import DistillConfig
@@ -23,6 +24,7 @@ def test_solids_are_centred_closed_and_different():
     assert len({len(vertices) for vertices, _ in solids}) == 3
 
 
+@pytest.mark.slow
 def test_a_number_decides_the_lessons_and_their_lights_differ():
     config = DistillConfig(samples=64)
     first, again = lessons_of(3, config, seed=1), lessons_of(3, config, seed=1)
@@ -35,6 +37,7 @@ def test_a_number_decides_the_lessons_and_their_lights_differ():
     assert all(bool(torch.isfinite(one.solved).all()) for one in first)
 
 
+@pytest.mark.slow
 def test_the_bundled_network_knows_a_solid_and_lights_that_it_has_not_seen():
     config = DistillConfig()
     album = fill_album(new_network(config), lessons_of(0, config, seed=1234), config, 0)
