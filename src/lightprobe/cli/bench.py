@@ -17,11 +17,11 @@ from tyro.conf import arg
 
 from lightprobe.cli.failures import INTERRUPTED
 from lightprobe.cli.options import Seed
-from lightprobe.cli.stages import model_exists
 from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.files import read_json, write_bytes, write_json
 from lightprobe.core.run import RunFolder
+from lightprobe.distill import ProbeModel
 from lightprobe.evaluate.results import PAPER_METHOD, BenchResults, Metrics, results_page
 from lightprobe.light.files import environment_files
 from lightprobe.predict import Method
@@ -125,7 +125,7 @@ class Benchmark:
     def scene(self, name: str, folder: Path) -> None:
         """Train a scene, unless its run is finished, and evaluate it with its own and the true object."""
         run = RunFolder(self.runs / name)
-        if not (run.asset_file.is_file() and model_exists(run)):
+        if not (run.asset_file.is_file() and ProbeModel.exists(run.model_folder)):
             train = ("train", str(folder), "-o", str(run.path), "--preset", self.preset.value, "--seed", str(self.seed))
             if not self._command(f"{name} training", train):
                 return

@@ -15,7 +15,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 from lightprobe.cli.failures import writing
 from lightprobe.cli.options import Device, RunArg
 from lightprobe.cli.progress import Meter
-from lightprobe.cli.stages import model_exists, open_scene
+from lightprobe.cli.stages import open_scene
 from lightprobe.core.device import resolve_device
 from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
@@ -95,7 +95,7 @@ def evaluate_run(
     pictures: dict[str, dict[str, str]] = {}
     with writing(run), Meter() as meter:
         decomposition = Decomposition.load(run, device)
-        model = ProbeModel.load(run.model_folder).to(device) if model_exists(run) else None
+        model = ProbeModel.load(run.model_folder).to(device) if ProbeModel.exists(run.model_folder) else None
         scene = open_scene(run, scene_folder)
         true_object = _true_object(run, decomposition, scene, needed=oracle)
         out = run.oracle if oracle else run
@@ -113,12 +113,13 @@ def evaluate_run(
             methods=chosen, device=device, run=out, protocols=protocols, true_object=true_object,
             on_view=keep, on_photo=lambda done, total: meter.update("evaluate", done, total),
         )  # fmt: skip
+        metrics = result.to_json()
         for path in {numbers, output or numbers}:
-            write_json(path, result.to_json())
+            write_json(path, metrics)
         phases = read_phases(run)
         again = eval_command(methods, protocols or Protocols(), oracle=oracle, slow=slow)
         report = Report(
-            title=f"lightprobe: {scene.root.name}{', true object' if oracle else ''}", metrics=result.to_json(),
+            title=f"lightprobe: {scene.root.name}{', true object' if oracle else ''}", metrics=metrics,
             pictures=pictures, facts=_facts(scene, decomposition) | training_facts(phases) | _made(),
             commands=[*training_commands(phases, scene.root), again] if phases else [],
             files=({} if oracle else {"object.glb": run.mesh_folder / "object.glb"}) | {"metrics.json": numbers},

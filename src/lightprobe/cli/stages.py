@@ -88,7 +88,7 @@ def run_distill(
 ) -> ProbeModel:  # fmt: skip
     """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
     run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
-    if model_exists(run):
+    if ProbeModel.exists(run.model_folder):
         return ProbeModel.load(run.model_folder).to(device)
     started = time.monotonic()
     recorder = _Recorder(run, "distill", run.model_checkpoints)
@@ -106,11 +106,6 @@ def _peak() -> str:
     """Return the words for the most memory that the process has held, where the system counts it."""
     memory = peak_memory()
     return "" if memory is None else f", {memory:.2f} GiB at most"
-
-
-def model_exists(run: RunFolder) -> bool:
-    """Return whether Phase II has finished."""
-    return ProbeModel.exists(run.model_folder)
 
 
 def restart_decompose(run: RunFolder) -> None:

@@ -19,7 +19,6 @@ from lightprobe.scene.distortion import ADVICE, refuse_distortion
 from lightprobe.scene.frame import Frame, Problems, Split
 from lightprobe.scene.photo import Truth
 
-_OTHERS = ""  # stands for every photo that no list names
 TRAIN, SINGLE = "transforms_train.json", "transforms.json"
 _GUESSED_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
 _PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
@@ -49,7 +48,7 @@ def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) 
     data = read_json(path)
     if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
         raise InputError(f"{path} has no list of 'frames'.")
-    named = _named_splits(data, path) if split is None else None
+    train, test = _lists(data, path) if split is None else (set(), set())
     found = []
     for index, entry in enumerate(data["frames"]):
         with problems.guard():
@@ -57,29 +56,24 @@ def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) 
                 raise InputError(f"{path} frame {index} has no 'file_path'.")
             settings = {**{key: value for key, value in data.items() if key != "frames"}, **entry}
             file = Path(entry["file_path"]).as_posix()
-            if named is None or named.get(file, named[_OTHERS]) is not None:
-                found.append(_frame(root, path, settings, split if named is None else named.get(file, named[_OTHERS])))
+            if train and test and file not in train | test:
+                continue
+            listed = Split.TEST if file in test or (train and file not in train) else Split.TRAIN
+            found.append(_frame(root, path, settings, listed if train or test else split))
     return found
 
 
-def _named_splits(data: dict[str, Any], path: Path) -> dict[str, Split | None] | None:
-    """Return the split of nerfstudio's named photos by file path, and of `_OTHERS`; None when the file names none.
-
-    A split of None leaves a photo out.
-    """
-    train = _names(data, "train_filenames", path)
+def _lists(data: dict[str, Any], path: Path) -> tuple[set[str], set[str]]:
+    """Return the file paths of nerfstudio's training photos and of those to test on; empty without such a list."""
     test = _names(data, "test_filenames", path) or _names(data, "val_filenames", path)
-    if not train and not test:
-        return None
-    others = Split.TRAIN if not train else Split.TEST if not test else None
-    return {**dict.fromkeys(train, Split.TRAIN), **dict.fromkeys(test, Split.TEST), _OTHERS: others}
+    return _names(data, "train_filenames", path), test
 
 
-def _names(data: dict[str, Any], key: str, path: Path) -> list[str]:
+def _names(data: dict[str, Any], key: str, path: Path) -> set[str]:
     names = data.get(key) or []
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise InputError(f"{path}: '{key}' must be a list of file names.")
-    return [Path(name).as_posix() for name in names]
+    return {Path(name).as_posix() for name in names}
 
 
 def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None) -> Frame:
