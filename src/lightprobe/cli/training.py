@@ -15,7 +15,7 @@ from lightprobe.cli.options import Device, Hdri, Restart, RunArg, RunOut, SceneA
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import UserMaps, open_scene, restart_decompose, restart_distill, run_decompose, run_distill
 from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset
+from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset
 from lightprobe.core.device import resolve_device
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
@@ -25,16 +25,6 @@ PresetArg = Annotated[Preset, arg(help="quick: two CPU cores, minutes; standard:
 MovedScene = Annotated[Path | None, arg(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
 
 _FIRST, _SECOND = DecomposeConfig(), DistillConfig()  # `with_preset` puts the chosen preset's in their place
-
-
-def distill_preset(preset: Preset) -> DistillConfig:
-    """Return the Phase II configuration of a preset."""
-    presets: dict[Preset, Callable[[], DistillConfig]] = {
-        Preset.QUICK: config_distill.quick,
-        Preset.STANDARD: config_distill.standard,
-        Preset.PAPER: config_distill.paper,
-    }
-    return presets[preset]()
 
 
 def fit(

@@ -8,10 +8,11 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
+from lightprobe.core import config_distill
 from lightprobe.core.config_distill import LIGHT_RESOLUTIONS, DistillConfig
 from lightprobe.core.errors import ConfigError
 
-__all__ = ["DecomposeConfig", "DistillConfig", "LightUpdate", "Preset", "SdfMode"]
+__all__ = ["DecomposeConfig", "DistillConfig", "LightUpdate", "Preset", "SdfMode", "distill_preset"]
 
 # field of `DecomposeConfig` -> the least value that a run can use
 _LEAST = {
@@ -203,3 +204,11 @@ def paper() -> DecomposeConfig:
         shadows=False, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
         parsimony=0.0,
     )  # fmt: skip
+
+
+def distill_preset(preset: Preset) -> DistillConfig:
+    """Return the Phase II configuration of a preset."""
+    presets = {
+        Preset.QUICK: config_distill.quick, Preset.STANDARD: config_distill.standard, Preset.PAPER: config_distill.paper
+    }  # fmt: skip
+    return presets[preset]()

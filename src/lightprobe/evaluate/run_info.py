@@ -6,11 +6,12 @@ SCENE, RUN and HDRI stand for folders in the commands, which are the same wherev
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig, Preset
+from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json
@@ -22,15 +23,11 @@ _DEMO = "demo"  # has the settings of a preset, but a command of its own
 _BUNDLED = ("lightprobe", "assets", "demo")  # the end of the path of the demo's scene
 
 _FIRST: dict[str, Callable[[], Config]] = {
-    Preset.QUICK.value: config.quick,
-    Preset.STANDARD.value: config.standard,
-    Preset.PAPER.value: config.paper,
+    **{preset.value: partial(DecomposeConfig.preset, preset) for preset in Preset},
     _DEMO: config.demo,
 }
 _SECOND: dict[str, Callable[[], Config]] = {
-    Preset.QUICK.value: config_distill.quick,
-    Preset.STANDARD.value: config_distill.standard,
-    Preset.PAPER.value: config_distill.paper,
+    **{preset.value: partial(distill_preset, preset) for preset in Preset},
     _DEMO: config_distill.demo,
 }
 
