@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Annotated
 
 import torch
-from tyro.conf import arg
 
 from lightprobe.cli.failures import INTERRUPTED
-from lightprobe.cli.options import Seed
+from lightprobe.cli.options import Seed, option
 from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.files import read_json, write_bytes, write_json
@@ -46,22 +45,26 @@ LOSSES: dict[str, tuple[str, ...]] = {
 
 def bench(
     *,
-    scenes: Annotated[tuple[str, ...], arg(help="Names of the scenes.")] = SCENES,
-    data: Annotated[Path, arg(metavar="DIR", help="Where the scenes' folders are, at most one folder down.")] = Path(
+    scenes: Annotated[tuple[str, ...], option(help="Names of the scenes.")] = SCENES,
+    data: Annotated[Path, option(metavar="DIR", help="Where the scenes' folders are, at most one folder down.")] = Path(
         "data"
     ),
-    output: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER", help="Runs and numbers.")] = Path("runs/bench"),
-    runs: Annotated[Path | None, arg(metavar="FOLDER", help="Finished runs named as the scenes, if not there.")] = None,
-    preset: Annotated[Preset, arg(help="Size of the training.")] = Preset.QUICK,
+    output: Annotated[Path, option(aliases=["-o"], metavar="FOLDER", help="Runs and numbers.")] = Path("runs/bench"),
+    runs: Annotated[
+        Path | None, option(metavar="FOLDER", help="Finished runs named as the scenes, if not there.")
+    ] = None,
+    preset: Annotated[Preset, option(help="Size of the training.")] = Preset.QUICK,
     seed: Seed = 0,
-    seeds: Annotated[int, arg(help="Seeds for each loss of the ablation; 0 leaves it out.")] = 3,
-    slow_photos: Annotated[int, arg(help="Test photos for methods that take more than 20 s each.")] = 2,
+    seeds: Annotated[int, option(help="Seeds for each loss of the ablation; 0 leaves it out.")] = 3,
+    slow_photos: Annotated[int, option(help="Test photos for methods that take more than 20 s each.")] = 2,
     hdri: Annotated[
         Path | None,
-        arg(metavar="DIR", help="Folder of .exr or .hdr environments, z up: a second Phase II also trains under them."),
+        option(
+            metavar="DIR", help="Folder of .exr or .hdr environments, z up: a second Phase II also trains under them."
+        ),
     ] = None,
     results: Annotated[
-        Path | None, arg(metavar="RESULTS.md", help="The page; by default benchmarks/RESULTS.md, else in FOLDER.")
+        Path | None, option(metavar="RESULTS.md", help="The page; by default benchmarks/RESULTS.md, else in FOLDER.")
     ] = None,
 ) -> None:
     """Train and evaluate every scene with every method, and write the tables.

@@ -10,10 +10,10 @@ from typing import Annotated
 import torch
 from rich.console import Console
 from rich.table import Column, Table
-from tyro.conf import FlagCreatePairsOff, arg
+from tyro.conf import FlagCreatePairsOff
 
 from lightprobe.cli.failures import writing
-from lightprobe.cli.options import Device, RunArg
+from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import open_scene
 from lightprobe.core.device import resolve_device
@@ -58,18 +58,18 @@ _METHODS = (
 def eval(  # the name of the command
     run: RunArg,
     *,
-    methods: Annotated[tuple[Method, ...], arg(help=_METHODS)] = (),
+    methods: Annotated[tuple[Method, ...], option(help=_METHODS)] = (),
     output: Annotated[
-        Path | None, arg(aliases=["-o"], metavar="metrics.json", help="Numbers; also in the run.")
+        Path | None, option(aliases=["-o"], metavar="metrics.json", help="Numbers; also in the run.")
     ] = None,
-    scene: Annotated[Path | None, arg(metavar="FOLDER", help="Where the scene is now, if it has moved.")] = None,
-    unseen: Annotated[bool, arg(help="Also predict from half of the object and score on the other half.")] = True,
+    scene: Annotated[Path | None, option(metavar="FOLDER", help="Where the scene is now, if it has moved.")] = None,
+    unseen: Annotated[bool, option(help="Also predict from half of the object and score on the other half.")] = True,
     oracle_asset: Annotated[
         FlagCreatePairsOff[bool],
-        arg(help="Put the scene's true object in place of the reconstructed one; results go to RUN/oracle."),
+        option(help="Put the scene's true object in place of the reconstructed one; results go to RUN/oracle."),
     ] = False,
-    slow: Annotated[bool, arg(help="Also score `optimize`, which takes 15 s to minutes a photo.")] = False,
-    slow_photos: Annotated[int, arg(help="Test photos that methods slower than 20 s a photo are scored on.")] = 4,
+    slow: Annotated[bool, option(help="Also score `optimize`, which takes 15 s to minutes a photo.")] = False,
+    slow_photos: Annotated[int, option(help="Test photos that methods slower than 20 s a photo are scored on.")] = 4,
     device: Device = "auto",
 ) -> None:
     """Score the predicted light on the test photos and write metrics.json and report/index.html.

@@ -3,16 +3,14 @@
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
-from lightprobe.cli.options import SceneArg
+from lightprobe.cli.options import SceneArg, option
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.scene.inspect import inspect as examine
 from lightprobe.scene.overlay import write_overlay_sheet
 
 _SheetArg = Annotated[
     Path | None,
-    arg(aliases=["-o"], metavar="SHEET.png", help="Overlay sheet to write; by default SCENE-overlay.png here."),
+    option(aliases=["-o"], metavar="SHEET.png", help="Overlay sheet to write; by default SCENE-overlay.png here."),
 ]
 
 

@@ -7,11 +7,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
 from lightprobe.cli.evaluation import evaluate_run, print_tables
 from lightprobe.cli.failures import writing
-from lightprobe.cli.options import Device, Hdri, Restart, RunArg, RunOut, SceneArg, Seed
+from lightprobe.cli.options import Device, Hdri, Restart, RunArg, RunOut, SceneArg, Seed, option
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import UserMaps, open_scene, restart_decompose, restart_distill, run_decompose, run_distill
 from lightprobe.core import config, config_distill
@@ -21,8 +19,10 @@ from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.scene import load_scene
 
-PresetArg = Annotated[Preset, arg(help="quick: two CPU cores, minutes; standard: a GPU; paper: the paper's settings.")]
-MovedScene = Annotated[Path | None, arg(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
+PresetArg = Annotated[
+    Preset, option(help="quick: two CPU cores, minutes; standard: a GPU; paper: the paper's settings.")
+]
+MovedScene = Annotated[Path | None, option(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
 
 _FIRST, _SECOND = DecomposeConfig(), DistillConfig()  # `with_preset` puts the chosen preset's in their place
 

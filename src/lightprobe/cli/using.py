@@ -8,9 +8,9 @@ from typing import Annotated
 
 import numpy as np
 import torch
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
-from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg
+from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
@@ -24,7 +24,10 @@ from lightprobe.predict import Method, Prediction, Predictor, check_names, metho
 from lightprobe.scene import load_pixels, new_photo, read_camera
 from lightprobe.scene.record import recorded_cameras
 
-MethodArg = Annotated[Method | None, arg(help="How to predict; by default the best this run is trained for.")]
+MethodArg = Annotated[
+    Method | None,
+    option(metavar="METHOD", help=f"One of {', '.join(Method)}; by default the best this run is trained for."),
+]
 
 _LARGEST_SIDE = 8192  # pixels of a picture's edge
 _SAME_PLACE = 0.8  # overlap of mask and object; right cameras have more than .94, also on photos from the internet
@@ -32,26 +35,28 @@ _SAME_PLACE = 0.8  # overlap of mask and object; right cameras have more than .9
 
 def predict(
     run: RunArg,
-    images: Annotated[Positional[tuple[Path, ...]], arg(metavar="IMAGE...", help="Photos of the object.")],
+    images: Annotated[
+        Positional[tuple[Path, ...]], option(metavar="IMAGE...", help="Photos of the object (at least one).")
+    ],
     *,
     camera: Annotated[
         Path | None,
-        arg(metavar="C.json", help="Camera of the photo, or many of which its name chooses; else the run's own."),
+        option(metavar="C.json", help="Camera of the photo, or many of which its name chooses; else the run's own."),
     ] = None,
     output: Annotated[
         Path | None,
-        arg(aliases=["-o"], metavar="ENV", help="The map's name, .exr or .hdr; of several photos a folder."),
+        option(aliases=["-o"], metavar="ENV", help="The map's name, .exr or .hdr; of several photos a folder."),
     ] = None,
     mask: Annotated[
         Path | None,
-        arg(
+        option(
             metavar="M",
             help="White object on black, or a folder with a .png like it for each photo; else the photo's alpha.",
         ),
     ] = None,
     method: MethodArg = None,
     confidence: Annotated[
-        Path | None, arg(metavar="C.exr", help="Also write the confidence here; of several photos a folder.")
+        Path | None, option(metavar="C.exr", help="Also write the confidence here; of several photos a folder.")
     ] = None,
     device: Device = "auto",
 ) -> None:
@@ -133,8 +138,10 @@ def render(
     *,
     camera: CameraArg,
     env: EnvironmentArg,
-    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT", help="Picture: .png (sRGB) or .exr (linear).")],
-    frame: Annotated[str | None, arg(metavar="NAME", help="Photo whose camera is meant, of a file with many.")] = None,
+    output: Annotated[Path, option(aliases=["-o"], metavar="OUT", help="Picture: .png (sRGB) or .exr (linear).")],
+    frame: Annotated[
+        str | None, option(metavar="NAME", help="Photo whose camera is meant, of a file with many.")
+    ] = None,
     device: Device = "auto",
 ) -> None:
     """Render the object under an environment.
@@ -156,9 +163,9 @@ def relight(
     run: RunArg,
     *,
     env: EnvironmentArg,
-    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="Folder for the pictures.")],
-    frames: Annotated[int, arg(help="Pictures of the turntable.")] = 24,
-    side: Annotated[int, arg(help="Their size in pixels.")] = 512,
+    output: Annotated[Path, option(aliases=["-o"], metavar="DIR", help="Folder for the pictures.")],
+    frames: Annotated[int, option(help="Pictures of the turntable.")] = 24,
+    side: Annotated[int, option(help="Their size in pixels.")] = 512,
     device: Device = "auto",
 ) -> None:
     """Render a turntable and the test views under a new environment.
@@ -186,7 +193,7 @@ def relight(
 def export(
     run: RunArg,
     *,
-    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="Folder for the files.")],
+    output: Annotated[Path, option(aliases=["-o"], metavar="DIR", help="Folder for the files.")],
     device: Device = "auto",
 ) -> None:
     """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and others.
