@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 import torch
@@ -12,6 +13,7 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
+from lightprobe.core.losses import LossReader
 from lightprobe.decompose.lights import Lights
 
 OnStep = Callable[[str, int, int, float], None]  # stage, step, steps, loss
@@ -87,6 +89,16 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
     names = [f"p{i}" for i in range(sum(len(list(g["params"])) for g in optimiser.param_groups))]
     if restored is not None:
         _restore(optimiser, names, lights, restored)
+    losses = LossReader(lights.maps[0].device)
+
+    def take_note(iteration: int, value: float) -> None:
+        if not math.isfinite(value):
+            raise ConvergenceError(
+                f"The loss became {value} in {stage.name} at step {iteration} on photo {task.photos(iteration)}; "
+                "lower the learning rates or inspect this photo."
+            )
+        progress.step(stage.name, iteration + 1, stage.iterations, value)
+
     for iteration in range(done, stage.iterations):
         fraction = iteration / max(stage.iterations, 1)
         if iteration % config.checkpoint_every == 0:
@@ -95,19 +107,15 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
             group["lr"] = rate * 10**-fraction
         optimiser.zero_grad(set_to_none=True)
         loss = task.loss(iteration, fraction)
-        value = float(loss.detach())
-        if not math.isfinite(value):
-            raise ConvergenceError(
-                f"The loss became {value} in {stage.name} at step {iteration} on photo {task.photos(iteration)}; "
-                "lower the learning rates or inspect this photo."
-            )
         loss.backward()
         optimiser.step()
         task.project()
         lights.clamp()
-        progress.step(stage.name, iteration + 1, stage.iterations, value)
-        at_end = iteration + 1 == stage.iterations
-        if progress.checkpoints and ((iteration + 1) % config.checkpoint_every == 0 or at_end):
+        losses.add(loss, partial(take_note, iteration))
+        if (iteration + 1) % config.checkpoint_every and iteration + 1 < stage.iterations:
+            continue
+        losses.read()  # before a checkpoint, which must not keep what has gone wrong
+        if progress.checkpoints:
             tensors = {**_tensors(optimiser, names, lights), **progress.extra}
             state = {"stage": stage.name, "iteration": iteration + 1}
             progress.checkpoints.save(stage.first_step + iteration + 1, tensors, state)

@@ -4,8 +4,10 @@ The random streams depend on (seed, step) alone and the optimiser's moments are 
 ends with the bits of an uninterrupted one.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -14,6 +16,7 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
+from lightprobe.core.losses import LossReader
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.illumination_mlp import IlluminationMlp
 from lightprobe.distill.lesson import Lesson
@@ -146,13 +149,11 @@ class _Course:
         self._optimizers = {
             name: torch.optim.Adam(module.parameters(), fused=True) for name, module in self._modules.items()
         }
+        self._losses = LossReader(device)
         self.done = self._resume()
 
     def take(self, module: nn.Module, loss: Tensor, rate: float, photo: str) -> None:
         """Take one step of `module` down its loss; save and report."""
-        value = float(loss.detach())
-        if not torch.isfinite(loss.detach()):
-            raise ConvergenceError(f"Distillation lost its footing at step {self.done} (photo {photo}): {value} loss.")
         optimizer = self._optimizers["sphere" if module is self.sphere else "network"]
         optimizer.param_groups[0]["lr"] = rate
         optimizer.zero_grad(set_to_none=True)
@@ -161,11 +162,18 @@ class _Course:
             nn.utils.clip_grad_norm_(module.parameters(), _LARGEST_GRADIENT)
         optimizer.step()
         self.done += 1
-        if self.on_step is not None:
-            self.on_step(self.done, value)
-        last = self.done in (self.config.steps, self.config.total_steps)
-        if self.checkpoints is not None and (self.done % self.config.checkpoint_every == 0 or last):
+        self._losses.add(loss, partial(self._take_note, self.done, photo))
+        if self.done % self.config.checkpoint_every and self.done not in (self.config.steps, self.config.total_steps):
+            return
+        self._losses.read()  # before a checkpoint, which must not keep what has gone wrong
+        if self.checkpoints is not None:
             self._save(self.checkpoints)
+
+    def _take_note(self, step: int, photo: str, value: float) -> None:
+        if not math.isfinite(value):
+            raise ConvergenceError(f"Distillation lost its footing at step {step - 1} (photo {photo}): {value} loss.")
+        if self.on_step is not None:
+            self.on_step(step, value)
 
     def _save(self, checkpoints: Checkpoints) -> None:
         tensors = {}
