@@ -104,9 +104,7 @@ def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: 
     targets = job.targets(photos, config.pass2_side)
     task = ImageTask(model, targets, lights, stage, config, job.seed)
     optimise(task, stage, config, job.progress, done, tensors if done else None)
-    kept = _best(job, stage, held_out, [start, model.asset()])
-    if kept is start:
-        lights.load(lights_before)  # those of a pass that is not kept belong to its asset
+    kept = _best(job, stage, held_out, [start, model.asset()], lights, lights_before)
     return _hand_over(job, kept, lights, "pass3")
 
 
@@ -129,21 +127,25 @@ def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: d
     refined = model.asset()
     # Detail that only explains errors of the lights is worse than none; halfway there is often better than either.
     halfway = replace(refined, textures=before.halfway(refined.textures))
-    kept = _best(job, stage, held_out, [start, halfway, refined])
-    if kept is start:
-        lights.load(lights_before)
-    return kept, lights
+    return _best(job, stage, held_out, [start, halfway, refined], lights, lights_before), lights
 
 
-def _best(job: Job, stage: Stage, held_out: list[Photo], assets: list[Asset]) -> Asset:
-    """Return the asset that explains held-out photos best; the last one when there are none."""
+def _best(job: Job, stage: Stage, held_out: list[Photo], assets: list[Asset], lights: Lights, lights_before: Tensor
+          ) -> Asset:  # fmt: skip
+    """Return the asset that explains held-out photos best, the last one when there are none.
+
+    The first asset is the one before the stage; when it stays, so do the `lights_before` that belong to it.
+    """
     if not held_out:
         return assets[-1]
     judges = job.targets(held_out, job.config.pass2_side)
     scores = [validate(asset, judges, job.config, job.seed) for asset in assets]
     listed = ", ".join(f"{score:.2f}" for score in scores[1:])
     job.progress.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
-    return assets[scores.index(max(scores))]
+    best = scores.index(max(scores))
+    if best == 0:
+        lights.load(lights_before)
+    return assets[best]
 
 
 def _hand_over(job: Job, asset: Asset, lights: Lights, stage: str) -> dict[str, Tensor]:
