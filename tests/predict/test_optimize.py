@@ -53,9 +53,21 @@ def test_the_smooth_part_moves_what_single_texels_hardly_would():
     assert moved[0.2] > 10 * moved[0.0]
 
 
+def test_the_broad_part_brings_the_whole_light_to_its_brightness():
+    """From a light half as bright as it should be, in steps too few for the damped parts alone."""
+    asset, light = glossy_sphere(), patch_light((0.2, 1.0, 0.5))
+    observation = observe(asset, photograph(asset, CAMERA, light), CAMERA, CPU, 65_536)
+    start, off = (0.5 * light).contiguous(), {}
+    for damping in (brief().broad_damping, 1e6):
+        config = replace(brief(), iterations=20, broad_damping=damping)
+        found = refine_environment(observation, start, config, seed=0)
+        off[damping] = float((found / light).log().abs().mean())
+    assert off[brief().broad_damping] < 0.7 * off[1e6]
+
+
 def test_steps_are_those_of_adam():
     """Bit for bit, with another rate and another least size of the gradient in each part."""
-    parts = [_Part.still(4, 0.1, CPU), _Part.still(2, 0.2, CPU)]
+    parts = [_Part.still(4, 0.1, 0.0, CPU), _Part.still(2, 0.2, 0.0, CPU)]
     parts[0].eps, parts[1].eps = 0.3, 1e-8
     groups = [{"params": [part.change.detach().clone()], "lr": part.rate, "eps": part.eps} for part in parts]
     adam, random = torch.optim.Adam(groups), torch.Generator().manual_seed(0)
@@ -83,7 +95,7 @@ sys.exit("torch._dynamo" in sys.modules)
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True)
 
 
-@pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "grey"])
+@pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "broad_damping", "grey"])
 def test_negative_weights_are_refused(name):
     with pytest.raises(ConfigError, match="at least 0"):
         OptimizeConfig(**{name: -0.1})

@@ -9,7 +9,9 @@ starts at the constant light.
 The refinement takes few steps from a map that is nearly right. There it matters which texels move: Adam divides each
 gradient by its own size, so that a direction the photo hardly depends on moves as fast as one it insists on, and what
 moves it is the asset's errors. So the size is damped, g / (|g| + damping RMS(g)), with the root mean square over all
-texels at the first step; and x is the sum of a smooth part and of single texels, of which the smooth one moves faster.
+texels at the first step; and x is the sum of single texels, a smooth part and a broad one. The smooth ones move faster,
+and the broad one, which all pixels have a say in, is damped less: few steps would not bring it to where the photo
+wants it.
 """
 
 import math
@@ -30,6 +32,7 @@ from lightprobe.predict.observation import Observation
 from lightprobe.render.transport import Transport
 
 _REFINED_RESOLUTION = 32
+_BROAD = 2  # texels along each edge
 _DARK = 1e-4  # relative to the light level
 _LEAST_EPS = 1e-8  # Adam's own
 _BETAS = 0.9, 0.999  # Adam's own
@@ -45,9 +48,11 @@ class OptimizeConfig:
     learning_rate: float = 0.05
     """Adam step in log radiance at the start; it falls to nothing along a cosine."""
     smooth_learning_rate: float = 0.0
-    """The same of the smooth part of the change, on 6 x 8 x 8 texels."""
+    """The same of the smooth and the broad part of the change, on 6 x 8 x 8 and 6 x 2 x 2 texels."""
     damping: float = 0.0
     """How large a gradient, relative to the usual one, makes half a step."""
+    broad_damping: float = 0.0
+    """The same of the broad part."""
     pixels: int = 12_288
     """Pixels the light is fitted to."""
     grey: float = 0.005
@@ -57,13 +62,15 @@ class OptimizeConfig:
         """Refuse values no optimisation could use."""
         if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0:
             raise ConfigError("An optimisation needs iterations and pixels of at least 1 and a positive step.")
-        if min(self.smooth_learning_rate, self.damping, self.grey) < 0:
+        if min(self.smooth_learning_rate, self.damping, self.broad_damping, self.grey) < 0:
             raise ConfigError("An optimisation needs weights of at least 0.")
 
 
 def brief() -> OptimizeConfig:
     """Return a fraction of a second of it, for where a network has gone most of the way."""
-    return OptimizeConfig(iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, pixels=3072)
+    return OptimizeConfig(
+        iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, broad_damping=0.1, pixels=3072
+    )  # fmt: skip
 
 
 class _Render(torch.autograd.Function):
@@ -89,16 +96,17 @@ class _Part:
 
     change: Tensor  # (6, n, n, 3), requires grad
     rate: float
+    damping: float
     mean: Tensor  # of the gradient, as change
     square: Tensor  # mean of its square
     steps: Tensor  # () float32, on the CPU
     eps: float = _LEAST_EPS
 
     @staticmethod
-    def still(side: int, rate: float, device: torch.device) -> "_Part":
+    def still(side: int, rate: float, damping: float, device: torch.device) -> "_Part":
         """Return no change yet on 6 x side x side texels."""
         change = torch.zeros(6, side, side, 3, device=device, requires_grad=True)
-        return _Part(change, rate, torch.zeros_like(change), torch.zeros_like(change), torch.tensor(0.0))
+        return _Part(change, rate, damping, torch.zeros_like(change), torch.zeros_like(change), torch.tensor(0.0))
 
     @torch.no_grad()
     def step(self, gradient: Tensor, share: float) -> None:
@@ -120,13 +128,14 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     unit = color.mean().clamp(min=1e-9) / _USUAL_MEAN
     target = _displayed(color / unit)
     first = (start / unit).clamp(min=1e-4).log()
-    resolution = start.shape[1]
-    rates = ((resolution, config.learning_rate), (BLOCKS, config.smooth_learning_rate))
-    parts = [_Part.still(side, rate, start.device) for side, rate in rates if rate > 0]
+    parts = _parts(start, config)
     changes = [part.change for part in parts]
 
     def light() -> Tensor:
-        return (first + sum(magnify_light(change, resolution) for change in changes)).exp()
+        change = changes[0]
+        for finer in changes[1:]:
+            change = magnify_light(change, finer.shape[1]) + finer
+        return (first + change).exp()
 
     for step in range(config.iterations):
         with torch.enable_grad():
@@ -137,9 +146,19 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
             loss = difference.abs().mean() + config.grey * chroma
         for part, gradient in zip(parts, torch.autograd.grad(loss, changes), strict=True):
             if step == 0:
-                part.eps = max(config.damping * float(gradient.square().mean().sqrt()), _LEAST_EPS)
+                part.eps = max(part.damping * float(gradient.square().mean().sqrt()), _LEAST_EPS)
             part.step(gradient, 0.5 * (1 + math.cos(math.pi * step / config.iterations)))
     return unit * light().detach()
+
+
+def _parts(start: Tensor, config: OptimizeConfig) -> list[_Part]:
+    """Return the parts of the change that move at all, from the broadest to the texels of `start`."""
+    sizes = (
+        (_BROAD, config.smooth_learning_rate, config.broad_damping),
+        (BLOCKS, config.smooth_learning_rate, config.damping),
+        (start.shape[1], config.learning_rate, config.damping),
+    )
+    return [_Part.still(side, rate, damping, start.device) for side, rate, damping in sizes if rate > 0]
 
 
 def refine_environment(observation: Observation, prior: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
