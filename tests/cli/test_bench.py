@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lightprobe.cli import bench, main
-from lightprobe.cli.bench import LOSSES, find_scene, learned_methods, share_phase_one, training_costs, without_places
+from lightprobe.cli.bench import LESSONS, LOSSES, find_scene, share_phase_one, training_costs, without_places
 from lightprobe.core.config import Preset
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError, InputError
@@ -75,7 +75,8 @@ def test_scenes_are_found_at_most_one_folder_down(data):
 
 def test_every_piece_is_made_once_and_the_missing_scene_is_named(data, tmp_path, calls, capsys):
     ask(tmp_path, seeds=2)
-    assert [words[0] for words in calls] == ["train", "eval"] * 2 + ["distill", "eval"] * len(LOSSES) * 2
+    variants = len(LESSONS) * 2 + len(LOSSES) * 2
+    assert [words[0] for words in calls] == ["train", "eval"] * 2 + ["distill", "eval"] * variants
     assert "SKIPPED gone" in capsys.readouterr().out
     page = (tmp_path / "R.md").read_text()
     assert "gone, for which there are no numbers" in page
@@ -134,42 +135,43 @@ def hdris(tmp_path):
     return folder
 
 
-def test_hdri_lessons_are_a_second_phase_two_after_all_usual_ones(data, tmp_path, calls, hdris, true_objects):
+def test_every_kind_of_lessons_is_another_phase_two_after_all_usual_ones(data, tmp_path, calls, hdris, true_objects):
     true_objects.add("chair")
     ask(tmp_path, seeds=0, hdri=hdris)
     usual, second = calls[:5], calls[5:]
     assert [words[0] for words in usual] == ["train", "eval", "eval", "train", "eval"]
-    assert not any("--hdri" in words for words in usual)
-    assert [words[0] for words in second] == ["distill", "eval", "eval", "distill", "eval"]
-    assert all(Path(words[1]) == tmp_path / "out" / "hdri" / name for words, name in zip(
-        second, ["chair"] * 3 + ["cup"] * 2, strict=True
-    ))  # fmt: skip
-    assert second[0][second[0].index("--hdri") + 1] == str(hdris)
+    assert [words[0] for words in second] == ["distill", "eval"] * 3 * 2
+    places = ["photos-alone", "re-rendered-alone", "with-HDRIs"]
+    runs = [tmp_path / "out" / "variants" / f"{name}.lessons.{kind}" for name in ("chair", "cup") for kind in places]
+    assert [Path(words[1]) for words in second[::2]] == [Path(words[1]) for words in second[1::2]] == runs
+    assert [words[words.index("--distill.lessons") + 1] for words in second[0:4:2]] == ["teacher", "synthetic"]
+    assert second[4][second[4].index("--hdri") + 1] == str(hdris)
     assert all(words[words.index("--scene") + 1].startswith(str(data)) for words in second)
-    methods = second[1].index("--methods") + 1
-    assert second[1][methods:] == ["probe-net", "probe-mlp"]  # the default first, none that is without a model
-    assert second[2] == [*second[1], "--oracle-asset"]
-    pieces = {file.name for file in (tmp_path / "out" / "pieces").iterdir()}
-    assert {"chair.hdri.eval.json", "chair.hdri.oracle.json", "cup.hdri.eval.json"} < pieces
+    assert second[1][second[1].index("--methods") + 1 :] == ["probe-net+optimize", "probe-net", "probe-mlp"]
     page = (tmp_path / "R.md").read_text()
-    assert "| chair, HDRI lessons | probe-net |" in page
-    assert "gone with HDRI lessons, for which there are no numbers" in page
+    assert "| chair | probe-net | with HDRIs |" in page
+    assert "lightprobe distill RUN --restart --preset quick --seed 0 --hdri HDRI   # with HDRIs" in page
     assert "630 |" in page.split("## Seconds")[1]  # of the usual training
     calls.clear()
     ask(tmp_path, seeds=0, hdri=hdris)
     assert calls == []
 
 
-def test_failed_hdri_lessons_stop_nothing_and_go_on_next_time(data, tmp_path, calls, monkeypatch, hdris):
+def test_the_papers_preset_has_no_other_lessons(data, tmp_path, calls):
+    ask(tmp_path, seeds=0, preset=Preset.PAPER)
+    assert [words[0] for words in calls] == ["train", "eval"] * 2
+
+
+def test_failed_lessons_stop_nothing_and_go_on_next_time(data, tmp_path, calls, monkeypatch, hdris):
     good = main.main
     with monkeypatch.context() as patch:
-        patch.setattr(main, "main", lambda words: 2 if words[0] == "distill" and "cup" in words[1] else good(words))
-        with pytest.raises(Exception, match=r"failed.*: cup\.hdri training\.$"):
+        patch.setattr(main, "main", lambda words: 2 if words[0] == "distill" and "--hdri" in words else good(words))
+        with pytest.raises(Exception, match=r"failed.*: cup\.lessons\.with-HDRIs training, chair\.lessons"):
             ask(tmp_path, seeds=0, scenes=("cup", "chair"), hdri=hdris)
-    assert (tmp_path / "out" / "pieces" / "chair.hdri.eval.json").is_file()
+    assert (tmp_path / "out" / "pieces" / "chair.lessons.photos-alone.json").is_file()
     calls.clear()
     ask(tmp_path, seeds=0, scenes=("cup", "chair"), hdri=hdris)
-    assert [words[0] for words in calls] == ["distill", "eval"]
+    assert [words[0] for words in calls] == ["distill", "eval"] * 2
 
 
 def test_hdris_that_cannot_serve_are_refused_before_any_training(data, tmp_path, calls, hdris):
@@ -189,7 +191,7 @@ def test_no_folder_of_the_machine_is_on_the_page_or_in_the_pieces(data, tmp_path
     ask(tmp_path, seeds=1, hdri=hdris)
     page = (tmp_path / "R.md").read_text()
     assert "lightprobe eval cup --scene DATA/real/cup " in page
-    assert "lightprobe eval FOLDER/hdri/chair --scene DATA/chair --slow-photos 2 --methods probe-net probe-mlp" in page
+    assert "lightprobe eval FOLDER/variants/chair.lessons.with-HDRIs --scene DATA/chair --methods probe-net" in page
     pieces = [file.read_text() for file in (tmp_path / "out" / "pieces").iterdir() if file != old]
     assert not any(str(tmp_path) in text for text in (page, *pieces))
 
@@ -198,13 +200,6 @@ def test_places_are_named_by_whole_folders_the_innermost_first():
     places = {"DATA": Path("/my data"), "RUNS": Path("out/runs"), "FOLDER": Path("out")}
     assert without_places("eval out/runs/a --scene /my data/a", places) == "eval RUNS/a --scene DATA/a"
     assert without_places("eval out/hdri/a --scene layout/a", places) == "eval FOLDER/hdri/a --scene layout/a"
-
-
-def test_methods_that_depend_on_phase_two():
-    methods = dict.fromkeys(("optimize", "solve", "probe-mlp+solve", "constant", "probe-net+optimize"))
-    assert learned_methods({"default_method": "probe-net+optimize", "methods": methods}) == [
-        "probe-net+optimize", "probe-mlp+solve",
-    ]  # fmt: skip
 
 
 def test_times_of_interrupted_phases_are_not_reported(tmp_path):
@@ -216,8 +211,8 @@ def test_times_of_interrupted_phases_are_not_reported(tmp_path):
     assert training_costs(run) == {"distill": 42, "memory": 1.25}
 
 
-def test_options_of_the_losses_exist():
-    for options in LOSSES.values():
+def test_options_of_the_variants_exist():
+    for options in (*LOSSES.values(), *LESSONS.values()):
         for option in options:
             if option.startswith("--"):
                 name = option.removeprefix("--distill.").removeprefix("no-").replace("-", "_")

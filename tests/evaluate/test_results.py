@@ -4,8 +4,8 @@ from lightprobe.evaluate.results import (
     BenchResults,
     comparison_table,
     confidence_table,
-    hdri_comparison_table,
     image_table,
+    lessons_table,
     light_table,
     loss_table,
     object_table,
@@ -64,31 +64,26 @@ def test_gains_over_the_papers_method_per_scene_and_in_the_mean():
     assert rows[-1].startswith("| **mean** | +1.00 | +4.00 |")
 
 
-def with_hdris() -> BenchResults:
+def with_lessons() -> BenchResults:
     results = benchmark()
-    results.hdri, results.hdri_oracle = {"cup": metrics(3.0), "pot": metrics(5.0)}, {"cup": metrics(4.0)}
-    results.hdri["cup"]["methods"]["probe-mlp"]["relit_psnr_scaled"] += 0.5
+    results.lessons = {"photos alone": {"cup": metrics(-1.0)}, "with HDRIs": {"cup": metrics(3.0), "pot": metrics(5.0)}}
+    for scenes in results.lessons.values():
+        for scored in scenes.values():
+            del scored["methods"]["slow"]
     return results
 
 
-def test_rows_of_hdri_lessons_follow_their_scene():
-    images = image_table(with_hdris())
-    assert [line.split("|")[1].strip() for line in images[2:11:3]] == ["cup", "cup, HDRI lessons", "pot"]
-    lights = [line.split("|")[1].strip() for line in light_table(with_hdris())[2::3]]
-    cup = ["cup", "cup, true object", "cup, HDRI lessons", "cup, true object, HDRI lessons"]
-    assert lights == [*cup, "pot", "pot, HDRI lessons"]
-    labels = {line.split("|")[1].strip() for line in confidence_table(with_hdris())[2:]}
-    assert {"pot, HDRI lessons", "cup, true object, HDRI lessons"} <= labels
-
-
-def test_the_default_with_hdri_lessons_is_held_against_the_papers_method_of_both_lessons():
-    assert comparison_table(with_hdris()) == comparison_table(benchmark())
-    rows = hdri_comparison_table(with_hdris())[2:]
-    assert rows[0] == "| cup | probe-mlp, usual lessons | +3.00 | +6.00 | +0.00 | 0.50 | 0.50 | 0.50 |"
-    assert rows[2].startswith("| **mean** | probe-mlp, usual lessons | +4.00 | +7.00 |")
-    assert rows[3].startswith("| cup | probe-mlp, HDRI lessons | +2.50 | +6.00 |")
-    assert rows[5].startswith("| **mean** | probe-mlp, HDRI lessons | +3.75 |")
-    assert hdri_comparison_table(benchmark()) == []
+def test_lessons_stand_side_by_side_for_each_method_that_learned_from_them():
+    rows = [[cell.strip() for cell in line.split("|")[1:5]] for line in lessons_table(with_lessons())[2:]]
+    assert rows[:3] == [
+        ["cup", "net", "as trained", "25.00"],
+        ["cup", "net", "photos alone", "24.00"],
+        ["cup", "net", "with HDRIs", "28.00"],
+    ]
+    assert [row[1] for row in rows[3:6]] == ["probe-mlp"] * 3
+    assert [row[2] for row in rows if row[0] == "pot"] == ["as trained", "with HDRIs"] * 2
+    assert {row[0] for row in rows} == {"cup", "pot"}  # the cape was trained once
+    assert lessons_table(benchmark()) == []
 
 
 def test_spheres_beside_published_numbers_need_both_scenes():
@@ -103,9 +98,8 @@ def test_spheres_beside_published_numbers_need_both_scenes():
     assert rows[1] == "| constant map | .400 | .400 | .400 | – | – | – |"
     assert rows[2] == "| best published | .077 | .196 | .442 | – | – | – |"
     results.oracle["bottle"] = bottle
-    results.hdri = results.scenes
-    labels = [row.split("|")[1].strip() for row in published_table(results)[2:5]]
-    assert labels == ["default, own object", "default, true object", "default, HDRI lessons"]
+    labels = [row.split("|")[1].strip() for row in published_table(results)[2:4]]
+    assert labels == ["default, own object", "default, true object"]
     assert published_table(benchmark()) == []
 
 
@@ -131,13 +125,8 @@ def test_confidence_object_and_time():
     assert times[2] == "| cup | .90 | .05 | 90.00 | 601 | – | – |"
 
 
-def test_hdri_lessons_are_explained_where_there_are_any():
-    assert "*HDRI lessons*: a second Phase II on the same Phase I" in results_page(with_hdris())
-    assert "HDRI lessons" not in results_page(benchmark())
-
-
 def test_the_page_names_what_is_missing_and_survives_having_nothing():
-    page = results_page(with_hdris())
+    page = results_page(with_lessons())
     assert "**Missing:** bottle, no numbers." in page
     assert "    lightprobe train cup" in page
     lines = page.splitlines()

@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 
@@ -23,15 +23,19 @@ from lightprobe.core.run import RunFolder
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate.results import PAPER_METHOD, BenchResults, Metrics, results_page
 from lightprobe.light.files import environment_files
-from lightprobe.predict import Method
 
 SCENES = ("chair", "spot", "bottle", "cape", "liberty")
 LOSSES_SCENE = "chair"
 
 PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II as published
 
-# what gives the same light whatever Phase II has learned
-WITHOUT_MODEL = (Method.CONSTANT, Method.SOLVE, Method.OPTIMIZE)
+# what else Phase II is trained with on every scene; `distill --hdri` joins them where there is a folder of HDRIs
+LESSONS: dict[str, tuple[str, ...]] = {
+    "photos alone": ("--distill.lessons", "teacher"),
+    "re-rendered alone": ("--distill.lessons", "synthetic"),
+}
+HDRI_LESSONS = "with HDRIs"
+LESSONS_METHODS = ("probe-net+optimize", "probe-net", PAPER_METHOD)
 
 # what Phase II is trained with for the ablation
 LOSSES: dict[str, tuple[str, ...]] = {
@@ -60,7 +64,7 @@ def bench(
     hdri: Annotated[
         Path | None,
         option(
-            metavar="DIR", help="Folder of .exr or .hdr environments, z up: a second Phase II also trains under them."
+            metavar="DIR", help="Folder of .exr or .hdr environments, z up: one more Phase II trains under them, too."
         ),
     ] = None,
     results: Annotated[
@@ -88,8 +92,12 @@ def bench(
         raise ConfigError(f"None of {', '.join(scenes)} is in {data}; tell where they are with --data DIR.")
     page = results or (Path("benchmarks/RESULTS.md") if Path("benchmarks").is_dir() else output / "RESULTS.md")
     steps = [functools.partial(benchmark.scene, name, folder) for name, folder in found.items()]
-    if hdri is not None:
-        steps += [functools.partial(benchmark.hdri_lessons, name, folder, hdri) for name, folder in found.items()]
+    if preset is not Preset.PAPER:  # whose lessons are its own
+        steps += [
+            functools.partial(benchmark.lessons, kind, name, folder)
+            for name, folder in found.items()
+            for kind in benchmark.all_lessons
+        ]
     if LOSSES_SCENE in found:
         losses = [(variant, seed + number) for number in range(seeds) for variant in LOSSES]
         steps += [functools.partial(benchmark.loss, *loss, found[LOSSES_SCENE]) for loss in losses]
@@ -123,6 +131,7 @@ class Benchmark:
     ):  # fmt: skip
         self.folder, self.runs, self.preset, self.seed, self.slow_photos = folder, runs, preset, seed, slow_photos
         self.scenes, self.data, self.hdri = scenes, data, hdri
+        self.all_lessons = dict(LESSONS) if hdri is None else {**LESSONS, HDRI_LESSONS: ("--hdri", str(hdri))}
         self.failed: list[str] = []
 
     def scene(self, name: str, folder: Path) -> None:
@@ -133,77 +142,71 @@ class Benchmark:
             if not self._command(f"{name} training", train):
                 return
         score = ("eval", str(run.path), "--scene", str(folder), "--slow", "--slow-photos", str(self.slow_photos))
-        self._evaluate(name, score, run)
+        self._piece(f"{name}.eval", score, run, run.metrics_file)
+        if run.oracle.asset_file.is_file():  # the evaluation has found the true object
+            self._piece(f"{name}.oracle", (*score, "--oracle-asset"), run, run.oracle.metrics_file)
 
-    def hdri_lessons(self, name: str, folder: Path, hdri: Path) -> None:
-        """Train a second Phase II on a scene's Phase I, with the folder `hdri`, and evaluate what it changes."""
-        source, run = RunFolder(self.runs / name), RunFolder(self.folder / "hdri" / name)
-        if not self._file(f"{name}.eval").is_file():  # it has the methods, and the rows to compare with
-            return
+    def lessons(self, kind: str, name: str, folder: Path) -> None:
+        """Train another Phase II on a scene's Phase I, with the lessons `kind`, and evaluate what depends on it."""
+        piece = lessons_piece(kind, name)
         where = ("--scene", str(folder))
-        if not self._file(f"{name}.hdri.eval").is_file():
-            if not source.asset_file.is_file():
-                return
-            share_phase_one(source, run)
-            options = ("--preset", self.preset.value, "--seed", str(self.seed), *where, "--hdri", str(hdri))
-            if not self._command(f"{name}.hdri training", ("distill", str(run.path), *options)):
-                return
-        methods = learned_methods(read_json(self._file(f"{name}.eval"))["metrics"])
-        score = ("eval", str(run.path), *where, "--slow-photos", str(self.slow_photos), "--methods", *methods)
-        self._evaluate(f"{name}.hdri", score, run)
+        run = self._variant(piece, name, self.seed, (*where, *self.all_lessons[kind]))
+        if run is not None:
+            self._piece(piece, ("eval", str(run.path), *where, "--methods", *LESSONS_METHODS), run, run.metrics_file)
 
     def loss(self, variant: str, seed: int, folder: Path) -> None:
         """Train Phase II of the ablation's scene with one loss and seed on the same Phase I, and evaluate it."""
-        name = f"{LOSSES_SCENE}.loss.{list(LOSSES).index(variant)}.seed{seed}"
-        if self._file(name).is_file():
-            return
-        source, run = RunFolder(self.runs / LOSSES_SCENE), RunFolder(self.folder / "ablation" / name)
-        if not source.asset_file.is_file():
-            return
-        share_phase_one(source, run)
+        piece = f"{LOSSES_SCENE}.loss.{list(LOSSES).index(variant)}.seed{seed}"
         where = ("--scene", str(folder))
-        options = ("--preset", self.preset.value, "--seed", str(seed), *where, *PAPER, *LOSSES[variant])
-        if self._command(name, ("distill", str(run.path), *options)):
+        run = self._variant(piece, LOSSES_SCENE, seed, (*where, *PAPER, *LOSSES[variant]))
+        if run is not None:
             score = ("eval", str(run.path), *where, "--methods", PAPER_METHOD, "--no-unseen")
-            self._piece(name, score, run, run.metrics_file)
+            self._piece(piece, score, run, run.metrics_file)
+
+    def _variant(self, piece: str, scene: str, seed: int, options: Sequence[str]) -> RunFolder | None:
+        """Train Phase II anew on a scene's Phase I; return the run, or None if there is nothing to score."""
+        source, run = RunFolder(self.runs / scene), RunFolder(self.folder / "variants" / piece)
+        if self._file(piece).is_file() or not source.asset_file.is_file():
+            return None
+        share_phase_one(source, run)
+        train = ("distill", str(run.path), "--preset", self.preset.value, "--seed", str(seed), *options)
+        return run if self._command(f"{piece} training", train) else None
 
     def collect(self) -> BenchResults:
         """Return all numbers there are."""
         results = BenchResults(self._about(), losses_scene=LOSSES_SCENE)
-        wanted = {"": "eval"} if self.hdri is None else {"": "eval", " with HDRI lessons": "hdri.eval"}
-        for words, kind in wanted.items():
-            absent = [name for name in self.scenes if not self._file(f"{name}.{kind}").is_file()]
-            results.missing += [f"{name}{words}, for which there are no numbers." for name in absent]
-        kinds = {
-            "eval": results.scenes, "oracle": results.oracle,
-            "hdri.eval": results.hdri, "hdri.oracle": results.hdri_oracle,
-        }  # fmt: skip
+        absent = [name for name in self.scenes if not self._file(f"{name}.eval").is_file()]
+        results.missing += [f"{name}, for which there are no numbers." for name in absent]
         for name in self.scenes:
-            for kind, kept in kinds.items():
+            for kind, kept in (("eval", results.scenes), ("oracle", results.oracle)):
                 if self._file(f"{name}.{kind}").is_file():
-                    piece = read_json(self._file(f"{name}.{kind}"))
-                    kept[name] = piece["metrics"]
-                    results.commands.append(f"{self._unplaced(piece['command'])}   # {piece['commit']}")
-                    if kept is results.scenes or kept is results.oracle:
-                        results.training[name] = piece["training"]
-        if results.hdri:
-            options = f"--restart --preset {self.preset.value} --seed {self.seed} --hdri HDRI"
-            results.commands.append(f"lightprobe distill RUN {options}   # HDRI lessons")
+                    piece = self._keep(f"{name}.{kind}", name, kept, results)
+                    results.training[name] = piece["training"]
+        for kind, options in self.all_lessons.items():
+            kept = results.lessons.setdefault(kind, {})
+            for name in self.scenes:
+                if self._file(lessons_piece(kind, name)).is_file():
+                    self._keep(lessons_piece(kind, name), name, kept, results)
+            if kept:
+                words = ["HDRI" if word == str(self.hdri) else word for word in options]
+                chosen = f"--restart --preset {self.preset.value} --seed {self.seed} {' '.join(words)}"
+                results.commands.append(f"lightprobe distill RUN {chosen}   # {kind}")
         for number, variant in enumerate(LOSSES):
             files = sorted((self.folder / "pieces").glob(f"{LOSSES_SCENE}.loss.{number}.seed*.json"))
             if files:
                 pieces = [read_json(file) for file in files]
                 results.losses[variant] = [piece["metrics"] for piece in pieces]
-                options = " ".join(("--restart", *PAPER, *LOSSES[variant], "--seed K"))
+                chosen = " ".join(("--restart", *PAPER, *LOSSES[variant], "--seed K"))
                 commits = ", ".join(sorted({piece["commit"] for piece in pieces}))
-                results.commands.append(f"lightprobe distill RUN {options}   # {variant}, {commits}")
+                results.commands.append(f"lightprobe distill RUN {chosen}   # {variant}, {commits}")
         return results
 
-    def _evaluate(self, name: str, score: Sequence[str], run: RunFolder) -> None:
-        """Run the command `score` on a run's own object, and on the scene's true one where there is one."""
-        self._piece(f"{name}.eval", score, run, run.metrics_file)
-        if run.oracle.asset_file.is_file():  # the evaluation has found the true object
-            self._piece(f"{name}.oracle", (*score, "--oracle-asset"), run, run.oracle.metrics_file)
+    def _keep(self, name: str, scene: str, kept: dict[str, Metrics], results: BenchResults) -> dict[str, Any]:
+        """Put a piece's numbers into `kept` and its command into `results`; return the piece."""
+        piece: dict[str, Any] = read_json(self._file(name))
+        kept[scene] = piece["metrics"]
+        results.commands.append(f"{self._unplaced(piece['command'])}   # {piece['commit']}")
+        return piece
 
     def _piece(self, name: str, command: Sequence[str], run: RunFolder, metrics: Path) -> None:
         """Run a command that writes `metrics` and keep these, unless they are kept already."""
@@ -255,10 +258,9 @@ def share_phase_one(source: RunFolder, run: RunFolder) -> None:
     write_json(run.config_file, {"decompose": source.config("decompose")})
 
 
-def learned_methods(metrics: Metrics) -> list[str]:
-    """Return the methods of an evaluation that depend on Phase II, the default one first."""
-    methods = [metrics["default_method"], *metrics["methods"]]
-    return [method for method in dict.fromkeys(methods) if method not in WITHOUT_MODEL]
+def lessons_piece(kind: str, scene: str) -> str:
+    """Return the name of the piece that holds what the lessons `kind` come to on a scene."""
+    return f"{scene}.lessons.{kind.replace(' ', '-')}"
 
 
 def without_places(command: str, places: dict[str, Path]) -> str:

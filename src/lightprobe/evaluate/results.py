@@ -26,8 +26,7 @@ class BenchResults:
     losses_scene: str = ""
     commands: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)  # sentences
-    hdri: dict[str, Metrics] = field(default_factory=dict)  # the same scenes, Phase II with a folder of HDRIs
-    hdri_oracle: dict[str, Metrics] = field(default_factory=dict)
+    lessons: dict[str, dict[str, Metrics]] = field(default_factory=dict)  # other lessons of Phase II -> scene
 
 
 def results_page(results: BenchResults) -> str:
@@ -37,7 +36,7 @@ def results_page(results: BenchResults) -> str:
         ("Light", _LIGHT_NOTE, light_table(results)),
         ("", _PUBLISHED_NOTE, published_table(results)),
         ("The default against the paper's method", _DEFAULT_NOTE, comparison_table(results)),
-        ("", _HDRI_DEFAULT_NOTE, hdri_comparison_table(results)),
+        ("What Phase II learns from", _LESSONS_NOTE, lessons_table(results)),
         ("Against slow methods, on the same photos", "", slow_table(results)),
         ("The object", _OBJECT_NOTE, object_table(results)),
         ("Error by confidence", _CONFIDENCE_NOTE, confidence_table(results)),
@@ -48,8 +47,6 @@ def results_page(results: BenchResults) -> str:
     lines += [f"- {name}: {value}" for name, value in results.about.items()]
     if results.missing:
         lines += ["", *(f"**Missing:** {sentence}" for sentence in results.missing)]
-    if results.hdri:
-        lines += ["", _HDRI_NOTE]
     for title, note, table in sections:
         if table:
             lines += [*(["", f"## {title}"] if title else []), *(["", note] if note else []), "", *table]
@@ -61,12 +58,11 @@ def image_table(results: BenchResults) -> list[str]:
     """Return PSNR and SSIM under protocols A and B, method by scene."""
     columns = {"psnr": 2, "ssim": 3, "psnr_masked": 2, "ssim_masked": 3, "psnr_unseen": 2}
     heads = ["PSNR", "SSIM", "PSNR object", "SSIM object", "PSNR unseen"]
-    sources = [(results.scenes, ""), (results.hdri, ", HDRI lessons")]
-    return _method_table(heads, columns, results.scenes, sources)
+    return _method_table(heads, columns, results.scenes, [(results.scenes, "")])
 
 
 def light_table(results: BenchResults) -> list[str]:
-    """Return the errors of the lights, method by scene, with the rows of the true object and of HDRIs below."""
+    """Return the errors of the lights, method by scene, with the rows of the true object below."""
     columns = {
         "relit_psnr": 2, "relit_psnr_scaled": 2, **{f"{s}_si_rmse": 3 for s in SPHERES},
         **{f"{s}_angular": 1 for s in SPHERES}, "light_log_rmse": 2, "light_log_rmse_scaled": 2,
@@ -100,27 +96,9 @@ def _picked(source: dict[str, Metrics], method: str | None = None) -> list[dict[
 
 def comparison_table(results: BenchResults) -> list[str]:
     """Return what the default method gains over the paper's, per scene and in the mean."""
-    rows = _gains(results.scenes, results.scenes)
-    return _table(["scene", *_GAINS], [[name, *cells] for name, cells in rows]) if rows else []
-
-
-def hdri_comparison_table(results: BenchResults) -> list[str]:
-    """Return what the default with HDRI lessons gains over the paper's method with the usual and with HDRI lessons."""
-    rows = []
-    for papers, lessons in ((results.scenes, "usual"), (results.hdri, "HDRI")):
-        against = f"{PAPER_METHOD}, {lessons} lessons"
-        rows += [[name, against, *cells] for name, cells in _gains(results.hdri, papers)]
-    return _table(["default, HDRI lessons", "against", *_GAINS], rows) if rows else []
-
-
-def _gains(scored: dict[str, Metrics], papers: dict[str, Metrics]) -> list[tuple[str, list[str]]]:
-    """Return (scene, cells under `_GAINS`) of the default in `scored` against the paper's method in `papers`.
-
-    Only scenes with known lights; below more than one stands their mean.
-    """
     rows: list[tuple[str, list[float]]] = []
-    for name, metrics in scored.items():
-        default, paper = _default(metrics), papers.get(name, {}).get("methods", {}).get(PAPER_METHOD, {})
+    for name, metrics in results.scenes.items():
+        default, paper = _default(metrics), metrics["methods"].get(PAPER_METHOD, {})
         if not paper or "relit_psnr_scaled" not in default:
             continue
         keys = ("relit_psnr_scaled", "psnr_masked", "psnr_unseen")
@@ -129,7 +107,28 @@ def _gains(scored: dict[str, Metrics], papers: dict[str, Metrics]) -> list[tuple
     if len(rows) > 1:
         means = [_mean(values) for values in zip(*(values for _, values in rows), strict=True)]
         rows.append(("**mean**", means))
-    return [(name, [_signed(v) for v in values[:3]] + [f"{v:.2f}" for v in values[3:]]) for name, values in rows]
+    cells = [[name, *map(_signed, values[:3]), *(f"{v:.2f}" for v in values[3:])] for name, values in rows]
+    return _table(["scene", *_GAINS], cells) if cells else []
+
+
+def lessons_table(results: BenchResults) -> list[str]:
+    """Return the learned methods after each kind of lessons, on every scene that has more than one."""
+    columns = {
+        "psnr_masked": 2, "psnr_unseen": 2, "relit_psnr_scaled": 2, **{f"{s}_si_rmse": 3 for s in SPHERES},
+        "light_log_rmse_scaled": 2,
+    }  # fmt: skip
+    every = {"as trained": results.scenes, **results.lessons}
+    rows = []
+    for name in results.scenes:
+        found = {kind: scenes[name] for kind, scenes in every.items() if name in scenes}
+        if len(found) < 2:
+            continue
+        for method in list(found.values())[-1]["methods"]:
+            for kind, metrics in found.items():
+                scores, around = metrics["methods"].get(method, {}), metrics.get("interval", {}).get(method, {})
+                rows.append([name, method, kind, *_cells(scores, around, columns)])
+    head = ["scene", "method", "lessons", "PSNR object", "PSNR unseen", "relit, scaled", *SPHERES, "log-RMSE, scaled"]
+    return _table(head, rows) if rows else []
 
 
 def slow_table(results: BenchResults) -> list[str]:
@@ -207,13 +206,8 @@ def loss_table(results: BenchResults) -> list[str]:
 
 
 def _sources(results: BenchResults) -> list[tuple[dict[str, Metrics], str]]:
-    """Return every kind of evaluation with what its rows add to the scene's name."""
-    return [
-        (results.scenes, ""),
-        (results.oracle, ", true object"),
-        (results.hdri, ", HDRI lessons"),
-        (results.hdri_oracle, ", true object, HDRI lessons"),
-    ]
+    """Return both kinds of evaluation with what their rows add to the scene's name."""
+    return [(results.scenes, ""), (results.oracle, ", true object")]
 
 
 def _default(metrics: Metrics) -> dict[str, float]:
@@ -260,7 +254,7 @@ def _signed(value: float) -> str:
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    marks = ["---" if i == 0 or name in ("method", "against") else "---:" for i, name in enumerate(head)]
+    marks = ["---" if i == 0 or name in ("method", "lessons") else "---:" for i, name in enumerate(head)]
     return [f"| {' | '.join(cells)} |" for cells in (head, marks, *rows)]
 
 
@@ -300,13 +294,11 @@ _PUBLISHED_NOTE = (
 )
 _GAINS = ["relit, dB", "object, dB", "unseen, dB", *(f"{s}, ratio" for s in SPHERES)]
 _DEFAULT_NOTE = "Gains in dB; ratios of three-sphere si-RMSE, less than 1 is better."
-_HDRI_DEFAULT_NOTE = (
-    "The same for the default with HDRI lessons: against the paper's method of the table above, whose lessons are the "
-    "usual ones, and against it with HDRI lessons as well. Means over the scenes whose lights are known."
-)
-_HDRI_NOTE = (
-    "*HDRI lessons*: a second Phase II on the same Phase I (`distill --hdri`), for which about half of the re-rendered "
-    "photos are lit by the environment maps of a folder of HDRIs in place of generated lights and those of Phase I."
+_LESSONS_NOTE = (
+    "Phase II trained anew on the same Phase I. *As trained*: on photos under their lights from Phase I and on "
+    "re-rendered ones, under those lights turned, tinted and mixed and under generated ones. *Photos alone*: the "
+    "paper's distillation. *Re-rendered alone*: without the photos. *With HDRIs*: as trained, but about half of the "
+    "re-rendered photos lit by the environment maps of a folder."
 )
 _COMMANDS_NOTE = (
     "DATA stands for the folder of the scenes, RUNS for that of the runs, FOLDER for the benchmark's own, HDRI for the "
