@@ -6,13 +6,15 @@ import torch
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config_distill import AlphaRule, DistillConfig, LossSpace
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
-from lightprobe.distill import ProbeModel
+from lightprobe.distill import ProbeModel, training
 from lightprobe.distill.probe_distribution import alpha2, mean_distribution, stack
 from lightprobe.distill.probe_model import new_network
 from lightprobe.distill.training import train
+from lightprobe.kernels import dispatch
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
+from tests.tape import TapeRecorder
 
 CONFIG = DistillConfig(
     steps=40, samples=256, width=32, depth=2, checkpoint_every=20, sphere_steps=10, sphere_batch=2, sphere_width=4
@@ -61,6 +63,41 @@ def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
     assert all(torch.equal(first[k], second[k]) for k in first)
     for name in ("network.layers.0.weight", "sphere.fine.0.conv.weight"):
         assert not torch.equal(first[name], other[name])
+
+
+def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
+    monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.REFERENCE)  # all of it PyTorch's operators
+    config, recorders = replace(CONFIG, steps=12, sphere_steps=8), []
+
+    def recorder_for(device):
+        recorders.append(TapeRecorder())
+        return recorders[-1]
+
+    heard = {}
+    single = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.setdefault(step, loss))
+    monkeypatch.setattr(training, "recorder_for", recorder_for)
+    recorded = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.update({step: loss - heard[step]}))
+    assert [recorder.replays for recorder in recorders] == [9, 5]
+    assert max(abs(difference) for difference in heard.values()) < 1e-5
+    before, after = weights(single), weights(recorded)
+    for name, value in before.items():
+        assert torch.allclose(after[name], value, rtol=1e-4, atol=1e-6), name
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+@pytest.mark.filterwarnings("error:Training steps cannot be recorded")
+def test_a_gpu_learns_from_recordings_what_it_learns_step_by_step(photos, monkeypatch):
+    device = torch.device("cuda", 0)
+    moved = [
+        replace(photo, **{name: value.to(device) for name, value in vars(photo).items() if hasattr(value, "to")})
+        for photo in photos
+    ]
+    recorded = weights(train(moved, CONFIG, device, seed=3))
+    monkeypatch.setattr(training, "recorder_for", lambda device: None)
+    single = weights(train(moved, CONFIG, device, seed=3))
+    for name, value in single.items():
+        assert torch.allclose(recorded[name], value, rtol=1e-3, atol=1e-5), name
 
 
 @pytest.mark.parametrize("killed_at", [30, 40, 47])

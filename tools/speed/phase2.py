@@ -11,7 +11,7 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.distill.lesson import Desk, Lesson
 from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.distill.sphere_training import batch, fill_album, sphere_loss
-from lightprobe.distill.training import lesson_loss, train
+from lightprobe.distill.training import lesson_loss, lesson_tensors, train
 from lightprobe.light import cubemap
 from lightprobe.render.asset import Asset, rasterize_asset
 from speed.ball import CPU, LIT, camera, light
@@ -60,8 +60,8 @@ def profile(lessons: Sequence[Lesson], config: DistillConfig, steps: int) -> dic
                     maps, lights = batch(album, config, SEED, step)
                     loss = sphere_loss(sphere(maps), lights)
                 else:
-                    lesson = lessons[step % len(lessons)]
-                    loss = lesson_loss(network, lesson, directions, angles, config, SEED, step)
+                    given = lesson_tensors(lessons[step % len(lessons)], config, SEED, step)
+                    loss = lesson_loss(network, given, directions, angles, config)
             with parts.part("backward"):
                 loss.backward()
             with parts.part("optimiser"):

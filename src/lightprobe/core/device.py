@@ -37,8 +37,13 @@ def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(int.from_bytes(digest, "little") >> 1)
 
 
+def sent(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
+    """Return a CPU tensor on `device`, without waiting for what the device is still doing."""
+    return tensor.to(device, non_blocking=True)
+
+
 def draw_rows(rows: torch.Tensor, count: int, random: torch.Generator) -> torch.Tensor:
     """Return at most `count` of the row numbers (N,), drawn without replacement, in their order."""
     if len(rows) <= count:
         return rows
-    return rows[torch.randperm(len(rows), generator=random)[:count].sort().values.to(rows.device)]
+    return rows[sent(torch.randperm(len(rows), generator=random)[:count].sort().values, rows.device)]

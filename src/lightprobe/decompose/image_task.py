@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.device import generator
+from lightprobe.core.device import generator, sent
 from lightprobe.decompose.gauge import CHOICES, choose_brightness, spread
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
@@ -103,7 +103,7 @@ class ImageTask:
         crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, pixel, view)
         cover = coverage(pixel, crossings, view.height * view.width)
         image = spread_color(radiance, pixel, crossings, cover)
-        background = torch.rand(3, generator=generator(self.seed, "background", step)).to(radiance.device)
+        background = sent(torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device)
         loss = image_loss(image, cover, target.color, target.alpha, background, self.config.coverage_weight)
         gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
         return loss + seen.regularisation + gauge + self._few_metals(seen.gbuffer, step)
@@ -114,7 +114,7 @@ class ImageTask:
         if weight == 0 or len(gbuffer.pixel) == 0:
             return gbuffer.base_color.new_zeros(())
         random = generator(self.seed, "parsimony", step)
-        rows = torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random).to(gbuffer.pixel.device)
+        rows = sent(torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random), gbuffer.pixel.device)
         material = (gbuffer.base_color, gbuffer.roughness, gbuffer.metallic)
         return weight * metal_parsimony(*(channel.index_select(0, rows) for channel in material))
 

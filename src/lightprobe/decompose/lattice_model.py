@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig, SdfMode
-from lightprobe.core.device import generator
+from lightprobe.core.device import generator, sent
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.decompose.coarse_grids import CoarseGrids
 from lightprobe.decompose.gauge import BRIGHTEST
@@ -184,8 +184,8 @@ class LatticeModel(nn.Module):
         """Smoothness under a small random displacement, and the priors of metallic, roughness and normal offset."""
         count = min(4096, len(position))
         random = generator(self.seed, "jitter", step)
-        rows = torch.randint(0, max(len(position), 1), (count,), generator=random).to(position.device)
-        jitter = 0.01 * torch.randn(count, 3, generator=random).to(position.device)
+        rows = sent(torch.randint(0, max(len(position), 1), (count,), generator=random), position.device)
+        jitter = 0.01 * sent(torch.randn(count, 3, generator=random), position.device)
         here = material.index_select(0, rows)
         there = self.material(position.detach()[rows] + jitter)
         return (

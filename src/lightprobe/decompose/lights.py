@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
-from lightprobe.core.device import generator
+from lightprobe.core.device import generator, sent
 from lightprobe.decompose.losses import tone_weight
 from lightprobe.decompose.photos import Target
 from lightprobe.light import prefilter as prefilters
@@ -53,7 +53,7 @@ class Lights:
         """Return up to `count` rows of the G-buffer that lie inside the mask, drawn without replacement."""
         inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
         draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
-        return inside[draw[:count].to(inside.device)]
+        return inside[sent(draw[:count], inside.device)]
 
     def levels(self, target: Target, gbuffer: GBuffer, step: int) -> tuple[Tensor, Tensor]:
         """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss."""

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.device import draw_rows, generator
+from lightprobe.core.device import draw_rows, generator, sent
 from lightprobe.decompose.lights import Lights, solve_target_light
 from lightprobe.decompose.losses import brightness_anchor, color_gauge, material_prior, one_sided, tone_map
 from lightprobe.decompose.optimisation import Stage, photo_order
@@ -117,7 +117,7 @@ class TextureTask:
         size = round(len(self.model.color) ** 0.5)
         uv = torch.cat([photo.surface.interpolate(self._mesh.uvs, self._mesh.uv_faces) for photo in photos])
         angle = 2 * math.pi * torch.rand(len(uv), generator=generator(self._seed, "texture-smoothness", step))
-        beside = uv + torch.stack([angle.cos(), angle.sin()], 1).to(uv) / size
+        beside = uv + sent(torch.stack([angle.cos(), angle.sin()], 1), uv.device) / size
         index, weight = bilinear_taps(torch.cat([uv, beside]), size)
         # Gathered part by part: putting the channels of all texels side by side would cost more than the pixels do.
         parts = [weighted_gather(part, index, weight) for part in (self.model.color, self.model.finish)]

@@ -4,6 +4,7 @@ Notation: c linear colour, k_d base colour, k_s = F0, n normal, r roughness, w_o
 furnace: the pixel's colour under a constant environment of radiance 1, so c / furnace is the average light a pixel saw.
 """
 
+import functools
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -31,13 +32,17 @@ class ProbePixels:
     def __len__(self) -> int:
         return len(self.color)
 
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Return the fields, in order."""
+        return tuple(getattr(self, field.name) for field in fields(self))
+
     def take(self, index: Tensor) -> "ProbePixels":
         """Return the pixels at `index` (K,) int64."""
-        return ProbePixels(**{field.name: getattr(self, field.name)[index] for field in fields(self)})
+        return ProbePixels(*(value[index] for value in self.tensors()))
 
     def to(self, device: torch.device) -> "ProbePixels":
         """Return the pixels on `device`."""
-        return ProbePixels(**{field.name: getattr(self, field.name).to(device) for field in fields(self)})
+        return ProbePixels(*(value.to(device) for value in self.tensors()))
 
     def photographed(self, color: Tensor) -> "ProbePixels":
         """Return the same surface points in a photo in which they have the linear `color` (N, 3)."""
@@ -53,7 +58,12 @@ class ProbePixels:
 
 def luma(rgb: Tensor) -> Tensor:
     """Return .299 R + .587 G + .114 B of (..., 3)."""
-    return (rgb * rgb.new_tensor(_LUMA)).sum(-1)
+    return (rgb * _luma_weights(rgb.device, rgb.dtype)).sum(-1)
+
+
+@functools.lru_cache(maxsize=8)
+def _luma_weights(device: torch.device, dtype: torch.dtype) -> Tensor:
+    return torch.tensor(_LUMA, dtype=dtype, device=device)
 
 
 def tone_weight(color: Tensor, light_level: Tensor) -> Tensor:

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import generator
+from lightprobe.core.device import generator, sent
 
 _LEAST_WEIGHT = 1e-3  # keeps perfectly rough pixels in the draw, so that a wholly matte object still has probes
 
@@ -23,7 +23,7 @@ def sample_pixels(roughness: Tensor, count: int, *, seed: int, stream: str, step
     """
     if count >= len(roughness):
         return torch.arange(len(roughness), device=roughness.device)
-    weight = (1 - roughness.detach()).clamp_min(_LEAST_WEIGHT).double().cpu()
+    weight = (1 - roughness.detach()).clamp_min(_LEAST_WEIGHT).double()
     uniform = torch.rand(len(weight), dtype=torch.float64, generator=generator(seed, stream, step))
     gumbel = -torch.log(-torch.log(uniform.clamp(1e-300, 1 - 1e-16)))
-    return torch.topk(weight.log() + gumbel, count, sorted=True).indices.to(roughness.device)
+    return torch.topk(weight.log() + sent(gumbel, roughness.device), count, sorted=True).indices

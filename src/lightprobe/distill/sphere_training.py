@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.core.device import generator
+from lightprobe.core.device import generator, sent
 from lightprobe.distill.illumination_mlp import IlluminationMlp
 from lightprobe.distill.lesson import Lesson
 from lightprobe.distill.probe_maps import BLACK, RESOLUTION, probe_maps, turned
@@ -58,8 +58,7 @@ def fill_album(network: IlluminationMlp, lessons: Sequence[Lesson], config: Dist
 def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
     """Return the loss () of the network's output (B, 3, 6, 16, 16) against relative lights (B, 3, 1536)."""
     log_light = log_light.flatten(2)
-    angle = cubemap.solid_angles(RESOLUTION, lights.device).reshape(-1) / (4 * math.pi)
-    loss = ((log_light - (lights + BLACK).log()).square() * angle).sum(-1).mean()
+    loss = ((log_light - (lights + BLACK).log()).square() * _shares(lights.device)).sum(-1).mean()
     light = (log_light.clamp(max=12.0).exp() - BLACK).clamp(min=0)
     for lobe in _lobes(lights.device):
         difference = (light @ lobe + BLACK).log() - (lights @ lobe + BLACK).log()
@@ -73,9 +72,9 @@ def batch(album: Album, config: DistillConfig, seed: int, step: int) -> tuple[Te
     Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
     """
     random = generator(seed, "sphere-batch", step)
-    chosen = torch.randint(album.count, (config.sphere_batch,), generator=random).to(album.maps.device)
+    chosen = sent(torch.randint(album.count, (config.sphere_batch,), generator=random), album.maps.device)
     symmetries, _ = cubemap.symmetries(RESOLUTION, album.maps.device)
-    turn = torch.randint(len(symmetries), (config.sphere_batch,), generator=random).to(album.maps.device)
+    turn = sent(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), album.maps.device)
     lights = album.lights[chosen]
     return turned(album.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
 
@@ -84,6 +83,12 @@ def learning_rate(config: DistillConfig, step: int) -> float:
     """Return the Adam step: a short warm-up, then down along a cosine."""
     warm = min(1.0, (step + 1) / 50)
     return config.sphere_learning_rate * warm * 0.5 * (1 + math.cos(math.pi * step / config.sphere_steps))
+
+
+@functools.lru_cache(maxsize=4)
+def _shares(device: torch.device) -> Tensor:
+    """Return the texels' shares of the sphere, (1536,)."""
+    return cubemap.solid_angles(RESOLUTION, device).reshape(-1) / (4 * math.pi)
 
 
 @functools.lru_cache(maxsize=4)

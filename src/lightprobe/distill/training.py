@@ -17,6 +17,7 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.core.losses import LossReader
+from lightprobe.core.recording import Recorded, recorder_for
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.illumination_mlp import IlluminationMlp
 from lightprobe.distill.lesson import Lesson
@@ -24,6 +25,7 @@ from lightprobe.distill.lessons import collect_lessons
 from lightprobe.distill.loss import intensity_weight, sample_weight, weighted_l2
 from lightprobe.distill.probe_distribution import stack
 from lightprobe.distill.probe_model import ProbeModel, new_network, new_sphere, starts_pretrained
+from lightprobe.distill.probe_pixels import ProbePixels
 from lightprobe.distill.sampling import sample_pixels
 from lightprobe.distill.sphere_net import SphereNet
 from lightprobe.distill.sphere_training import batch, fill_album, learning_rate, sphere_loss
@@ -73,18 +75,13 @@ def train(
 ) -> ProbeModel:
     """Train on lessons already collected; the rest as in `distill`."""
     course = _Course(config, device, seed, checkpoints, on_step)
-    directions = cubemap.directions(config.light_resolution, device).reshape(-1, 3)
-    solid_angles = cubemap.solid_angles(config.light_resolution).to(device).reshape(-1)
     for step in range(course.done, config.steps):
         lesson = _lesson(lessons, seed, step)
-        loss = lesson_loss(course.network, lesson, directions, solid_angles, config, seed, step)
-        course.take(course.network, loss, config.learning_rate, lesson.name)
+        course.take("network", lesson_tensors(lesson, config, seed, step), config.learning_rate, lesson.name)
     if config.sphere_steps:
         album = fill_album(course.network, lessons, config, seed)
         for step in range(course.done - config.steps, config.sphere_steps):
-            maps, lights = batch(album, config, seed, step)
-            loss = sphere_loss(course.sphere(maps), lights)
-            course.take(course.sphere, loss, learning_rate(config, step), "several")
+            course.take("sphere", batch(album, config, seed, step), learning_rate(config, step), "several")
     side = config.light_resolution
     mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
     sphere = _learned(course.sphere, config, seed).requires_grad_(False) if config.sphere_steps else None
@@ -105,26 +102,26 @@ def _learned(sphere: SphereNet, config: DistillConfig, seed: int) -> SphereNet:
     return sphere
 
 
-def lesson_loss(
-    network: IlluminationMlp,
-    lesson: Lesson,
-    directions: Tensor,
-    solid_angles: Tensor,
-    config: DistillConfig,
-    seed: int,
-    step: int,
-) -> Tensor:
-    """Return Equation 6 () for one photo with the pixels drawn for `step`."""
+def lesson_tensors(lesson: Lesson, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, ...]:
+    """Return what `lesson_loss` needs of one photo, with the pixels drawn for `step`."""
     chosen = sample_pixels(lesson.pixels.roughness, config.samples, seed=seed, stream="distill-pixels", step=step)
-    pixels = lesson.pixels.take(chosen)
-    colors = network(pixels, lesson.light_level) / lesson.light_level
+    return (*lesson.pixels.take(chosen).tensors(), lesson.light_level, lesson.distribution, lesson.teacher)
+
+
+def lesson_loss(
+    network: IlluminationMlp, given: Sequence[Tensor], directions: Tensor, solid_angles: Tensor, config: DistillConfig
+) -> Tensor:
+    """Return Equation 6 () for one photo, `given` as `lesson_tensors`."""
+    *fields, light_level, distribution, teacher = given
+    pixels = ProbePixels(*fields)
+    colors = network(pixels, light_level) / light_level
     predicted, sampled = stack(pixels, colors, directions, config.alpha_rule)
     weight = torch.ones_like(sampled)
     if config.sample_weight:
-        weight = weight * sample_weight(sampled, lesson.distribution)
+        weight = weight * sample_weight(sampled, distribution)
     if config.intensity_weight:
-        weight = weight * intensity_weight(lesson.teacher)
-    return weighted_l2(predicted, lesson.teacher, weight, solid_angles, config.loss_space)
+        weight = weight * intensity_weight(teacher)
+    return weighted_l2(predicted, teacher, weight, solid_angles, config.loss_space)
 
 
 def _lesson(lessons: list[Lesson], seed: int, step: int) -> Lesson:
@@ -134,8 +131,39 @@ def _lesson(lessons: list[Lesson], seed: int, step: int) -> Lesson:
     return lessons[int(order[position])]
 
 
+class _Learner:
+    """A network, its loss and its optimiser; on a GPU a step is one recording."""
+
+    def __init__(self, network: nn.Module, loss: Callable[..., Tensor], device: torch.device, *, bounded: bool):
+        """Take the loss () of the tensors that a step is given; `bounded` holds the gradient within its limit."""
+        self.network, self._loss, self._bounded = network, loss, bounded
+        recorder = recorder_for(device)
+        # A recording would keep Python's number.
+        rate = 0.0 if recorder is None else torch.zeros((), device=device)
+        self.optimizer = torch.optim.Adam(network.parameters(), lr=rate, fused=True, capturable=recorder is not None)
+        self._step = Recorded(self._learn, recorder)
+
+    def step(self, given: Sequence[Tensor], rate: float) -> Tensor:
+        """Take one step down the loss of `given` and return it."""
+        group = self.optimizer.param_groups[0]
+        if isinstance(group["lr"], Tensor):
+            group["lr"].fill_(rate)
+        else:
+            group["lr"] = rate
+        return self._step(*given)
+
+    def _learn(self, *given: Tensor) -> Tensor:
+        self.optimizer.zero_grad(set_to_none=True)
+        loss = self._loss(*given)
+        loss.backward()
+        if self._bounded:
+            nn.utils.clip_grad_norm_(self.network.parameters(), _LARGEST_GRADIENT)
+        self.optimizer.step()
+        return loss.detach()
+
+
 class _Course:
-    """Both networks, one after the other, with their optimisers and the place in the course."""
+    """Both networks, one after the other, and the place in the course."""
 
     def __init__(
         self, config: DistillConfig, device: torch.device, seed: int, checkpoints: Checkpoints | None,
@@ -145,22 +173,25 @@ class _Course:
         self.config, self.seed, self.checkpoints, self.on_step = config, seed, checkpoints, on_step
         self.network: IlluminationMlp = new_network(config, seed).to(device)
         self.sphere: SphereNet = new_sphere(config, seed).to(device)
-        self._modules: dict[str, nn.Module] = {"network": self.network, "sphere": self.sphere}
-        self._optimizers = {
-            name: torch.optim.Adam(module.parameters(), fused=True) for name, module in self._modules.items()
+        directions = cubemap.directions(config.light_resolution, device).reshape(-1, 3)
+        solid_angles = cubemap.solid_angles(config.light_resolution).to(device).reshape(-1)
+
+        def mlp_loss(*given: Tensor) -> Tensor:
+            return lesson_loss(self.network, given, directions, solid_angles, config)
+
+        def net_loss(maps: Tensor, lights: Tensor) -> Tensor:
+            return sphere_loss(self.sphere(maps), lights)
+
+        self._learners = {
+            "network": _Learner(self.network, mlp_loss, device, bounded=False),
+            "sphere": _Learner(self.sphere, net_loss, device, bounded=True),
         }
         self._losses = LossReader(device)
         self.done = self._resume()
 
-    def take(self, module: nn.Module, loss: Tensor, rate: float, photo: str) -> None:
-        """Take one step of `module` down its loss; save and report."""
-        optimizer = self._optimizers["sphere" if module is self.sphere else "network"]
-        optimizer.param_groups[0]["lr"] = rate
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        if module is self.sphere:
-            nn.utils.clip_grad_norm_(module.parameters(), _LARGEST_GRADIENT)
-        optimizer.step()
+    def take(self, name: str, given: Sequence[Tensor], rate: float, photo: str) -> None:
+        """Take one step of the network `name`; save and report."""
+        loss = self._learners[name].step(given, rate)
         self.done += 1
         self._losses.add(loss, partial(self._take_note, self.done, photo))
         if self.done % self.config.checkpoint_every and self.done not in (self.config.steps, self.config.total_steps):
@@ -177,10 +208,10 @@ class _Course:
 
     def _save(self, checkpoints: Checkpoints) -> None:
         tensors = {}
-        for prefix, module in self._modules.items():
-            for name, parameter in module.named_parameters():
+        for prefix, learner in self._learners.items():
+            for name, parameter in learner.network.named_parameters():
                 tensors[f"{prefix}.{name}"] = parameter.detach()
-                for moment, value in self._optimizers[prefix].state.get(parameter, {}).items():
+                for moment, value in learner.optimizer.state.get(parameter, {}).items():
                     if moment in _MOMENTS:
                         tensors[f"{moment}.{prefix}.{name}"] = value
         checkpoints.save(self.done, tensors, {"config": asdict(self.config), "seed": self.seed})
@@ -197,13 +228,12 @@ class _Course:
                 "use the same options, or remove the run's checkpoints to start anew."
             )
         counts = {"network": min(done, self.config.steps), "sphere": done - self.config.steps}
-        for prefix, module in self._modules.items():
-            for name, parameter in module.named_parameters():
+        for prefix, learner in self._learners.items():
+            for name, parameter in learner.network.named_parameters():
                 with torch.no_grad():
                     parameter.copy_(tensors[f"{prefix}.{name}"])
                 if counts[prefix] > 0:
                     moments = {m: tensors[f"{m}.{prefix}.{name}"].to(parameter.device) for m in _MOMENTS}
                     step = torch.tensor(float(counts[prefix]), device=parameter.device)
-                    state_of = {"step": step, **moments}
-                    self._optimizers[prefix].state[parameter] = state_of
+                    learner.optimizer.state[parameter] = {"step": step, **moments}
         return done

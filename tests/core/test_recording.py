@@ -1,0 +1,58 @@
+import pytest
+import torch
+
+from lightprobe.core.recording import Recorded, recorder_for
+from tests.tape import TapeRecorder
+
+
+class Counter:
+    """A step with a memory of its own: returns the sum of what it was given so far."""
+
+    def __init__(self):
+        self.total = torch.zeros(())
+        self.calls = 0
+
+    def step(self, x):
+        self.calls += 1
+        self.total += x.sum()
+        return self.total.clone()
+
+
+def test_without_a_recorder_every_call_is_the_step_itself():
+    counter = Counter()
+    recorded = Recorded(counter.step, recorder_for(torch.device("cpu")))
+    assert [float(recorded(torch.ones(2))) for _ in range(6)] == [2, 4, 6, 8, 10, 12]
+    assert counter.calls == 6
+
+
+def test_a_recording_reads_new_inputs_and_keeps_the_steps_memory():
+    counter, recorder = Counter(), TapeRecorder()
+    recorded = Recorded(counter.step, recorder)
+    found = [recorded(torch.full((2,), float(k))) for k in range(8)]
+    assert [float(value) for value in found] == [0, 2, 6, 12, 20, 30, 42, 56]  # each result kept, not overwritten
+    assert (recorder.recordings, recorder.replays, counter.calls) == (1, 5, 4)
+
+
+def test_other_shapes_are_stepped_without_the_recording():
+    counter, recorder = Counter(), TapeRecorder()
+    recorded = Recorded(counter.step, recorder)
+    for _ in range(5):
+        recorded(torch.ones(2))
+    assert float(recorded(torch.ones(3))) == 13
+    assert float(recorded(torch.ones(2))) == 15
+    assert (recorder.recordings, recorder.replays) == (1, 3)
+
+
+def test_what_cannot_be_recorded_is_stepped_with_a_warning():
+    def reads(x):
+        total.add_(x.sum())
+        return x * float(x.sum())
+
+    total, recorder = torch.zeros(()), TapeRecorder()
+    recorded = Recorded(reads, recorder)
+    for _ in range(3):
+        recorded(torch.ones(2))
+    with pytest.warns(UserWarning, match="cannot be recorded"):
+        assert recorded(torch.ones(2)).tolist() == [2, 2]
+    assert recorded(torch.ones(2)).tolist() == [2, 2]
+    assert recorder.recordings == 1

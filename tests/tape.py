@@ -1,0 +1,61 @@
+"""A stand-in for CUDA graphs on a CPU: every operator of a call is written down with its tensors, and made again.
+
+As on a GPU, what Python decided while the call was recorded stays decided, results land where they did then, and the
+host must not look at them in between.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
+
+from lightprobe.core.recording import Call
+
+HOST = {"_local_scalar_dense", "nonzero", "lift_fresh"}  # what reads a value on the host, or brings one from there
+
+
+class _Tape(TorchDispatchMode):
+    def __init__(self) -> None:
+        super().__init__()
+        self.operators: list[tuple] = []
+
+    def __torch_dispatch__(self, operator, types, args=(), kwargs=None):
+        name = operator._schema.name.split("::")[1]
+        if name in HOST:
+            raise RuntimeError(f"{name} in a recorded step")
+        out = operator(*args, **(kwargs or {}))
+        self.operators.append((operator, args, kwargs or {}, out))
+        return out
+
+
+class TapeRecorder:
+    """Records on the CPU."""
+
+    def __init__(self) -> None:
+        self.recordings = self.replays = 0
+
+    def warm_up(self, call: Call) -> Tensor:
+        return call()
+
+    def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
+        self.recordings += 1
+        with _Tape() as tape:
+            result = call()  # a GPU computes nothing yet: the first replay is this one
+
+        def replay() -> None:
+            self.replays += 1
+            if self.replays > 1:
+                _again(tape.operators)
+
+        return result, replay
+
+
+@torch.no_grad()
+def _again(operators: list[tuple]) -> None:
+    for operator, args, kwargs, before in operators:
+        after = operator(*args, **kwargs)
+        for place, value in zip(tree_leaves(before), tree_leaves(after), strict=True):
+            if isinstance(place, Tensor) and place.data_ptr() != value.data_ptr():
+                place.copy_(value)
