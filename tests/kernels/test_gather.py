@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
-from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather
+from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather, weighted_scatter
 from lightprobe.kernels.reference import gather as reference
 
 
@@ -33,6 +33,7 @@ def test_weighted_gather_matches_the_reference(body, channels, index_dtype):
     torch.testing.assert_close(out.double(), reference.weighted_gather(exact[0], index, exact[1]), rtol=1e-5, atol=1e-5)
     expected = reference.scatter_weighted(exact[2], index, exact[1], len(values))
     torch.testing.assert_close(grad_values.double(), expected, rtol=1e-4, atol=1e-4)
+    assert torch.equal(weighted_scatter(grad, index, weight, len(values)), grad_values)
     torch.testing.assert_close(
         grad_weight.double(), reference.row_products(exact[2], index, exact[0]), rtol=1e-4, atol=1e-4
     )
@@ -120,6 +121,8 @@ def test_an_index_outside_the_rows_is_refused(bad):
         gather_rows(values, index)
     with pytest.raises(IndexError):
         scatter_rows(grad, index[:, 2], 60)
+    with pytest.raises(IndexError):
+        weighted_scatter(grad, index, weight, 60)
 
 
 def test_wrong_shapes_and_dtypes_are_refused():

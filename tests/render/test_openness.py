@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lightprobe.light.prefilter import cached
+from lightprobe.render import transport
 from lightprobe.render.openness import Openness, Surroundings, ambient_occlusion
 from lightprobe.render.split_sum import Shading, furnace, shade
 from lightprobe.render.surroundings import surroundings
@@ -101,15 +102,17 @@ def test_the_colour_seen_is_that_of_the_other_ball():
     torch.testing.assert_close(around.blockers[nearest], blue, atol=0.05, rtol=0)
 
 
-def test_transport_is_shading_and_its_transpose():
+@pytest.mark.parametrize("taps", [transport._SparseTaps, transport._GatheredTaps])  # a CPU's and a GPU's
+def test_transport_is_shading_and_its_transpose(taps, monkeypatch):
+    monkeypatch.setattr(transport, "_look_up", lambda device: taps)
     gbuffer, operator = shaded_gbuffer(roughness=0.35, metallic=0.3), cached(R)
     light, radiance = sky(R), torch.randn(400, 3)
-    transport = Transport(gbuffer, operator)
+    linear = Transport(gbuffer, operator)
     expected = shade(gbuffer, operator, operator.apply(light))
-    torch.testing.assert_close(transport.apply(light), expected, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(linear.apply(light), expected, rtol=1e-4, atol=1e-5)
     kept = Shading.of(gbuffer, operator).apply(operator.apply(light))
     torch.testing.assert_close(kept, expected, rtol=1e-5, atol=1e-6)
-    product, transposed = (expected * radiance).sum(), (transport.adjoint(radiance) * light).sum()
+    product, transposed = (expected * radiance).sum(), (linear.adjoint(radiance) * light).sum()
     torch.testing.assert_close(product, transposed, rtol=1e-4, atol=1e-2)
 
 

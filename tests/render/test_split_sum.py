@@ -6,6 +6,7 @@ import torch
 
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
+from lightprobe.render import transport
 from lightprobe.render.brdf import base_reflectance, diffuse_fresnel, environment_brdf
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import Shading, reflectance, shade, specular_taps
@@ -139,15 +140,17 @@ def test_gradients_of_the_surface():
     assert torch.autograd.gradcheck(shaded, [getattr(gbuffer, name).clone().requires_grad_() for name in names])
 
 
-def test_transport_is_the_renderer_and_its_adjoint():
+@pytest.mark.parametrize("taps", [transport._SparseTaps, transport._GatheredTaps])  # a CPU's and a GPU's
+def test_transport_is_the_renderer_and_its_adjoint(taps, monkeypatch):
+    monkeypatch.setattr(transport, "_look_up", lambda device: taps)
     gbuffer, operator = sphere_gbuffer(200, metallic=0.4), cached(R)
     light = sky(R)
-    transport = Transport(gbuffer, operator)
+    linear = Transport(gbuffer, operator)
     rendered = shade(gbuffer, operator, operator.apply(light))
-    assert torch.allclose(transport.apply(light), rendered, rtol=1e-4, atol=1e-5)
+    assert torch.allclose(linear.apply(light), rendered, rtol=1e-4, atol=1e-5)
     other = torch.rand(200, 3, generator=torch.Generator().manual_seed(3))
-    left = float((transport.apply(light) * other).double().sum())
-    assert left == pytest.approx(float((light * transport.adjoint(other)).double().sum()), rel=1e-4)
+    left = float((linear.apply(light) * other).double().sum())
+    assert left == pytest.approx(float((light * linear.adjoint(other)).double().sum()), rel=1e-4)
 
 
 def test_shading_kept_for_many_lights_is_shading():
@@ -161,12 +164,12 @@ def test_shading_kept_for_many_lights_is_shading():
 def test_solve_recovers_light_and_clipped_highlights():
     gbuffer, operator = sphere_gbuffer(3000, roughness=0.1, metallic=1.0, base=(0.9, 0.9, 0.9)), cached(R)
     truth = sky(R)
-    transport = Transport(gbuffer, operator)
-    image = transport.apply(truth)
+    linear = Transport(gbuffer, operator)
+    image = linear.apply(truth)
     seen = image.clamp(max=10.0)
     prior = torch.full_like(truth, float(seen.mean()))
-    solved = solve_light(transport, seen, torch.ones(3000), seen >= 10.0, prior, 1e-4, 60)
-    again = transport.apply(solved)
+    solved = solve_light(linear, seen, torch.ones(3000), seen >= 10.0, prior, 1e-4, 60)
+    again = linear.apply(solved)
     free = (image < 10.0).all(1)
     assert float((again - image)[free].square().mean().sqrt() / image[free].mean()) < 0.05
     assert (again[~free].amax(1) > 9.5).all()
@@ -176,12 +179,12 @@ def test_solve_recovers_light_and_clipped_highlights():
 def test_unseen_directions_go_to_the_prior():
     gbuffer, operator = sphere_gbuffer(2000, roughness=0.15, metallic=1.0), cached(R)
     facing = (gbuffer.normal[:, 0] > 0.9).nonzero()[:, 0]  # these mirror only what is before the object
-    transport = Transport(gbuffer, operator, facing)
+    linear = Transport(gbuffer, operator, facing)
     count = len(facing)
     prior = torch.full((6, R, R, 3), 0.3)
-    seen = transport.adjoint(torch.ones(count, 3)).mean(-1)
+    seen = linear.adjoint(torch.ones(count, 3)).mean(-1)
     clipped = torch.zeros(count, 3, dtype=torch.bool)
-    solved = solve_light(transport, transport.apply(sky(R)), torch.ones(count), clipped, prior, 0.1, 20)
+    solved = solve_light(linear, linear.apply(sky(R)), torch.ones(count), clipped, prior, 0.1, 20)
     dark = seen < 1e-3 * seen.max()
     assert dark.float().mean() > 0.2
     assert (solved[dark] - 0.3).abs().max() < 0.03

@@ -52,6 +52,20 @@ def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
     return _ScatterRows.apply(values, index, rows)
 
 
+def weighted_scatter(values: Tensor, index: Tensor, weight: Tensor, rows: int) -> Tensor:
+    """Return (rows, C): `weight[n, k] * values[n]` summed into rows `index[n, k]`; the transpose of `weighted_gather`.
+
+    values (N, C) and weight (N, K): float32 (float64 goes to the reference); index (N, K): int32 or int64 in [0, rows).
+    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Not differentiable.
+    """
+    dispatch.require_shape("values", values, index.shape[0], None)
+    dispatch.require_shape("index", index, None, None)
+    dispatch.require_shape("weight", weight, *index.shape)
+    dispatch.require_index("index", index, rows)
+    values, weight = values.detach(), weight.detach()
+    return dispatch.choose("gather", values, index, weight).scatter_weighted(values, index, weight, rows)
+
+
 class _WeightedGather(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, values: Tensor, index: Tensor, weight: Tensor) -> Tensor:

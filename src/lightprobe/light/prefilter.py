@@ -207,7 +207,7 @@ class Prefilter:
 
 
 class PrefilterPart:
-    """The rows of a prefilter's levels that somebody looks up, and its blocks: all that one photo needs of it."""
+    """On a CPU, the rows of a prefilter's levels that somebody looks up, and its blocks: all that one photo needs."""
 
     def __init__(self, prefilter: Prefilter, rows: Tensor):
         """Restrict the levels to `rows` (K,), indices into the stack of levels."""

@@ -119,17 +119,15 @@ class SparseOperator:
 
 @dataclass(frozen=True)
 class ChosenRows:
-    """Some rows (K,) of an operator; on the CPU they cost only what they hold."""
+    """Some rows (K,) of an operator on a CPU; they cost only what they hold."""
 
     operator: SparseOperator
-    rows: Tensor  # int32 on the CPU, int64 elsewhere
-    bounds: np.ndarray | None  # (PARTS + 1,) where each of the parts starts in `rows`; all hold about as many entries
+    rows: Tensor  # int32
+    bounds: np.ndarray  # (PARTS + 1,) where each of the parts starts in `rows`; all hold about as many entries
 
     @staticmethod
     def of(operator: SparseOperator, rows: Tensor) -> "ChosenRows":
-        """Return the rows (K,) of an operator on the same device."""
-        if rows.is_cuda:
-            return ChosenRows(operator, rows.long(), None)
+        """Return the rows (K,) of an operator."""
         rows = rows.int()
         start = operator.forward.start.numpy()
         filled = np.cumsum((start[1:] - start[:-1])[rows.numpy()])
@@ -139,8 +137,6 @@ class ChosenRows:
 
     def apply(self, x: Tensor) -> Tensor:
         """Return the product (K, 3) with x (columns, 3); no gradient."""
-        if self.bounds is None:
-            return self.operator.apply(x).index_select(0, self.rows)
         out, matrix = torch.empty((len(self.rows), 3), dtype=x.dtype), self.operator.forward
         threads(len(self.rows) * 2 * matrix.value.numel() // matrix.start.numel())
         _multiply(*matrix.stored(), self.rows.numpy(), x.detach().contiguous().numpy(), out.numpy())
@@ -149,9 +145,6 @@ class ChosenRows:
     def adjoint(self, y: Tensor) -> Tensor:
         """Return the transposed product (columns, 3) with y (K, 3); no gradient."""
         matrix = self.operator.forward
-        if self.bounds is None:
-            every = y.new_zeros(matrix.start.numel() - 1, 3)
-            return self.operator.adjoint(every.index_copy(0, self.rows, y))
         parts = torch.zeros((PARTS, matrix.columns, 4), dtype=y.dtype)
         threads(len(self.rows) * 4 * matrix.value.numel() // matrix.start.numel())
         _spread(*matrix.stored(), self.rows.numpy(), self.bounds, y.detach().contiguous().numpy(), parts.numpy())

@@ -13,6 +13,7 @@ import scipy.sparse
 import torch
 from torch import Tensor
 
+from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS, Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
@@ -33,16 +34,13 @@ class Transport:
             gbuffer = gbuffer.select(rows)
         shading = Shading.of(gbuffer, prefilter)
         self._normal, self._openness, self._factors = shading.normal, shading.openness, shading.factors
-        used, matrix = _tap_matrix(shading.taps, prefilter.total)
-        self._prefilter = PrefilterPart(prefilter, used.to(gbuffer.normal.device))
-        self._taps = SparseOperator.build(matrix, gbuffer.normal.device)
+        self._looked_up = _look_up(gbuffer.normal.device)(shading.taps, prefilter)
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
-        levels = self._prefilter.apply(env)
-        lobes = self._taps.apply(levels[: self._prefilter.first_block])
+        lobes, blocks = self._looked_up.apply(env)
         if self._openness is not None:
-            arriving = self._openness.light(levels[self._prefilter.first_block :], self._normal)
+            arriving = self._openness.light(blocks, self._normal)
             lobes = torch.cat([lobes, arriving[:, :3], arriving[:, 3:6]])
         return (self._factors * lobes.reshape(self._factors.shape)).sum(0)
 
@@ -50,20 +48,59 @@ class Transport:
         """Return the transpose of `apply` on (P, 3): (6, R, R, 3)."""
         lobes = self._factors * radiance
         if self._openness is None:
-            levels, blocks = self._taps.adjoint(lobes.reshape(-1, 3)), lobes.new_zeros(6 * BLOCKS**2, 3)
-        else:
-            levels = self._taps.adjoint(lobes[0])
-            blocks = self._openness.adjoint(lobes[1], lobes[2], self._normal)
+            return self._looked_up.adjoint(lobes.reshape(-1, 3), lobes.new_zeros(6 * BLOCKS**2, 3))
+        blocks = self._openness.adjoint(lobes[1], lobes[2], self._normal)
+        return self._looked_up.adjoint(lobes[0], blocks)
+
+
+Taps = list[tuple[Tensor, Tensor]]  # look-ups of index (P, K) and weight (P, K); their rows stand one below the other
+
+
+class _SparseTaps:
+    """A CPU's look-ups in a light's levels: only texels that somebody looks up are prefiltered."""
+
+    def __init__(self, taps: Taps, prefilter: Prefilter):
+        used, matrix = _tap_matrix(taps, prefilter.total)
+        self._part, self._taps = PrefilterPart(prefilter, used), SparseOperator.build(matrix)
+
+    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
+        levels = self._part.apply(env)
+        return self._taps.apply(levels[: self._part.first_block]), levels[self._part.first_block :]
+
+    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
+        """Return the transpose of `apply`, (6, R, R, 3)."""
+        return self._part.adjoint(torch.cat([self._taps.adjoint(lobes), blocks]))
+
+
+class _GatheredTaps:
+    """The same on a GPU, where finding out which texels these are would take longer than they do."""
+
+    def __init__(self, taps: Taps, prefilter: Prefilter):
+        self._taps, self._prefilter = taps, prefilter
+
+    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
+        levels, blocks = self._prefilter.apply(env).tensor_split([self._prefilter.first_block])
+        return torch.cat([weighted_gather(levels, *taps) for taps in self._taps]), blocks
+
+    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
+        """Return the transpose of `apply`, (6, R, R, 3)."""
+        count = self._prefilter.first_block
+        levels = lobes.new_zeros(count, 3)
+        for part, taps in zip(lobes.split([len(index) for index, _ in self._taps]), self._taps, strict=True):
+            levels += weighted_scatter(part, *taps, count)
         return self._prefilter.adjoint(torch.cat([levels, blocks]))
 
 
-def _tap_matrix(taps: list[tuple[Tensor, Tensor]], count: int) -> tuple[Tensor, scipy.sparse.csr_array]:
-    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (P each, U).
+def _look_up(device: torch.device) -> type[_SparseTaps] | type[_GatheredTaps]:
+    return _SparseTaps if device.type == "cpu" else _GatheredTaps
 
-    taps: look-ups of index (P, K) and weight (P, K); their rows stand one below the other.
-    """
-    index = np.concatenate([index.cpu().numpy().ravel() for index, _ in taps])
-    weight = np.concatenate([weight.cpu().numpy().ravel() for _, weight in taps])
+
+def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]:
+    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (rows, U)."""
+    index = np.concatenate([index.numpy().ravel() for index, _ in taps])
+    weight = np.concatenate([weight.numpy().ravel() for _, weight in taps])
     lengths = np.repeat([index.shape[1] for index, _ in taps], [len(index) for index, _ in taps])
     filled = weight > 0
     looked_up = np.zeros(count, bool)
