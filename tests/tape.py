@@ -6,14 +6,33 @@ host must not look at them in between.
 
 from collections.abc import Callable
 
+import pytest
 import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from lightprobe.core.recording import Call
+from lightprobe.kernels import dispatch
+from lightprobe.light.sparse import CompressedRows
+from lightprobe.render import transport
 
 HOST = {"_local_scalar_dense", "nonzero", "lift_fresh"}  # what reads a value on the host, or brings one from there
+
+
+def compute_as_a_gpu_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let all computation be operators of PyTorch, without the looks at values that only a CPU takes."""
+    monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.REFERENCE)
+    monkeypatch.setattr(dispatch, "require_index", lambda *_: None)
+    monkeypatch.setattr(transport, "_look_up", lambda device: transport._GatheredTaps)
+    monkeypatch.setattr(CompressedRows, "multiply", _multiplied)
+
+
+def _multiplied(matrix: CompressedRows, x: Tensor) -> Tensor:
+    lengths = (matrix.start[1:] - matrix.start[:-1]).long()
+    rows = torch.repeat_interleave(torch.arange(len(lengths)), lengths, output_size=len(matrix.value))
+    products = matrix.value[:, None] * x.detach()[matrix.column.long()]
+    return x.new_zeros(len(lengths), 3).index_add_(0, rows, products)
 
 
 class _Tape(TorchDispatchMode):

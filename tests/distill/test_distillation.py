@@ -8,13 +8,13 @@ from lightprobe.core.config_distill import AlphaRule, DistillConfig, LossSpace
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.distill import ProbeModel, training
 from lightprobe.distill.probe_distribution import alpha2, mean_distribution, stack
-from lightprobe.distill.probe_model import new_network
+from lightprobe.distill.probe_model import new_network, new_sphere
+from lightprobe.distill.sphere_training import fill_album
 from lightprobe.distill.training import train
-from lightprobe.kernels import dispatch
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
-from tests.tape import TapeRecorder
+from tests.tape import TapeRecorder, compute_as_a_gpu_does
 
 CONFIG = DistillConfig(
     steps=40, samples=256, width=32, depth=2, checkpoint_every=20, sphere_steps=10, sphere_batch=2, sphere_width=4
@@ -66,7 +66,7 @@ def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
 
 
 def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
-    monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.REFERENCE)  # all of it PyTorch's operators
+    compute_as_a_gpu_does(monkeypatch)
     config, recorders = replace(CONFIG, steps=12, sphere_steps=8), []
 
     def recorder_for(device):
@@ -84,9 +84,22 @@ def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
         assert torch.allclose(after[name], value, rtol=1e-4, atol=1e-6), name
 
 
+@torch.no_grad()
+def test_networks_give_floats_in_mixed_precision(photos):
+    network, sphere, photo = new_network(CONFIG), new_sphere(replace(CONFIG, sphere_width=24)), photos[0]
+    maps = fill_album(network, photos[:1], CONFIG, 0).maps
+    for forward in (lambda: network(photo.pixels, photo.light_level), lambda: sphere(maps)):
+        exact = forward()
+        with torch.autocast("cpu", torch.bfloat16):
+            mixed = forward()
+        assert mixed.dtype == torch.float32
+        assert not torch.equal(mixed, exact)
+        assert float((mixed - exact).norm() / exact.norm()) < 0.02
+
+
 @pytest.mark.cuda
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-@pytest.mark.filterwarnings("error:Training steps cannot be recorded")
+@pytest.mark.filterwarnings("error:Steps cannot be recorded")
 def test_a_gpu_learns_from_recordings_what_it_learns_step_by_step(photos, monkeypatch):
     device = torch.device("cuda", 0)
     moved = [

@@ -9,11 +9,13 @@ import torch
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
+from lightprobe.predict import optimize
 from lightprobe.predict.observation import observe
 from lightprobe.predict.optimize import OptimizeConfig, _Part, brief, refine_environment
 from lightprobe.scene.photo import Pixels
 from tests.lit_sphere import glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
+from tests.tape import TapeRecorder, compute_as_a_gpu_does
 
 CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
 CPU = torch.device("cpu")
@@ -65,9 +67,27 @@ def test_the_broad_part_brings_the_whole_light_to_its_brightness():
     assert off[brief().broad_damping] < 0.7 * off[1e6]
 
 
+def test_recorded_steps_go_where_single_ones_do(monkeypatch):
+    compute_as_a_gpu_does(monkeypatch)
+    observation, _ = corner()
+    prior, recorders = observation.light_level.expand(6, 4, 4, 3).contiguous(), []
+    config = replace(brief(), iterations=12)
+
+    def recorder_for(device):
+        recorders.append(TapeRecorder())
+        return recorders[-1]
+
+    single = refine_environment(observation, prior, config, seed=0)
+    monkeypatch.setattr(optimize, "recorder_for", recorder_for)
+    recorded = refine_environment(observation, prior, config, seed=0)
+    assert [recorder.replays for recorder in recorders] == [9]
+    assert float((single / prior).log().abs().mean()) > 0.01
+    assert torch.allclose(recorded, single, rtol=1e-3)
+
+
 def test_steps_are_those_of_adam():
     """Bit for bit, with another rate and another least size of the gradient in each part."""
-    parts = [_Part.still(4, 0.1, 0.0, CPU), _Part.still(2, 0.2, 0.0, CPU)]
+    parts = [_Part.still(side, rate, 0.0, CPU, recorded=False) for side, rate in ((4, 0.1), (2, 0.2))]
     parts[0].eps, parts[1].eps = 0.3, 1e-8
     groups = [{"params": [part.change.detach().clone()], "lr": part.rate, "eps": part.eps} for part in parts]
     adam, random = torch.optim.Adam(groups), torch.Generator().manual_seed(0)

@@ -1,9 +1,10 @@
 """Steps recorded on a GPU and replayed: CUDA graphs.
 
-A training step on small tensors is a hundred kernels that keep a GPU busy for less time than the CPU needs to ask for
+A step of descent on small tensors is a hundred kernels that keep a GPU busy for less time than the CPU needs to ask for
 them one by one. Recorded, they are asked for at once.
 """
 
+import gc
 import warnings
 from collections.abc import Callable
 from typing import Protocol
@@ -63,7 +64,7 @@ class Recorded:
         try:
             self._loss, self._replay = recorder.record(lambda: self._step(*self._inputs))
         except RuntimeError as error:
-            warnings.warn(f"Training steps cannot be recorded on this device and will be slower: {error}", stacklevel=2)
+            warnings.warn(f"Steps cannot be recorded on this device and will be slower: {error}", stacklevel=2)
             self._recorder = None
 
 
@@ -80,10 +81,24 @@ class CudaRecorder:
         return result
 
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return the place of the call's result and the replay of its graph."""
-        graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph):
-            result = call()
+        """Return the place of the call's result and the replay of its graph.
+
+        `torch.cuda.graph` would collect garbage first, which can take longer than a prediction may. Here it is only
+        kept from happening meanwhile, as freeing another graph would spoil this one.
+        """
+        graph, collects = torch.cuda.CUDAGraph(), gc.isenabled()
+        torch.cuda.synchronize()
+        gc.disable()
+        try:
+            with torch.cuda.stream(torch.cuda.Stream()):
+                graph.capture_begin()
+                try:
+                    result = call()
+                finally:
+                    graph.capture_end()
+        finally:
+            if collects:
+                gc.enable()
         return result, graph.replay
 
 

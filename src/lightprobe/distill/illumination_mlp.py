@@ -42,7 +42,7 @@ class IlluminationMlp(nn.Module):
         *inner, last = self._linear()
         for layer in inner:
             hidden = torch.relu(layer(hidden))
-        correction = _LOG_RANGE * torch.tanh(last(hidden) / _LOG_RANGE)
+        correction = _LOG_RANGE * torch.tanh(last(hidden).float() / _LOG_RANGE)  # float: in mixed precision, too
         return light_level * start * correction.exp()
 
     def _encode(self, pixels: ProbePixels, log_color: Tensor, log_start: Tensor) -> Tensor:

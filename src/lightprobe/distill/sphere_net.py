@@ -60,7 +60,7 @@ class SphereNet(nn.Module):
         everywhere = self.whole(coarse.mean((2, 3, 4)))[:, :, None, None, None]
         middle = self.up_middle(torch.cat([middle, _double(coarse + everywhere)], 1))
         fine = self.up_fine(torch.cat([fine, _double(middle)], 1))
-        return maps[:, :3] + _LOG_RANGE * torch.tanh(self.out(fine) / _LOG_RANGE)
+        return maps[:, :3] + _LOG_RANGE * torch.tanh(self.out(fine).float() / _LOG_RANGE)
 
     def _initialise(self, seed: int) -> None:
         """He initialisation from our own stream; the output starts at nothing."""

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -109,9 +110,10 @@ def lesson_tensors(lesson: Lesson, config: DistillConfig, seed: int, step: int) 
 
 
 def lesson_loss(
-    network: IlluminationMlp, given: Sequence[Tensor], directions: Tensor, solid_angles: Tensor, config: DistillConfig
-) -> Tensor:
-    """Return Equation 6 () for one photo, `given` as `lesson_tensors`."""
+    network: Callable[[ProbePixels, Tensor], Tensor], given: Sequence[Tensor], directions: Tensor,
+    solid_angles: Tensor, config: DistillConfig,
+) -> Tensor:  # fmt: skip
+    """Return Equation 6 () of the illumination MLP for one photo, `given` as `lesson_tensors`."""
     *fields, light_level, distribution, teacher = given
     pixels = ProbePixels(*fields)
     colors = network(pixels, light_level) / light_level
@@ -129,6 +131,21 @@ def _lesson(lessons: list[Lesson], seed: int, step: int) -> Lesson:
     epoch, position = divmod(step, len(lessons))
     order = torch.randperm(len(lessons), generator=generator(seed, "distill-photo", epoch))
     return lessons[int(order[position])]
+
+
+def _mixed(network: nn.Module, device: torch.device) -> Callable[..., Tensor]:
+    """Return the network's forward pass, whose products have bfloat16 factors on a GPU; losses stay in float32.
+
+    Emulated on a CPU, both networks learn as well so (benchmarks/NOTES.md).
+    """
+
+    def forward(*inputs: Any) -> Tensor:
+        # Within a recording no cast may be taken over from before it.
+        with torch.autocast(device.type, torch.bfloat16, enabled=device.type != "cpu", cache_enabled=False):
+            result: Tensor = network(*inputs)
+        return result
+
+    return forward
 
 
 class _Learner:
@@ -176,11 +193,13 @@ class _Course:
         directions = cubemap.directions(config.light_resolution, device).reshape(-1, 3)
         solid_angles = cubemap.solid_angles(config.light_resolution).to(device).reshape(-1)
 
+        network, sphere = (_mixed(module, device) for module in (self.network, self.sphere))
+
         def mlp_loss(*given: Tensor) -> Tensor:
-            return lesson_loss(self.network, given, directions, solid_angles, config)
+            return lesson_loss(network, given, directions, solid_angles, config)
 
         def net_loss(maps: Tensor, lights: Tensor) -> Tensor:
-            return sphere_loss(self.sphere(maps), lights)
+            return sphere_loss(sphere(maps), lights)
 
         self._learners = {
             "network": _Learner(self.network, mlp_loss, device, bounded=False),

@@ -24,6 +24,7 @@ from torch.optim.adam import adam
 
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
+from lightprobe.core.recording import Recorded, recorder_for
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
@@ -99,22 +100,27 @@ class _Part:
     damping: float
     mean: Tensor  # of the gradient, as change
     square: Tensor  # mean of its square
-    steps: Tensor  # () float32, on the CPU
-    eps: float = _LEAST_EPS
+    steps: Tensor  # () float32
+    recorded: bool
+    eps: float | None = None  # found in the first step
 
     @staticmethod
-    def still(side: int, rate: float, damping: float, device: torch.device) -> "_Part":
+    def still(side: int, rate: float, damping: float, device: torch.device, *, recorded: bool) -> "_Part":
         """Return no change yet on 6 x side x side texels."""
         change = torch.zeros(6, side, side, 3, device=device, requires_grad=True)
-        return _Part(change, rate, damping, torch.zeros_like(change), torch.zeros_like(change), torch.tensor(0.0))
+        steps = torch.zeros((), device=device if recorded else None)
+        return _Part(change, rate, damping, torch.zeros_like(change), torch.zeros_like(change), steps, recorded)
 
     @torch.no_grad()
-    def step(self, gradient: Tensor, share: float) -> None:
-        """Take one step of Adam, of `share` of the rate."""
+    def step(self, gradient: Tensor, share: Tensor) -> None:
+        """Take one step of Adam, of `share` () of the rate."""
+        if self.eps is None:
+            self.eps = max(self.damping * float(gradient.square().mean().sqrt()), _LEAST_EPS)
+        rate = share * self.rate
         adam(
-            [self.change], [gradient], [self.mean], [self.square], [], [self.steps],
-            amsgrad=False, beta1=_BETAS[0], beta2=_BETAS[1], lr=share * self.rate, weight_decay=0.0, eps=self.eps,
-            maximize=False,
+            [self.change], [gradient.contiguous()], [self.mean], [self.square], [], [self.steps],
+            amsgrad=False, beta1=_BETAS[0], beta2=_BETAS[1], lr=rate if self.recorded else float(rate),
+            weight_decay=0.0, eps=self.eps, maximize=False, fused=self.recorded, capturable=self.recorded,
         )  # fmt: skip
 
 
@@ -128,7 +134,8 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     unit = color.mean().clamp(min=1e-9) / _USUAL_MEAN
     target = _displayed(color / unit)
     first = (start / unit).clamp(min=1e-4).log()
-    parts = _parts(start, config)
+    recorder = recorder_for(start.device)
+    parts = _parts(start, config, recorded=recorder is not None)
     changes = [part.change for part in parts]
 
     def light() -> Tensor:
@@ -137,7 +144,7 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
             change = magnify_light(change, finer.shape[1]) + finer
         return (first + change).exp()
 
-    for step in range(config.iterations):
+    def descend(share: Tensor) -> Tensor:
         with torch.enable_grad():
             sought = light()
             difference = _displayed(_Render.apply(sought, transport)) - target
@@ -145,20 +152,31 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
             chroma = (sought - sought.mean(-1, keepdim=True)).abs().mean()
             loss = difference.abs().mean() + config.grey * chroma
         for part, gradient in zip(parts, torch.autograd.grad(loss, changes), strict=True):
-            if step == 0:
-                part.eps = max(part.damping * float(gradient.square().mean().sqrt()), _LEAST_EPS)
-            part.step(gradient, 0.5 * (1 + math.cos(math.pi * step / config.iterations)))
+            part.step(gradient, share)
+        return loss.detach()
+
+    step = Recorded(descend, recorder)
+    for share in _shares(config.iterations, None if recorder is None else start.device):
+        step(share)
     return unit * light().detach()
 
 
-def _parts(start: Tensor, config: OptimizeConfig) -> list[_Part]:
+def _shares(steps: int, device: torch.device | None) -> Tensor:
+    """Return what remains of the rates at each step, along a cosine: (steps,), what Adam takes on that device."""
+    shares = torch.tensor([0.5 * (1 + math.cos(math.pi * step / steps)) for step in range(steps)], dtype=torch.float64)
+    return shares if device is None else shares.to(device, torch.float32)
+
+
+def _parts(start: Tensor, config: OptimizeConfig, *, recorded: bool) -> list[_Part]:
     """Return the parts of the change that move at all, from the broadest to the texels of `start`."""
     sizes = (
         (_BROAD, config.smooth_learning_rate, config.broad_damping),
         (BLOCKS, config.smooth_learning_rate, config.damping),
         (start.shape[1], config.learning_rate, config.damping),
     )
-    return [_Part.still(side, rate, damping, start.device) for side, rate, damping in sizes if rate > 0]
+    return [
+        _Part.still(side, rate, damping, start.device, recorded=recorded) for side, rate, damping in sizes if rate > 0
+    ]
 
 
 def refine_environment(observation: Observation, prior: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
