@@ -14,6 +14,7 @@ from torch.utils._pytree import tree_leaves
 
 from lightprobe.core.recording import Call
 from lightprobe.kernels import dispatch
+from lightprobe.light import cubemap
 from lightprobe.light.sparse import CompressedRows
 from lightprobe.render import transport
 
@@ -24,6 +25,7 @@ def compute_as_a_gpu_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let all computation be operators of PyTorch, without the looks at values that only a CPU takes."""
     monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.REFERENCE)
     monkeypatch.setattr(dispatch, "require_index", lambda *_: None)
+    monkeypatch.setattr(cubemap, "_on_cpu", lambda tensor: False)
     monkeypatch.setattr(transport, "_look_up", lambda device: transport._GatheredTaps)
     monkeypatch.setattr(CompressedRows, "multiply", _multiplied)
 

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
+from lightprobe.decompose import optimisation, texture_task
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.optimisation import Progress, Stage, optimise
 from lightprobe.decompose.photos import Target
@@ -15,6 +16,7 @@ from lightprobe.material.textures import Textures
 from lightprobe.render.surface import View
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
+from tests.tape import TapeRecorder, compute_as_a_gpu_does
 
 CONFIG = DecomposeConfig(shadows=False, light_resolution=16)
 
@@ -37,14 +39,14 @@ def plain(asset):
     return replace(asset, textures=replace(maps, base_color=flat))
 
 
-def refine(asset, photos, steps):
-    model = SurfaceModel(asset, CONFIG)
-    lights = Lights([photo.name for photo in photos], CONFIG, CPU, 0)
+def refine(asset, photos, steps, config=CONFIG):
+    model = SurfaceModel(asset, config)
+    lights = Lights([photo.name for photo in photos], config, CPU, 0)
     stage = Stage("pass3", 0, steps)
     losses = []
     progress = Progress(on_step=lambda stage, step, steps, loss: losses.append(loss))
     pixels = [PhotoPixels.of(asset, photo, 0) for photo in photos]
-    optimise(TextureTask(model, pixels, lights, stage, CONFIG, 0), stage, CONFIG, progress)
+    optimise(TextureTask(model, pixels, lights, stage, config, 0), stage, config, progress)
     return model.asset(), losses
 
 
@@ -70,6 +72,26 @@ def test_blotches_come_back():
     assert contrast(start) < 0.01
     assert contrast(found) > 0.5
     assert torch.equal(found.mesh.vertices, true.mesh.vertices)
+
+
+@pytest.mark.slow
+def test_recorded_steps_find_what_single_ones_do(monkeypatch):
+    compute_as_a_gpu_does(monkeypatch)
+    monkeypatch.setattr(texture_task, "_PIXELS", 300)  # which every photo has, so that all steps are alike
+    config = replace(CONFIG, light_resolution=8, light_solve_iterations=1)
+    photos, recorders = targets(glossy_sphere()), []
+
+    def recorder_for(device):
+        recorders.append(TapeRecorder())
+        return recorders[-1]
+
+    single, before = refine(plain(glossy_sphere()), photos, 6, config)
+    monkeypatch.setattr(optimisation, "recorder_for", recorder_for)
+    recorded, after = refine(plain(glossy_sphere()), photos, 6, config)
+    assert [recorder.replays for recorder in recorders] == [3]
+    assert after == pytest.approx(before, rel=1e-4)
+    start, one, other = (asset.textures.flat() for asset in (plain(glossy_sphere()), single, recorded))
+    assert float((other - one).norm()) < 0.01 * float((one - start).norm())
 
 
 def test_the_same_seed_gives_the_same_bits():

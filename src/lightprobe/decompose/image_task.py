@@ -89,7 +89,16 @@ class ImageTask:
         self.model.brighten(factor)
         self.lights.dim(factor)
 
-    def loss(self, iteration: int, fraction: float) -> Tensor:
+    @property
+    def steady(self) -> bool:
+        """Whether a step depends on what it is given alone: no, each photo covers another number of pixels."""
+        return False
+
+    def given(self, iteration: int) -> tuple[Tensor, ...]:
+        """Return nothing, as `loss` finds its photo by itself."""
+        return ()
+
+    def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the loss of one photo: image, coverage, light and model regularisation."""
         target, step = self.target(iteration), self.stage.first_step + iteration
         seen = self.model.see(target.view, step, fraction)

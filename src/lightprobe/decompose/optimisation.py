@@ -14,6 +14,7 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.core.losses import LossReader
+from lightprobe.core.recording import Recorded, recorder_for
 from lightprobe.decompose.lights import Lights
 
 OnStep = Callable[[str, int, int, float], None]  # stage, step, steps, loss
@@ -30,7 +31,14 @@ class Task(Protocol):
     def refresh(self, iteration: int, fraction: float) -> None:
         """Update what follows the unknowns only now and then; called wherever a checkpoint may be."""
 
-    def loss(self, iteration: int, fraction: float) -> Tensor:
+    @property
+    def steady(self) -> bool:
+        """Whether the loss of a step depends on the unknowns and what the step is given alone."""
+
+    def given(self, iteration: int) -> tuple[Tensor, ...]:
+        """Return what the loss of a step depends on, lights brought up to date."""
+
+    def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the loss of a step; `fraction` of the pass is over."""
 
     def photos(self, iteration: int) -> str:
@@ -85,11 +93,15 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
     if lights.gradient:
         groups.append({"params": lights.maps, "lr": config.learning_rate_light})
     rates = [group["lr"] for group in groups]
-    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=True)
+    device = lights.maps[0].device
+    recorder = recorder_for(device) if task.steady else None
+    if recorder is not None:  # a recording would keep Python's numbers
+        groups = [{**group, "lr": torch.tensor(rate, device=device)} for group, rate in zip(groups, rates, strict=True)]
+    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=True, capturable=recorder is not None)
     names = [f"p{i}" for i in range(sum(len(list(g["params"])) for g in optimiser.param_groups))]
     if restored is not None:
         _restore(optimiser, names, lights, restored)
-    losses = LossReader(lights.maps[0].device)
+    losses = LossReader(device)
 
     def take_note(iteration: int, value: float) -> None:
         if not math.isfinite(value):
@@ -99,18 +111,28 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
             )
         progress.step(stage.name, iteration + 1, stage.iterations, value)
 
+    def descend(iteration: int, fraction: float, given: tuple[Tensor, ...]) -> Tensor:
+        optimiser.zero_grad(set_to_none=True)
+        loss = task.loss(iteration, fraction, *given)
+        loss.backward()
+        optimiser.step()
+        task.project()
+        lights.clamp()
+        return loss.detach()
+
+    recorded = Recorded(lambda *given: descend(done, 0.0, given), recorder)
+
     for iteration in range(done, stage.iterations):
         fraction = iteration / max(stage.iterations, 1)
         if iteration % config.checkpoint_every == 0:
             task.refresh(iteration, fraction)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
-            group["lr"] = rate * 10**-fraction
-        optimiser.zero_grad(set_to_none=True)
-        loss = task.loss(iteration, fraction)
-        loss.backward()
-        optimiser.step()
-        task.project()
-        lights.clamp()
+            if isinstance(group["lr"], Tensor):
+                group["lr"].fill_(rate * 10**-fraction)
+            else:
+                group["lr"] = rate * 10**-fraction
+        given = task.given(iteration)
+        loss = descend(iteration, fraction, given) if recorder is None else recorded(*given)
         losses.add(loss, partial(take_note, iteration))
         if (iteration + 1) % config.checkpoint_every and iteration + 1 < stage.iterations:
             continue

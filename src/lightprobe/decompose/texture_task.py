@@ -5,6 +5,7 @@ pixels cost, however large the photos are, and fine relief and print get the man
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -48,11 +49,18 @@ class PhotoPixels:
         surface = surface.select(draw_rows(inside, _POOL, generator(seed, f"pool/{target.name}")))
         return PhotoPixels(target.name, target.view, surface, target.color[surface.pixel])
 
+    def select(self, rows: Tensor) -> "PhotoPixels":
+        """Return the pixels at `rows` (K,) int64."""
+        return PhotoPixels(self.name, self.view, self.surface.select(rows), self.color[rows])
+
     def sample(self, seed: int, step: int) -> "PhotoPixels":
         """Return at most `_PIXELS` of the pixels, drawn at random."""
         every = torch.arange(len(self.color), device=self.color.device)
-        rows = draw_rows(every, _PIXELS, generator(seed, f"texture/{self.name}", step))
-        return PhotoPixels(self.name, self.view, self.surface.select(rows), self.color[rows])
+        return self.select(draw_rows(every, _PIXELS, generator(seed, f"texture/{self.name}", step)))
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Return the fields of the surface, and the colours."""
+        return *vars(self.surface).values(), self.color
 
 
 class TextureTask:
@@ -86,24 +94,52 @@ class TextureTask:
         """Bring texels back into their valid ranges."""
         self.model.project()
 
-    def loss(self, iteration: int, fraction: float) -> Tensor:
-        """Return the mean image loss of the step's photos, and what their materials cost."""
+    @property
+    def steady(self) -> bool:
+        """Whether a step depends on what it is given alone: not where the lights are parameters, too."""
+        return not self.lights.gradient
+
+    def given(self, iteration: int) -> tuple[Tensor, ...]:
+        """Return what `loss` needs of a step's photos, whose lights are solved anew where it is time.
+
+        Of each of the N photos `PhotoPixels.tensors`; then, for all P pixels, how far beside them to look (P, 2), in
+        texels; the photos' prefiltered lights (N, T, 3) and what these cost (); the cast (3,) of all lights.
+        """
         step, visits = self._stage.first_step + iteration, self._visits(iteration)
         seen = [self._photos[i].sample(self._seed, step) for i, _ in visits]
-        material, neighbours = self._materials(seen, step)
-        start, image = 0, material.new_zeros(())
-        for (_, epoch), photo in zip(visits, seen, strict=True):
-            end = start + len(photo.color)
-            image = image + self._photo_loss(photo, material[start:end], epoch)
-            start = end
+        rows, levels = [self.lights.index[photo.name] for photo in seen], []
+        for (_, epoch), photo, row in zip(visits, seen, rows, strict=True):
+            if not self.lights.gradient and epoch % _RELIGHT == 0:
+                self.lights.maps[row] = self._solve(photo, self.lights.maps[row])
+            levels.append(self.lights.prefilter.apply(self.lights.maps[row]))
+        angle = 2 * math.pi * torch.rand(
+            sum(len(photo.color) for photo in seen), generator=generator(self._seed, "texture-smoothness", step)
+        )  # fmt: skip
+        beside = sent(torch.stack([angle.cos(), angle.sin()], 1), seen[0].color.device)
+        cost = torch.stack([self.lights.regularisation(row) for row in rows]).mean()
+        photos = (tensor for photo in seen for tensor in photo.tensors())
+        return *photos, beside, torch.stack(levels), cost, self.lights.cast()
+
+    def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
+        """Return the mean image loss of the photos `given`, and what their materials cost."""
+        *tensors, beside, levels, cost, cast = given
+        count = len(tensors) // len(levels)
+        fields = [tensors[k : k + count] for k in range(0, len(tensors), count)]
+        surfaces, colors = [Surface(*each[:-1]) for each in fields], [each[-1] for each in fields]
+        material, neighbours = self._materials(surfaces, beside)
+        parts = material.split([len(color) for color in colors])
+        image = material.new_zeros(())
+        for photo in zip(surfaces, colors, parts, levels, strict=True):
+            image = image + self._photo_loss(*photo)
         base = material[:, :3]
         return (
-            image / len(seen)
+            image / len(surfaces)
+            + cost
             + self.config.smoothness_detail * (material - neighbours).abs().mean()
             + self.config.normal_prior_detail * material[:, 5:7].square().mean()
             + material_prior(material, self.config)
             + self.config.brightness_anchor * brightness_anchor(self.model.color, self.model.mean_color)
-            + self.config.color_gauge * color_gauge(base, self.lights.cast())
+            + self.config.color_gauge * color_gauge(base, cast)
         )
 
     def _visits(self, iteration: int) -> list[tuple[int, int]]:
@@ -112,38 +148,32 @@ class TextureTask:
         places = range(first, first + _PHOTOS)
         return [(photo_order(self._seed, self._stage.name, count, k), k // count) for k in places]
 
-    def _materials(self, photos: list[PhotoPixels], step: int) -> tuple[Tensor, Tensor]:
-        """Return the material (P, 8) at all pixels of the photos, and one texel beside each in a random direction."""
+    def _materials(self, surfaces: Sequence[Surface], beside: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the material (P, 8) at all points of the surfaces, and the same `beside` (P, 2) texels away."""
         size = round(len(self.model.color) ** 0.5)
-        uv = torch.cat([photo.surface.interpolate(self._mesh.uvs, self._mesh.uv_faces) for photo in photos])
-        angle = 2 * math.pi * torch.rand(len(uv), generator=generator(self._seed, "texture-smoothness", step))
-        beside = uv + sent(torch.stack([angle.cos(), angle.sin()], 1), uv.device) / size
-        index, weight = bilinear_taps(torch.cat([uv, beside]), size)
+        uv = torch.cat([surface.interpolate(self._mesh.uvs, self._mesh.uv_faces) for surface in surfaces])
+        index, weight = bilinear_taps(torch.cat([uv, uv + beside / size]), size)
         # Gathered part by part: putting the channels of all texels side by side would cost more than the pixels do.
         parts = [weighted_gather(part, index, weight) for part in (self.model.color, self.model.finish)]
         material, neighbours = torch.cat(parts, 1).chunk(2)
         return material, neighbours
 
-    def _photo_loss(self, photo: PhotoPixels, material: Tensor, epoch: int) -> Tensor:
-        """Return the L1 of tone-mapped colours, and of a light fitted by gradients its regularisation."""
-        gbuffer = self._gbuffer(photo, material)
-        row = self.lights.index[photo.name]
-        if not self.lights.gradient and epoch % _RELIGHT == 0:
-            self.lights.maps[row] = self._solve(photo, gbuffer, self.lights.maps[row])
-        levels = self.lights.prefilter.apply(self.lights.maps[row])
-        whole = torch.ones_like(photo.color[:, 0])
-        render = one_sided(shade(gbuffer, self.lights.prefilter, levels), photo.color, whole)
-        loss = (tone_map(render) - tone_map(photo.color)).abs().mean()
-        return loss + self.lights.regularisation(row)
+    def _photo_loss(self, surface: Surface, color: Tensor, material: Tensor, levels: Tensor) -> Tensor:
+        """Return the L1 of tone-mapped colours of a photo under its prefiltered light."""
+        whole = torch.ones_like(color[:, 0])
+        render = one_sided(shade(self._gbuffer(surface, material), self.lights.prefilter, levels), color, whole)
+        return (tone_map(render) - tone_map(color)).abs().mean()
 
-    def _solve(self, photo: PhotoPixels, gbuffer: GBuffer, start: Tensor) -> Tensor:
+    @torch.no_grad()
+    def _solve(self, photo: PhotoPixels, start: Tensor) -> Tensor:
         rows = torch.arange(min(self.config.light_solve_pixels, len(photo.color)), device=start.device)
-        rows = rows * len(photo.color) // max(len(rows), 1)
-        return solve_target_light(photo.color[rows], gbuffer, start, rows, self.config)
+        some = photo.select(rows * len(photo.color) // max(len(rows), 1))
+        material, _ = self._materials([some.surface], some.color.new_zeros(len(rows), 2))
+        return solve_target_light(some.color, self._gbuffer(some.surface, material), start, rows, self.config)
 
-    def _gbuffer(self, photo: PhotoPixels, material: Tensor) -> GBuffer:
-        surface = photo.surface
+    def _gbuffer(self, surface: Surface, material: Tensor) -> GBuffer:
         normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])
         around = self.model.around
         openness = None if around is None else Openness.of(around, self._mesh.faces, surface.face, surface.barycentric)
-        return gbuffer_of(surface, photo.view, normal, material, openness)
+        view = self._photos[0].view  # for its size, which no shading asks for
+        return gbuffer_of(surface, view, normal, material, openness)

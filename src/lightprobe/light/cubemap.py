@@ -179,19 +179,24 @@ def cell_taps(
     x = (a + 1.0) * half - 0.5
     y = (b + 1.0) * half - 0.5
     x0, y0 = x.detach().floor(), y.detach().floor()
-    last = torch.as_tensor(resolution, device=face.device)
-    column, row = ((low.long() + 1).clamp(min=0).minimum(last) for low in (x0, y0))
+    column, row = ((low.long() + 1).clamp(min=0).clamp(max=resolution) for low in (x0, y0))
     index = table.index_select(0, start + (face * (resolution + 1) + row) * (resolution + 1) + column)
     fx, fy = x - x0, (y - y0) * scale
     gx, gy = 1.0 - fx, scale - fy
     weight = torch.stack([gx * gy, fx * gy, gx * fy, fx * fy], dim=-1)
-    if index.device.type != "cpu":
+    if not _on_cpu(index):
         return index.clamp(min=0), _three_texels(index, weight)
-    corner = (((column == 0) | (column == last)) & ((row == 0) | (row == last))).nonzero()[:, 0]  # few, but a GPU waits
+    corner = (((column == 0) | (column == resolution)) & ((row == 0) | (row == resolution))).nonzero()[
+        :, 0
+    ]  # few, but a GPU waits
     if len(corner):
         weight = weight.index_copy_(0, corner, _three_texels(index[corner], weight[corner]))
         index.clamp_(min=0)
     return index, weight
+
+
+def _on_cpu(tensor: Tensor) -> bool:
+    return tensor.device.type == "cpu"
 
 
 def _three_texels(index: Tensor, weight: Tensor) -> Tensor:
