@@ -67,6 +67,7 @@ def test_the_broad_part_brings_the_whole_light_to_its_brightness():
     assert off[brief().broad_damping] < 0.7 * off[1e6]
 
 
+@pytest.mark.slow
 def test_recorded_steps_go_where_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     observation, _ = corner()
