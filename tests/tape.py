@@ -1,7 +1,7 @@
 """A stand-in for CUDA graphs on a CPU: every operator of a call is written down with its tensors, and made again.
 
 As on a GPU, what Python decided while the call was recorded stays decided, results land where they did then, and the
-host must not look at them in between.
+host must not look at them in between. Copies from the host show only as new tensors, and memory is not freed.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,9 @@ from lightprobe.light import cubemap
 from lightprobe.light.sparse import CompressedRows
 from lightprobe.render import transport
 
-HOST = {"_local_scalar_dense", "nonzero", "lift_fresh"}  # what reads a value on the host, or brings one from there
+# what reads values on the host, or brings them from there
+HOST = {"_local_scalar_dense", "nonzero", "lift_fresh", "equal", "masked_select", "_unique2", "repeat_interleave"}
+INDEXED = {"index", "index_put", "index_put_"}  # so does a mask
 
 
 def compute_as_a_gpu_does(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,7 +34,7 @@ def compute_as_a_gpu_does(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _multiplied(matrix: CompressedRows, x: Tensor) -> Tensor:
     lengths = (matrix.start[1:] - matrix.start[:-1]).long()
-    rows = torch.repeat_interleave(torch.arange(len(lengths)), lengths, output_size=len(matrix.value))
+    rows = torch.searchsorted(lengths.cumsum(0), torch.arange(len(matrix.value)), right=True)
     products = matrix.value[:, None] * x.detach()[matrix.column.long()]
     return x.new_zeros(len(lengths), 3).index_add_(0, rows, products)
 
@@ -44,7 +46,8 @@ class _Tape(TorchDispatchMode):
 
     def __torch_dispatch__(self, operator, types, args=(), kwargs=None):
         name = operator._schema.name.split("::")[1]
-        if name in HOST:
+        masked = name in INDEXED and any(x is not None and x.dtype in (torch.bool, torch.uint8) for x in args[1])
+        if name in HOST or masked:
             raise RuntimeError(f"{name} in a recorded step")
         out = operator(*args, **(kwargs or {}))
         self.operators.append((operator, args, kwargs or {}, out))

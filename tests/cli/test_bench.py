@@ -155,6 +155,8 @@ def test_every_kind_of_lessons_is_another_phase_two_after_all_usual_ones(data, t
     calls.clear()
     ask(tmp_path, seeds=0, hdri=hdris)
     assert calls == []
+    ask(tmp_path, seeds=0)
+    assert "| chair | probe-net | with HDRIs |" in (tmp_path / "R.md").read_text()  # what is known stays
 
 
 def test_the_papers_preset_has_no_other_lessons(data, tmp_path, calls):
@@ -169,6 +171,7 @@ def test_failed_lessons_stop_nothing_and_go_on_next_time(data, tmp_path, calls, 
         with pytest.raises(Exception, match=r"failed.*: cup\.lessons\.with-HDRIs training, chair\.lessons"):
             ask(tmp_path, seeds=0, scenes=("cup", "chair"), hdri=hdris)
     assert (tmp_path / "out" / "pieces" / "chair.lessons.photos-alone.json").is_file()
+    assert "cup with lessons 'with HDRIs', for which there are no numbers" in (tmp_path / "R.md").read_text()
     calls.clear()
     ask(tmp_path, seeds=0, scenes=("cup", "chair"), hdri=hdris)
     assert [words[0] for words in calls] == ["distill", "eval"] * 2

@@ -10,6 +10,7 @@ from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
 
 @pytest.mark.cuda
+@pytest.mark.filterwarnings("error:Steps cannot be recorded", "error:The CUDA Graph is empty")
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_train_predict_evaluate_and_export_on_a_gpu(tmp_path):
     scene, run = write_toy_scene(tmp_path / "scene"), tmp_path / "run"

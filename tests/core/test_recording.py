@@ -43,6 +43,25 @@ def test_other_shapes_are_stepped_without_the_recording():
     assert (recorder.recordings, recorder.replays) == (1, 3)
 
 
+def test_a_shape_is_recorded_once_it_has_been_seen_often():
+    counter, recorder = Counter(), TapeRecorder()
+    recorded = Recorded(counter.step, recorder)
+    for count in (2, 2, 3, 2, 3):
+        recorded(torch.ones(count))
+    assert recorder.recordings == 0
+    recorded(torch.ones(2))
+    assert (recorder.recordings, recorder.replays) == (1, 1)
+    for _ in range(4):
+        recorded(torch.ones(3))
+    assert (recorder.recordings, recorder.replays) == (1, 1)
+
+
+@pytest.mark.parametrize("look", [lambda x: x[x > 0].sum(), lambda x: x.sum() * torch.equal(x, x)])
+def test_the_stand_in_refuses_what_a_graph_would(look):
+    with pytest.raises(RuntimeError, match="in a recorded step"):
+        TapeRecorder().record(lambda: look(torch.ones(3)))
+
+
 def test_what_cannot_be_recorded_is_stepped_with_a_warning():
     def reads(x):
         total.add_(x.sum())

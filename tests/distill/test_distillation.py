@@ -99,18 +99,21 @@ def test_networks_give_floats_in_mixed_precision(photos):
 
 @pytest.mark.cuda
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-@pytest.mark.filterwarnings("error:Steps cannot be recorded")
+@pytest.mark.filterwarnings("error:Steps cannot be recorded", "error:The CUDA Graph is empty")
 def test_a_gpu_learns_from_recordings_what_it_learns_step_by_step(photos, monkeypatch):
     device = torch.device("cuda", 0)
     moved = [
         replace(photo, **{name: value.to(device) for name, value in vars(photo).items() if hasattr(value, "to")})
         for photo in photos
     ]
+    monkeypatch.setattr(training, "_mixed", lambda network, device: network)
+    start = {f"{part}.{k}": v for part, net in (("network", new_network(CONFIG, 3)), ("sphere", new_sphere(CONFIG, 3)))
+             for k, v in net.state_dict().items()}  # fmt: skip
     recorded = weights(train(moved, CONFIG, device, seed=3))
     monkeypatch.setattr(training, "recorder_for", lambda device: None)
     single = weights(train(moved, CONFIG, device, seed=3))
-    for name, value in single.items():
-        assert torch.allclose(recorded[name], value, rtol=1e-3, atol=1e-5), name
+    moves = sum(float((value.cpu() - start[name]).norm()) for name, value in single.items())
+    assert sum(float((recorded[name] - value).norm()) for name, value in single.items()) < 0.05 * moves
 
 
 @pytest.mark.parametrize("killed_at", [30, 40, 47])

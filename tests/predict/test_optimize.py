@@ -21,13 +21,13 @@ CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
 CPU = torch.device("cpu")
 
 
-def corner():
+def corner(device=CPU):
     """Return the observation of a corner of a sphere, lit from the side, and the direction that the corner faces."""
     asset = glossy_sphere()
     photo = photograph(asset, CAMERA, patch_light((0.2, 1.0, 0.5)))
     mask = np.zeros_like(photo.alpha)
     mask[30:38, 18:26] = photo.alpha[30:38, 18:26]
-    observation = observe(asset, Pixels(photo.color, mask), CAMERA, CPU, 65_536)
+    observation = observe(asset.to(device), Pixels(photo.color, mask), CAMERA, device, 65_536)
     return observation, observation.gbuffer.normal[observation.rows].mean(0)
 
 
@@ -84,6 +84,18 @@ def test_recorded_steps_go_where_single_ones_do(monkeypatch):
     assert [recorder.replays for recorder in recorders] == [9]
     assert float((single / prior).log().abs().mean()) > 0.01
     assert torch.allclose(recorded, single, rtol=1e-3)
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+@pytest.mark.filterwarnings("error:Steps cannot be recorded", "error:The CUDA Graph is empty")
+def test_a_gpu_refines_from_a_recording_as_it_does_step_by_step(monkeypatch):
+    observation, _ = corner(torch.device("cuda", 0))
+    prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
+    recorded = refine_environment(observation, prior, brief(), seed=0)
+    monkeypatch.setattr(optimize, "recorder_for", lambda device: None)
+    single = refine_environment(observation, prior, brief(), seed=0)
+    assert float((recorded / single).log().norm()) < 0.01 * float((single / prior).log().norm())
 
 
 def test_steps_are_those_of_adam():

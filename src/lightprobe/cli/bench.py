@@ -73,6 +73,7 @@ def bench(
 ) -> None:
     """Train and evaluate every scene with every method, and write the tables.
 
+    Phase II is trained anew for every kind of lessons, and on one scene for every loss of the ablation.
     The same command goes on where an interrupted one stopped; every finished piece is a JSON file in FOLDER/pieces.
     Scenes that are not in DIR are left out and named.
 
@@ -149,6 +150,8 @@ class Benchmark:
     def lessons(self, kind: str, name: str, folder: Path) -> None:
         """Train another Phase II on a scene's Phase I, with the lessons `kind`, and evaluate what depends on it."""
         piece = lessons_piece(kind, name)
+        if not self._file(f"{name}.eval").is_file():  # it has the rows to compare with
+            return
         where = ("--scene", str(folder))
         run = self._variant(piece, name, self.seed, (*where, *self.all_lessons[kind]))
         if run is not None:
@@ -182,14 +185,15 @@ class Benchmark:
                 if self._file(f"{name}.{kind}").is_file():
                     piece = self._keep(f"{name}.{kind}", name, kept, results)
                     results.training[name] = piece["training"]
-        for kind, options in self.all_lessons.items():
+        for kind, options in {**LESSONS, HDRI_LESSONS: ("--hdri", "HDRI")}.items():
             kept = results.lessons.setdefault(kind, {})
-            for name in self.scenes:
+            for name in results.scenes:
                 if self._file(lessons_piece(kind, name)).is_file():
                     self._keep(lessons_piece(kind, name), name, kept, results)
+                elif kind in self.all_lessons and self.preset is not Preset.PAPER:
+                    results.missing.append(f"{name} with lessons '{kind}', for which there are no numbers.")
             if kept:
-                words = ["HDRI" if word == str(self.hdri) else word for word in options]
-                chosen = f"--restart --preset {self.preset.value} --seed {self.seed} {' '.join(words)}"
+                chosen = f"--restart --preset {self.preset.value} --seed {self.seed} {' '.join(options)}"
                 results.commands.append(f"lightprobe distill RUN {chosen}   # {kind}")
         for number, variant in enumerate(LOSSES):
             files = sorted((self.folder / "pieces").glob(f"{LOSSES_SCENE}.loss.{number}.seed*.json"))

@@ -38,8 +38,8 @@ def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
 
 
 def sent(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
-    """Return a CPU tensor on `device`, without waiting for what the device is still doing."""
-    return tensor.to(device, non_blocking=True)
+    """Return a CPU tensor on `device`, without waiting for what a GPU is still doing."""
+    return tensor.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else tensor.to(device)
 
 
 def draw_rows(rows: torch.Tensor, count: int, random: torch.Generator) -> torch.Tensor:

@@ -4,17 +4,20 @@ A step of descent on small tensors is a hundred kernels that keep a GPU busy for
 them one by one. Recorded, they are asked for at once.
 """
 
-import gc
+import functools
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
-_WARM_UP = 3  # steps before the recording, in which kernels are compiled and tables made
+_WARM_UP = 3  # steps on tensors of the same shapes before the recording: kernels are compiled and tables made
+_refused: list[object] = []  # recordings that failed; what is left of them must stay
 
 Call = Callable[[], Tensor]
+Shapes = tuple[tuple[torch.Size, torch.dtype], ...]
 
 
 class Recorder(Protocol):
@@ -24,7 +27,10 @@ class Recorder(Protocol):
         """Make the call in the way that a recording of it will need, and return its result."""
 
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return where the result of the call will be and what fills it; nothing is computed yet."""
+        """Return where the result of the call will be and what fills it; nothing is computed yet.
+
+        Raises `RuntimeError` when the call cannot be recorded.
+        """
 
 
 class Recorded:
@@ -32,13 +38,13 @@ class Recorded:
 
     The step takes tensors and returns its loss (), which is no part of a gradient any more. What changes from one call
     to the next it finds in those tensors or in others that are changed in place, never in Python's numbers; and it
-    copies nothing from or to the CPU.
+    copies nothing from or to the CPU. The shapes that come up most are recorded; steps on others are made singly.
     """
 
     def __init__(self, step: Callable[..., Tensor], recorder: Recorder | None):
         """Make `step` recordable; without a recorder it is called every time."""
         self._step, self._recorder = step, recorder
-        self._calls = 0
+        self._seen: Counter[Shapes] = Counter()
         self._inputs: tuple[Tensor, ...] = ()  # where the recording reads
         self._loss: Tensor | None = None  # where it writes
         self._replay: Callable[[], None] | None = None
@@ -47,12 +53,13 @@ class Recorded:
         """Make the step and return its loss."""
         if self._recorder is None:
             return self._step(*inputs)
-        self._calls += 1
-        if self._calls <= _WARM_UP:
-            return self._recorder.warm_up(lambda: self._step(*inputs)).clone()
+        shapes = _shapes(inputs)
         if self._replay is None:
+            self._seen[shapes] += 1
+            if self._seen[shapes] <= _WARM_UP:
+                return self._recorder.warm_up(lambda: self._step(*inputs)).clone()
             self._record(self._recorder, inputs)
-        if self._replay is None or self._loss is None or not _alike(inputs, self._inputs):
+        if self._replay is None or self._loss is None or shapes != _shapes(self._inputs):
             return self._step(*inputs)
         for place, value in zip(self._inputs, inputs, strict=True):
             place.copy_(value)
@@ -64,48 +71,50 @@ class Recorded:
         try:
             self._loss, self._replay = recorder.record(lambda: self._step(*self._inputs))
         except RuntimeError as error:
-            warnings.warn(f"Steps cannot be recorded on this device and will be slower: {error}", stacklevel=2)
+            reason = error.__context__ or error  # ending a failed recording fails in turn
+            warnings.warn(f"Steps cannot be recorded on this device and will be slower: {reason}", stacklevel=2)
             self._recorder = None
 
 
 class CudaRecorder:
-    """Recordings as CUDA graphs."""
+    """Recordings as CUDA graphs, all on one stream, as memory that was used on a stream stays with it."""
+
+    def __init__(self, device: torch.device):
+        """Record on `device`, whether or not it is the current one."""
+        self._device, self._stream = device, torch.cuda.Stream(device)
 
     def warm_up(self, call: Call) -> Tensor:
-        """Make the call on a stream of its own."""
-        stream = torch.cuda.Stream()
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            result = call()
-        torch.cuda.current_stream().wait_stream(stream)
+        """Make the call on the stream of the recordings."""
+        with torch.cuda.device(self._device), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="This instance was constructed with capturable=True")
+            current = torch.cuda.current_stream()
+            self._stream.wait_stream(current)
+            with torch.cuda.stream(self._stream):
+                result = call()
+            current.wait_stream(self._stream)
         return result
 
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return the place of the call's result and the replay of its graph.
-
-        `torch.cuda.graph` would collect garbage first, which can take longer than a prediction may. Here it is only
-        kept from happening meanwhile, as freeing another graph would spoil this one.
-        """
-        graph, collects = torch.cuda.CUDAGraph(), gc.isenabled()
-        torch.cuda.synchronize()
-        gc.disable()
+        """Return the place of the call's result and the replay of its graph."""
+        graph = torch.cuda.CUDAGraph()
         try:
-            with torch.cuda.stream(torch.cuda.Stream()):
-                graph.capture_begin()
-                try:
-                    result = call()
-                finally:
-                    graph.capture_end()
-        finally:
-            if collects:
-                gc.enable()
+            with torch.cuda.device(self._device), torch.cuda.graph(graph, stream=self._stream):
+                result = call()
+        except RuntimeError:
+            _refused.append(graph)
+            raise
         return result, graph.replay
 
 
 def recorder_for(device: torch.device) -> Recorder | None:
-    """Return what records on a device; None where nothing is gained by it."""
-    return CudaRecorder() if device.type == "cuda" else None
+    """Return what records on a device; None where nothing is gained by it, or where it has failed before."""
+    return _cuda_recorder(device) if device.type == "cuda" and not _refused else None
 
 
-def _alike(inputs: tuple[Tensor, ...], places: tuple[Tensor, ...]) -> bool:
-    return [(value.shape, value.dtype) for value in inputs] == [(place.shape, place.dtype) for place in places]
+@functools.cache
+def _cuda_recorder(device: torch.device) -> CudaRecorder:
+    return CudaRecorder(device)
+
+
+def _shapes(tensors: tuple[Tensor, ...]) -> Shapes:
+    return tuple((tensor.shape, tensor.dtype) for tensor in tensors)

@@ -141,6 +141,7 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
             tensors = {**_tensors(optimiser, names, lights), **progress.extra}
             state = {"stage": stage.name, "iteration": iteration + 1}
             progress.checkpoints.save(stage.first_step + iteration + 1, tensors, state)
+    optimiser.zero_grad(set_to_none=True)  # a recording's memory would stay with them
 
 
 def _parameters(optimiser: torch.optim.Optimizer) -> list[Tensor]:

@@ -79,10 +79,12 @@ def train(
     for step in range(course.done, config.steps):
         lesson = _lesson(lessons, seed, step)
         course.take("network", lesson_tensors(lesson, config, seed, step), config.learning_rate, lesson.name)
+    course.rest("network")
     if config.sphere_steps:
         album = fill_album(course.network, lessons, config, seed)
         for step in range(course.done - config.steps, config.sphere_steps):
             course.take("sphere", batch(album, config, seed, step), learning_rate(config, step), "several")
+        course.rest("sphere")
     side = config.light_resolution
     mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
     sphere = _learned(course.sphere, config, seed).requires_grad_(False) if config.sphere_steps else None
@@ -134,14 +136,15 @@ def _lesson(lessons: list[Lesson], seed: int, step: int) -> Lesson:
 
 
 def _mixed(network: nn.Module, device: torch.device) -> Callable[..., Tensor]:
-    """Return the network's forward pass, whose products have bfloat16 factors on a GPU; losses stay in float32.
+    """Return the network's forward pass, in bfloat16 on a GPU that has it, to a float32 result.
 
-    Emulated on a CPU, both networks learn as well so (benchmarks/NOTES.md).
+    With products rounded so on a CPU both networks learn as well (benchmarks/NOTES.md).
     """
+    apt = device.type == "cuda" and torch.cuda.get_device_capability(device) >= (8, 0)
 
     def forward(*inputs: Any) -> Tensor:
         # Within a recording no cast may be taken over from before it.
-        with torch.autocast(device.type, torch.bfloat16, enabled=device.type != "cpu", cache_enabled=False):
+        with torch.autocast(device.type, torch.bfloat16, enabled=apt, cache_enabled=False):
             result: Tensor = network(*inputs)
         return result
 
@@ -168,6 +171,11 @@ class _Learner:
         else:
             group["lr"] = rate
         return self._step(*given)
+
+    def rest(self) -> None:
+        """Let go of the recording, and of the gradients that lie in its memory."""
+        self._step = Recorded(self._learn, None)
+        self.optimizer.zero_grad(set_to_none=True)
 
     def _learn(self, *given: Tensor) -> Tensor:
         self.optimizer.zero_grad(set_to_none=True)
@@ -218,6 +226,10 @@ class _Course:
         self._losses.read()  # before a checkpoint, which must not keep what has gone wrong
         if self.checkpoints is not None:
             self._save(self.checkpoints)
+
+    def rest(self, name: str) -> None:
+        """Free what only the training of the network `name` needs."""
+        self._learners[name].rest()
 
     def _take_note(self, step: int, photo: str, value: float) -> None:
         if not math.isfinite(value):

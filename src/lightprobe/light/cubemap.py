@@ -184,11 +184,10 @@ def cell_taps(
     fx, fy = x - x0, (y - y0) * scale
     gx, gy = 1.0 - fx, scale - fy
     weight = torch.stack([gx * gy, fx * gy, gx * fy, fx * fy], dim=-1)
-    if not _on_cpu(index):
+    if not _on_cpu(index):  # to look for them would make a GPU wait
         return index.clamp(min=0), _three_texels(index, weight)
-    corner = (((column == 0) | (column == resolution)) & ((row == 0) | (row == resolution))).nonzero()[
-        :, 0
-    ]  # few, but a GPU waits
+    at_edge = ((column == 0) | (column == resolution)) & ((row == 0) | (row == resolution))
+    corner = at_edge.nonzero()[:, 0]  # few
     if len(corner):
         weight = weight.index_copy_(0, corner, _three_texels(index[corner], weight[corner]))
         index.clamp_(min=0)
