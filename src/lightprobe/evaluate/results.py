@@ -297,8 +297,8 @@ _DEFAULT_NOTE = "Gains in dB; ratios of three-sphere si-RMSE, less than 1 is bet
 _LESSONS_NOTE = (
     "Other Phases II on the same Phase I. *As trained*: on photos under their lights from Phase I and on re-rendered "
     "ones, under those lights turned, tinted and mixed and under generated ones. *Photos alone*: the paper's lessons. "
-    "*Re-rendered alone*: without the photos. *With HDRIs*: as trained, but about half of the re-rendered photos lit by "
-    "the environment maps of a folder."
+    "*Re-rendered alone*: without the photos. *With HDRIs*: as trained, but about half of the re-rendered photos lit "
+    "by the environment maps of a folder."
 )
 _COMMANDS_NOTE = (
     "DATA stands for the folder of the scenes, RUNS for that of the runs, FOLDER for the benchmark's own, HDRI for the "
