@@ -21,7 +21,7 @@ from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.files import read_json, write_bytes, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.distill import ProbeModel
-from lightprobe.evaluate.results import PAPER_METHOD, BenchResults, Metrics, results_page
+from lightprobe.evaluate.results import PAPER_LESSONS, PAPER_METHOD, BenchResults, Metrics, results_page
 from lightprobe.light.files import environment_files
 
 SCENES = ("chair", "spot", "bottle", "cape", "liberty")
@@ -31,7 +31,7 @@ PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase
 
 # what else Phase II is trained with on every scene; `distill --hdri` joins them where there is a folder of HDRIs
 LESSONS: dict[str, tuple[str, ...]] = {
-    "photos alone": ("--distill.lessons", "teacher"),
+    PAPER_LESSONS: ("--distill.lessons", "teacher"),
     "re-rendered alone": ("--distill.lessons", "synthetic"),
 }
 HDRI_LESSONS = "with HDRIs"
