@@ -15,6 +15,7 @@ def test_importing_the_package_loads_nothing_heavy():
     python("import sys, lightprobe; assert not {'torch', 'numba', 'numpy'} & set(sys.modules)")
 
 
+@pytest.mark.slow
 def test_predict_loads_none_of_the_evaluation_s_libraries():
     """They take a second to import, more than the prediction."""
     python(

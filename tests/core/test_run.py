@@ -98,6 +98,7 @@ def test_writing_clears_leftovers_of_a_killed_writer(tmp_path):
         assert not list(tmp_path.rglob(".partial-*"))
 
 
+@pytest.mark.slow
 def test_only_one_process_writes(tmp_path):
     run = RunFolder.create(tmp_path)
     code = (

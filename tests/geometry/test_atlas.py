@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import torch
 import trimesh
 
@@ -37,6 +38,7 @@ def test_triangle_atlas_stays_in_the_unit_square_without_overlap():
     assert uv_overlap(uvs, faces) == 1
 
 
+@pytest.mark.slow
 def test_unwrap_keeps_the_mesh_and_charts_do_not_overlap():
     vertices, faces = sphere(2)
     mesh, size = atlas.unwrap(vertices, faces, 256, time_limit=60)

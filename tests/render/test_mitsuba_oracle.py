@@ -192,6 +192,7 @@ def mitsuba_white(stage):
     return {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roughness", [0.2, 0.35, 0.5, 0.8])
 @pytest.mark.parametrize("name", LIGHTS)
 def test_split_sum_specular_is_near_mitsubas(stage, mitsuba_white, name, roughness):

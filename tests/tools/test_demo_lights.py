@@ -12,6 +12,7 @@ def test_directions_follow_the_written_convention():
     assert 2 * 128 * solid_angles(128).sum() == pytest.approx(4 * np.pi, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(Kind))
 def test_lights_are_positive_finite_and_reproducible(kind):
     first, again, other = make_light(kind, 1, 0), make_light(kind, 1, 0), make_light(kind, 1, 1)
@@ -22,6 +23,7 @@ def test_lights_are_positive_finite_and_reproducible(kind):
     assert not np.allclose(first.radiance, other.radiance)
 
 
+@pytest.mark.slow
 def test_some_sun_is_thousands_of_times_brighter_than_its_sky():
     peaks = []
     for index in range(6):
