@@ -5,6 +5,7 @@ host must not look at them in between. Copies from the host show only as new ten
 """
 
 from collections.abc import Callable
+from types import ModuleType
 
 import pytest
 import torch
@@ -74,6 +75,18 @@ class TapeRecorder:
                 _again(tape.operators)
 
         return result, replay
+
+
+def record_on_tape(monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> list[TapeRecorder]:
+    """Let `module` record its steps; return the recorders, to which every new one will be added."""
+    recorders: list[TapeRecorder] = []
+
+    def recorder_for(device: torch.device) -> TapeRecorder:
+        recorders.append(TapeRecorder())
+        return recorders[-1]
+
+    monkeypatch.setattr(module, "recorder_for", recorder_for)
+    return recorders
 
 
 @torch.no_grad()

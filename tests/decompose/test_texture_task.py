@@ -16,7 +16,7 @@ from lightprobe.material.textures import Textures
 from lightprobe.render.surface import View
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
-from tests.tape import TapeRecorder, compute_as_a_gpu_does
+from tests.tape import compute_as_a_gpu_does, record_on_tape
 
 CONFIG = DecomposeConfig(shadows=False, light_resolution=16)
 
@@ -79,14 +79,10 @@ def test_recorded_steps_find_what_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     monkeypatch.setattr(texture_task, "_PIXELS", 300)  # which every photo has, so that all steps are alike
     config = replace(CONFIG, light_resolution=8, light_solve_iterations=1)
-    photos, recorders = targets(glossy_sphere()), []
-
-    def recorder_for(device):
-        recorders.append(TapeRecorder())
-        return recorders[-1]
+    photos = targets(glossy_sphere())
 
     single, before = refine(plain(glossy_sphere()), photos, 6, config)
-    monkeypatch.setattr(optimisation, "recorder_for", recorder_for)
+    recorders = record_on_tape(monkeypatch, optimisation)
     recorded, after = refine(plain(glossy_sphere()), photos, 6, config)
     assert [recorder.replays for recorder in recorders] == [3]
     assert after == pytest.approx(before, rel=1e-4)

@@ -14,7 +14,7 @@ from lightprobe.distill.training import train
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
-from tests.tape import TapeRecorder, compute_as_a_gpu_does
+from tests.tape import compute_as_a_gpu_does, record_on_tape
 
 CONFIG = DistillConfig(
     steps=40, samples=256, width=32, depth=2, checkpoint_every=20, sphere_steps=10, sphere_batch=2, sphere_width=4
@@ -67,15 +67,11 @@ def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
 
 def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
-    config, recorders = replace(CONFIG, steps=12, sphere_steps=8), []
-
-    def recorder_for(device):
-        recorders.append(TapeRecorder())
-        return recorders[-1]
+    config = replace(CONFIG, steps=12, sphere_steps=8)
 
     heard = {}
     single = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.setdefault(step, loss))
-    monkeypatch.setattr(training, "recorder_for", recorder_for)
+    recorders = record_on_tape(monkeypatch, training)
     recorded = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.update({step: loss - heard[step]}))
     assert [recorder.replays for recorder in recorders] == [9, 5]
     assert max(abs(difference) for difference in heard.values()) < 1e-5

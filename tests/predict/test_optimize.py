@@ -15,7 +15,7 @@ from lightprobe.predict.optimize import OptimizeConfig, _Part, brief, refine_env
 from lightprobe.scene.photo import Pixels
 from tests.lit_sphere import glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
-from tests.tape import TapeRecorder, compute_as_a_gpu_does
+from tests.tape import compute_as_a_gpu_does, record_on_tape
 
 CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
 CPU = torch.device("cpu")
@@ -71,15 +71,11 @@ def test_the_broad_part_brings_the_whole_light_to_its_brightness():
 def test_recorded_steps_go_where_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     observation, _ = corner()
-    prior, recorders = observation.light_level.expand(6, 4, 4, 3).contiguous(), []
+    prior = observation.light_level.expand(6, 4, 4, 3).contiguous()
     config = replace(brief(), iterations=12)
 
-    def recorder_for(device):
-        recorders.append(TapeRecorder())
-        return recorders[-1]
-
     single = refine_environment(observation, prior, config, seed=0)
-    monkeypatch.setattr(optimize, "recorder_for", recorder_for)
+    recorders = record_on_tape(monkeypatch, optimize)
     recorded = refine_environment(observation, prior, config, seed=0)
     assert [recorder.replays for recorder in recorders] == [9]
     assert float((single / prior).log().abs().mean()) > 0.01

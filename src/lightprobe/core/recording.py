@@ -8,7 +8,7 @@ import functools
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
@@ -38,7 +38,7 @@ class Recorded:
 
     The step takes tensors and returns its loss (), which is no part of a gradient any more. What changes from one call
     to the next it finds in those tensors or in others that are changed in place, never in Python's numbers; and it
-    copies nothing from or to the CPU. The shapes that come up most are recorded; steps on others are made singly.
+    copies nothing from or to the CPU. The first shapes that come up often are recorded; others are stepped singly.
     """
 
     def __init__(self, step: Callable[..., Tensor], recorder: Recorder | None):
@@ -114,6 +114,14 @@ def recorder_for(device: torch.device) -> Recorder | None:
 @functools.cache
 def _cuda_recorder(device: torch.device) -> CudaRecorder:
     return CudaRecorder(device)
+
+
+def set_rate(group: dict[str, Any], rate: float) -> None:
+    """Set the learning rate of an optimiser's group, in place where it is a tensor: a recording reads it there."""
+    if isinstance(group["lr"], Tensor):
+        group["lr"].fill_(rate)
+    else:
+        group["lr"] = rate
 
 
 def _shapes(tensors: tuple[Tensor, ...]) -> Shapes:

@@ -14,7 +14,7 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.core.losses import LossReader
-from lightprobe.core.recording import Recorded, recorder_for
+from lightprobe.core.recording import Recorded, recorder_for, set_rate
 from lightprobe.decompose.lights import Lights
 
 OnStep = Callable[[str, int, int, float], None]  # stage, step, steps, loss
@@ -127,10 +127,7 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
         if iteration % config.checkpoint_every == 0:
             task.refresh(iteration, fraction)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
-            if isinstance(group["lr"], Tensor):
-                group["lr"].fill_(rate * 10**-fraction)
-            else:
-                group["lr"] = rate * 10**-fraction
+            set_rate(group, rate * 10**-fraction)
         given = task.given(iteration)
         loss = descend(iteration, fraction, given) if recorder is None else recorded(*given)
         losses.add(loss, partial(take_note, iteration))

@@ -18,7 +18,7 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.core.losses import LossReader
-from lightprobe.core.recording import Recorded, recorder_for
+from lightprobe.core.recording import Recorded, recorder_for, set_rate
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.illumination_mlp import IlluminationMlp
 from lightprobe.distill.lesson import Lesson
@@ -165,11 +165,7 @@ class _Learner:
 
     def step(self, given: Sequence[Tensor], rate: float) -> Tensor:
         """Take one step down the loss of `given` and return it."""
-        group = self.optimizer.param_groups[0]
-        if isinstance(group["lr"], Tensor):
-            group["lr"].fill_(rate)
-        else:
-            group["lr"] = rate
+        set_rate(self.optimizer.param_groups[0], rate)
         return self._step(*given)
 
     def rest(self) -> None:

@@ -10,6 +10,7 @@ from lightprobe.evaluate.metrics import interval
 Metrics = dict[str, Any]  # the content of a metrics.json
 PAPER_METHOD = "probe-mlp"
 PAPER_LESSONS = "photos alone"
+_AS_TRAINED = "as trained"
 SPHERES = ("diffuse", "matte", "mirror")
 PUBLISHED_SCENES = ("spot", "bottle")  # lit as the scenes of the published numbers
 PUBLISHED_SI_RMSE = (0.077, 0.196, 0.442)  # of SPHERES, the best under such lights
@@ -98,9 +99,8 @@ def _picked(source: dict[str, Metrics], method: str | None = None) -> list[dict[
 def comparison_table(results: BenchResults) -> list[str]:
     """Return what the default gains over the paper's method, trained alike and as in the paper, and the means."""
     rows = []
-    for lessons, papers in {"as trained": results.scenes, **results.lessons}.items():
-        if lessons in ("as trained", PAPER_LESSONS):
-            rows += [[name, lessons, *cells] for name, cells in _gains(results.scenes, papers)]
+    for lessons, papers in ((_AS_TRAINED, results.scenes), (PAPER_LESSONS, results.lessons.get(PAPER_LESSONS, {}))):
+        rows += [[name, lessons, *cells] for name, cells in _gains(results.scenes, papers)]
     return _table(["scene", "lessons", *_GAINS], rows) if rows else []
 
 
@@ -129,7 +129,7 @@ def lessons_table(results: BenchResults) -> list[str]:
         "psnr_masked": 2, "psnr_unseen": 2, "relit_psnr_scaled": 2, **{f"{s}_si_rmse": 3 for s in SPHERES},
         "light_log_rmse_scaled": 2,
     }  # fmt: skip
-    every = {"as trained": results.scenes, **results.lessons}
+    every = {_AS_TRAINED: results.scenes, **results.lessons}
     rows = []
     for name in results.scenes:
         found = {kind: scenes[name] for kind, scenes in every.items() if name in scenes}
