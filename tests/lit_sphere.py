@@ -43,15 +43,15 @@ def photograph(asset: Asset, camera: Camera, light: Tensor) -> Pixels:
     alpha = np.zeros(len(color), np.float32)
     alpha[gbuffer.pixel] = 1
     shape = (camera.height, camera.width)
-    return Pixels(color.reshape(*shape, 3), alpha.reshape(shape))
+    return Pixels.of(color.reshape(*shape, 3), alpha.reshape(shape))
 
 
 def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, config: DistillConfig | None = None) -> Lesson:
     """Return the lesson of a photo whose teacher is the true light."""
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
-    color = torch.from_numpy(photo.color).reshape(-1, 3)[gbuffer.pixel]
-    return Desk(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(name, color, light)
+    color, clipped = (torch.from_numpy(x).reshape(-1, 3)[gbuffer.pixel] for x in (photo.color, photo.clipped))
+    return Desk(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(name, color, clipped, light)
 
 
 PATCHES = ((1.0, 0.3, 0.4), (-0.8, 0.9, 0.2), (0.2, -1.0, 0.5), (0.1, 0.2, 1.0), (-0.6, -0.6, 0.5), (0.7, 0.2, -0.5))

@@ -15,6 +15,7 @@ from lightprobe.decompose.photos import Target
 from lightprobe.light.prefilter import cached
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
+from lightprobe.scene.photo import CLIPPED
 from tests.render.test_split_sum import sky, sphere_gbuffer
 from tests.shapes import camera_at
 
@@ -28,7 +29,7 @@ def ball():
     operator = cached(config.light_resolution)
     light = 0.5 * sky(config.light_resolution).clamp(max=3)
     photo = shade(true, operator, operator.apply(light))
-    target = Target("ball", View.of(camera_at([3, 0, 0.1]), CPU), photo, torch.ones(1500))
+    target = Target("ball", View.of(camera_at([3, 0, 0.1]), CPU), photo, torch.ones(1500), photo >= CLIPPED)
     lights = Lights(["ball"], config, CPU, 0)
     return true, target, light, lights, config
 

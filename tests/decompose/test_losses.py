@@ -14,6 +14,9 @@ from lightprobe.decompose.losses import (
     neighbour_difference,
     one_sided,
 )
+from lightprobe.decompose.photos import Target
+from lightprobe.render.surface import View
+from tests.shapes import camera_at
 
 
 def material(base: float, roughness: float, metallic: float) -> torch.Tensor:
@@ -87,22 +90,23 @@ def test_a_red_cast_of_all_lights_is_moved_to_the_surface():
 
 
 def test_clipped_pixels_only_bound_the_light_from_below():
-    photo = torch.tensor([[1.0, 1.0, 1.0], [0.5, 0.5, 0.5]])
-    alpha = torch.ones(2)
+    photo = torch.tensor([[0.7, 0.7, 0.7], [0.5, 0.5, 0.5]])  # the first is the mean of a white and darker pixels
+    clipped = torch.tensor([[True] * 3, [False] * 3])
     brighter = torch.tensor([[7.0, 7.0, 7.0], [0.6, 0.6, 0.6]])
-    assert torch.equal(one_sided(brighter, photo, alpha)[0], photo[0])
-    assert torch.equal(one_sided(brighter, photo, alpha)[1], brighter[1])
+    assert torch.equal(one_sided(brighter, photo, clipped)[0], photo[0])
+    assert torch.equal(one_sided(brighter, photo, clipped)[1], brighter[1])
     darker = 0.5 * photo
-    assert torch.equal(one_sided(darker, photo, alpha), darker)
+    assert torch.equal(one_sided(darker, photo, clipped), darker)
 
 
 def test_missing_coverage_costs_whatever_the_colour():
-    photo, alpha = torch.full((4, 3), 0.3), torch.ones(4)
+    photo, alpha, cpu = torch.full((4, 3), 0.3), torch.ones(4), torch.device("cpu")
+    target = Target("grey", View.of(camera_at((3, 0, 0)), cpu), photo, alpha, torch.zeros(4, 3, dtype=torch.bool))
     background = torch.tensor([0.3, 0.3, 0.3])  # the hole looks like the object
-    full = image_loss(photo, alpha, photo, alpha, background, 4.0)
+    full = image_loss(photo, alpha, target, background, 4.0)
     hole = torch.tensor([1.0, 1.0, 1.0, 0.0])
     assert float(full) < 1e-6
-    assert float(image_loss(photo * hole[:, None], hole, photo, alpha, background, 4.0)) > 0.9
+    assert float(image_loss(photo * hole[:, None], hole, target, background, 4.0)) > 0.9
 
 
 def test_the_difference_of_neighbours_and_its_gradient():

@@ -27,8 +27,9 @@ def targets(asset):
     for k, patch in enumerate(PATCHES):
         camera = camera_at((2.6 - k, 1.4 * (-1) ** k, 1.2), size=64, focal=80.0)
         photo = photograph(asset, camera, patch_light(patch))
-        color, alpha = torch.from_numpy(photo.color).reshape(-1, 3), torch.from_numpy(photo.alpha).reshape(-1)
-        found.append(Target(f"photo{k}", View.of(camera, CPU), color * alpha[:, None], alpha))
+        color, clipped = (torch.from_numpy(part).reshape(-1, 3) for part in (photo.color, photo.clipped))
+        alpha = torch.from_numpy(photo.alpha).reshape(-1)
+        found.append(Target(f"photo{k}", View.of(camera, CPU), color * alpha[:, None], alpha, clipped))
     return found
 
 

@@ -27,7 +27,7 @@ def corner(device=CPU):
     photo = photograph(asset, CAMERA, patch_light((0.2, 1.0, 0.5)))
     mask = np.zeros_like(photo.alpha)
     mask[30:38, 18:26] = photo.alpha[30:38, 18:26]
-    observation = observe(asset.to(device), Pixels(photo.color, mask), CAMERA, device, 65_536)
+    observation = observe(asset.to(device), Pixels.of(photo.color, mask), CAMERA, device, 65_536)
     return observation, observation.gbuffer.normal[observation.rows].mean(0)
 
 

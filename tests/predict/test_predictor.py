@@ -79,8 +79,8 @@ def test_equal_calls_give_equal_bits(predictor, photo, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, method):
-    dim = Pixels(photo.color / photo.color.max() * 0.9, photo.alpha)
-    dimmer = Pixels(dim.color / 2, photo.alpha)
+    dim = Pixels.of(photo.color / photo.color.max() * 0.9, photo.alpha)
+    dimmer = Pixels.of(dim.color / 2, photo.alpha)
     full, half = (predictor.predict(p, CAMERA, method).environment for p in (dim, dimmer))
     torch.testing.assert_close(2 * half, full, rtol=1e-3, atol=1e-3)
 
@@ -128,7 +128,7 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     asked = Predictor(
         Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, light_resolution=16
     )
-    prediction = asked.predict(Pixels(photo.color, mask), CAMERA, Method.PROBE_MLP)
+    prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
     behind = (cubemap.directions(16) @ camera) > 0.9
     unseen = prediction.environment[behind] / prediction.environment.mean()
@@ -164,7 +164,7 @@ def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphe
     with pytest.raises(InputError, match="64 x 64 pixels but its camera 32 x 32"):
         predictor.predict(photo, CAMERA.resized(32, 32))
     with pytest.raises(InputError, match="Only 0 pixels"):
-        predictor.predict(Pixels(photo.color, np.zeros_like(photo.alpha)), CAMERA)
+        predictor.predict(Pixels.of(photo.color, np.zeros_like(photo.alpha)), CAMERA)
     without = Predictor(Decomposition(sphere, {}, predictor.decomposition.similarity), light_resolution=16)
     with pytest.raises(ConfigError, match="no trained model"):
         without.predict(photo, CAMERA, Method.PROBE_MLP)

@@ -21,6 +21,7 @@ from lightprobe.render.openness import Openness
 from lightprobe.render.surface import View, face_camera, visible_surface
 from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import CLIPPED
 from pretraining.solids import random_solid
 
 SIDE = 128  # pixels of a view
@@ -93,7 +94,9 @@ def lessons_of(number: int, config: DistillConfig, seed: int) -> list[Lesson]:
         for light_number in range((number * VIEWS + k) * LIGHTS, (number * VIEWS + k + 1) * LIGHTS):
             light = generated_light(RESOLUTION, seed=seed, step=light_number)
             color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", light_number)))
-            lessons.append(desk.lesson(f"solid {number}, light {light_number}", color, light, exposure))
+            lessons.append(
+                desk.lesson(f"solid {number}, light {light_number}", color, color >= CLIPPED, light, exposure)
+            )
     return lessons
 
 

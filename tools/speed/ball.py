@@ -61,4 +61,4 @@ def photograph(asset: Asset, view: Camera, env: Tensor) -> Pixels:
     """Return the photo of the asset in the light env (6, R, R, 3)."""
     image, cover = Picture.of(asset, view, prefilter.cached(env.shape[1], CPU), CPU).render(env)
     color = image / cover[..., None].clamp(min=1e-6)
-    return Pixels(color.clamp(max=1).numpy(), cover.numpy())
+    return Pixels.of(color.clamp(max=1).numpy(), cover.numpy())

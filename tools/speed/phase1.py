@@ -33,7 +33,8 @@ def picture(asset: Asset, side: int, number: int, count: int) -> Target:
     pixels = photograph(asset, view, light(LIT, number))
     alpha = torch.from_numpy(pixels.alpha).reshape(-1)
     color = torch.from_numpy(pixels.color).reshape(-1, 3) * alpha[:, None]
-    return Target(f"{number:03d}", View.of(view, CPU), color, alpha)
+    clipped = torch.from_numpy(pixels.clipped).reshape(-1, 3)
+    return Target(f"{number:03d}", View.of(view, CPU), color, alpha, clipped)
 
 
 def first_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) -> ImageTask:

@@ -28,7 +28,8 @@ def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[Lesson]:
         gbuffer = rasterize_asset(asset, camera(config.max_side, number, count), CPU)
         photo = picture(asset, config.max_side, number, count)
         desk = Desk(gbuffer, UP, config)
-        lessons.append(desk.lesson(photo.name, photo.color[gbuffer.pixel], light(LIT, number)))
+        at = gbuffer.pixel
+        lessons.append(desk.lesson(photo.name, photo.color[at], photo.clipped[at], light(LIT, number)))
     return lessons
 
 

@@ -12,15 +12,12 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
-from lightprobe.imaging import resize_area
 from lightprobe.predict import Predictor, methods_for
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.camera import Camera
@@ -68,9 +65,7 @@ def target_rows(target: Target | None) -> list[str]:
 def resample(photo: Photo, side: int) -> tuple[Pixels, Camera]:
     """Return a photo with its camera as side x side pixels, averaged or magnified as premultiplied light."""
     pixels, camera = load_pixels(photo)
-    alpha = resize_area(pixels.alpha, side, side)
-    color = resize_area(pixels.color * pixels.alpha[..., None], side, side) / np.maximum(alpha, 1e-6)[..., None]
-    return Pixels(color, alpha), camera.resized(side, side)
+    return pixels.resized(side, side), camera.resized(side, side)
 
 
 def predict(run: RunFolder, scene: Path, repeats: int) -> Target:

@@ -74,9 +74,10 @@ def _error(
     around = None if pixels.openness is None else pixels.openness.brightened(factor)
     pixels = replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1), openness=around)
     light = lights.maps[lights.index[target.name]] / factor
-    photo, every = target.color[pixels.pixel], torch.arange(len(rows), device=rows.device)
+    photo, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
+    every = torch.arange(len(rows), device=rows.device)
     for _ in range(2):  # the light on the map is that of another state of the asset
-        light = solve_target_light(photo, pixels, light, every, config)
+        light = solve_target_light(photo, clipped, pixels, light, every, config)
     render = shade(pixels, lights.prefilter, lights.prefilter.apply(light))
-    render = one_sided(render, photo, torch.ones_like(photo[:, 0]))
+    render = one_sided(render, photo, clipped)
     return float((tone_map(render) - tone_map(photo)).abs().mean())

@@ -113,7 +113,7 @@ class ImageTask:
         cover = coverage(pixel, crossings, view.height * view.width)
         image = spread_color(radiance, pixel, crossings, cover)
         background = sent(torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device)
-        loss = image_loss(image, cover, target.color, target.alpha, background, self.config.coverage_weight)
+        loss = image_loss(image, cover, target, background, self.config.coverage_weight)
         gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
         return loss + seen.regularisation + gauge + self._few_metals(seen.gbuffer, step)
 

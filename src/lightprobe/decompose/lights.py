@@ -15,22 +15,21 @@ from lightprobe.light import prefilter as prefilters
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
-from lightprobe.scene.photo import CLIPPED
 
 
 def solve_target_light(
-    observed: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, config: DecomposeConfig
+    observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, config: DecomposeConfig
 ) -> Tensor:
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer best, from `start`.
 
-    observed (K, 3): their linear colours. Places they do not pin are pulled towards the mean colour of `start`.
+    observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
+    not pin are pulled towards the mean colour of `start`.
     """
     operator = prefilters.cached(start.shape[1], start.device)
     prior = start.mean((0, 1, 2)).expand_as(start)
-    weight, clipped = tone_weight(observed.mean(1)), observed >= CLIPPED
     transport = Transport(gbuffer, operator, rows)
     light = solve_light(
-        transport, observed, weight, clipped, prior,
+        transport, observed, tone_weight(observed.mean(1)), clipped, prior,
         regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=start,
     )  # fmt: skip
     return refit_contrast(transport, light, observed, clipped)
@@ -62,8 +61,10 @@ class Lights:
             return self.prefilter.apply(self.maps[row]), self.regularisation(row)
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
-            observed = target.color[gbuffer.pixel[rows]]
-            self.maps[row] = solve_target_light(observed, gbuffer, self.maps[row], rows, self.config)
+            at = gbuffer.pixel[rows]
+            self.maps[row] = solve_target_light(
+                target.color[at], target.clipped[at], gbuffer, self.maps[row], rows, self.config
+            )
         return self.prefilter.apply(self.maps[row]), self.regularisation(row)
 
     def regularisation(self, row: int) -> Tensor:

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
+from lightprobe.decompose.photos import Target
 from lightprobe.imaging import srgb_encode
-from lightprobe.scene.photo import CLIPPED
 
 USUAL_ROUGHNESS = 0.4
 _ALIKE = (0.15, 0.2)  # by how much displayed colour and roughness vary within one metal
@@ -27,27 +27,26 @@ def tone_weight(linear: Tensor) -> Tensor:
     return (linear.clamp(min=0) + 0.02) ** -1.1
 
 
-def one_sided(render: Tensor, photo: Tensor, alpha: Tensor) -> Tensor:
-    """Replace `render` by `photo` (both (N, 3) premultiplied) where the photo clips and the render is brighter.
+def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
+    """Replace `render` by `photo` (both (N, 3) premultiplied) where the render is brighter and the photo `clipped`.
 
-    A saturated pixel only says that the light was at least this strong.
+    clipped (N, 3) bool: a saturated pixel only says that the light was at least this strong.
     """
-    clipped = photo >= CLIPPED * alpha.clamp(min=0.5)[:, None]
     return torch.where(clipped & (render > photo), photo, render)
 
 
-def image_loss(
-    render: Tensor, cover: Tensor, photo: Tensor, alpha: Tensor, background: Tensor, weight: float
-) -> Tensor:
+def image_loss(render: Tensor, cover: Tensor, target: Target, background: Tensor, weight: float) -> Tensor:
     """Return L1 of tone-mapped colour over `background` (3,) plus `weight` times the squared coverage error.
+
+    render (N, 3) linear premultiplied, cover (N,): the picture to compare with the photo `target`.
 
     All pixels where photo or render show the object count; the sum is divided by the photo's object area, so that
     the loss does not depend on how much of the frame is empty.
     """
-    seen = ((alpha > 0) | (cover.detach() > 0)).nonzero()[:, 0]
-    photo, alpha = photo[seen], alpha[seen]
+    seen = ((target.alpha > 0) | (cover.detach() > 0)).nonzero()[:, 0]
+    photo, alpha, clipped = target.color[seen], target.alpha[seen], target.clipped[seen]
     render, cover = render.index_select(0, seen), cover.index_select(0, seen)
-    ours = tone_map(one_sided(render, photo, alpha) + (1 - cover)[:, None] * background)
+    ours = tone_map(one_sided(render, photo, clipped) + (1 - cover)[:, None] * background)
     theirs = tone_map(photo + (1 - alpha)[:, None] * background)
     area = alpha.sum().clamp(min=1)
     return (ours - theirs).abs().sum() / (3 * area) + weight * (cover - alpha).square().sum() / area

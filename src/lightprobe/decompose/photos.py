@@ -19,6 +19,7 @@ class Target:
     view: View
     color: Tensor  # (N, 3) linear, premultiplied
     alpha: Tensor  # (N,)
+    clipped: Tensor  # (N, 3) bool: the pixel is at least as bright as its colour
 
 
 def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch.device) -> list[Target]:
@@ -29,5 +30,6 @@ def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch
         alpha = torch.from_numpy(pixels.alpha).reshape(-1)
         color = torch.from_numpy(pixels.color).reshape(-1, 3) * alpha[:, None]
         view = View.of(camera.normalised(scene.similarity), device)
-        targets.append(Target(photo.name, view, color.to(device), alpha.to(device)))
+        clipped = torch.from_numpy(pixels.clipped).reshape(-1, 3)
+        targets.append(Target(photo.name, view, color.to(device), alpha.to(device), clipped.to(device)))
     return targets

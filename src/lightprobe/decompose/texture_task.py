@@ -40,6 +40,7 @@ class PhotoPixels:
     view: View
     surface: Surface  # K points
     color: Tensor  # (K, 3) linear
+    clipped: Tensor  # (K, 3) bool
 
     @staticmethod
     def of(asset: Asset, target: Target, seed: int) -> "PhotoPixels":
@@ -47,11 +48,12 @@ class PhotoPixels:
         surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
         inside = (target.alpha[surface.pixel] > 0.99).nonzero()[:, 0]
         surface = surface.select(draw_rows(inside, _POOL, generator(seed, f"pool/{target.name}")))
-        return PhotoPixels(target.name, target.view, surface, target.color[surface.pixel])
+        at = surface.pixel
+        return PhotoPixels(target.name, target.view, surface, target.color[at], target.clipped[at])
 
     def select(self, rows: Tensor) -> "PhotoPixels":
         """Return the pixels at `rows` (K,) int64."""
-        return PhotoPixels(self.name, self.view, self.surface.select(rows), self.color[rows])
+        return PhotoPixels(self.name, self.view, self.surface.select(rows), self.color[rows], self.clipped[rows])
 
     def sample(self, seed: int, step: int) -> "PhotoPixels":
         """Return at most `_PIXELS` of the pixels, drawn at random."""
@@ -59,8 +61,8 @@ class PhotoPixels:
         return self.select(draw_rows(every, _PIXELS, generator(seed, f"texture/{self.name}", step)))
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """Return the fields of the surface, and the colours."""
-        return *vars(self.surface).values(), self.color
+        """Return the fields of the surface, the colours, and where these are clipped."""
+        return *vars(self.surface).values(), self.color, self.clipped
 
 
 class TextureTask:
@@ -125,9 +127,9 @@ class TextureTask:
         *tensors, beside, levels, cost, cast = given
         count = len(tensors) // len(levels)
         fields = [tensors[k : k + count] for k in range(0, len(tensors), count)]
-        surfaces, colors = [Surface(*each[:-1]) for each in fields], [each[-1] for each in fields]
+        surfaces, colors = [Surface(*each[:-2]) for each in fields], [(each[-2], each[-1]) for each in fields]
         material, neighbours = self._materials(surfaces, beside)
-        parts = material.split([len(color) for color in colors])
+        parts = material.split([len(color) for color, _ in colors])
         image = material.new_zeros(())
         for photo in zip(surfaces, colors, parts, levels, strict=True):
             image = image + self._photo_loss(*photo)
@@ -158,10 +160,10 @@ class TextureTask:
         material, neighbours = torch.cat(parts, 1).chunk(2)
         return material, neighbours
 
-    def _photo_loss(self, surface: Surface, color: Tensor, material: Tensor, levels: Tensor) -> Tensor:
-        """Return the L1 of tone-mapped colours of a photo under its prefiltered light."""
-        whole = torch.ones_like(color[:, 0])
-        render = one_sided(shade(self._gbuffer(surface, material), self.lights.prefilter, levels), color, whole)
+    def _photo_loss(self, surface: Surface, seen: tuple[Tensor, Tensor], material: Tensor, levels: Tensor) -> Tensor:
+        """Return the L1 of tone-mapped colours of a photo, `seen` with where they are clipped, under its light."""
+        color, clipped = seen
+        render = one_sided(shade(self._gbuffer(surface, material), self.lights.prefilter, levels), color, clipped)
         return (tone_map(render) - tone_map(color)).abs().mean()
 
     @torch.no_grad()
@@ -169,7 +171,9 @@ class TextureTask:
         rows = torch.arange(min(self.config.light_solve_pixels, len(photo.color)), device=start.device)
         some = photo.select(rows * len(photo.color) // max(len(rows), 1))
         material, _ = self._materials([some.surface], some.color.new_zeros(len(rows), 2))
-        return solve_target_light(some.color, self._gbuffer(some.surface, material), start, rows, self.config)
+        return solve_target_light(
+            some.color, some.clipped, self._gbuffer(some.surface, material), start, rows, self.config
+        )
 
     def _gbuffer(self, surface: Surface, material: Tensor) -> GBuffer:
         normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])

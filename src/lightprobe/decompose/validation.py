@@ -37,8 +37,9 @@ def explain(
     light = grey if start is None else magnify_light(start, resolution)
     if len(rows) == 0:
         return gbuffer, light
+    at = gbuffer.pixel[rows]
     for _ in range(rounds):
-        light = solve_target_light(target.color[gbuffer.pixel[rows]], gbuffer, light, rows, config)
+        light = solve_target_light(target.color[at], target.clipped[at], gbuffer, light, rows, config)
     return gbuffer, light
 
 
@@ -52,7 +53,7 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
         image = torch.zeros_like(target.color)
         image[gbuffer.pixel] = shade(gbuffer, operator, operator.apply(light))
         inside = target.alpha > 0.5
-        ours = one_sided(image[inside], target.color[inside], target.alpha[inside]).clamp(0, 1)
+        ours = one_sided(image[inside], target.color[inside], target.clipped[inside]).clamp(0, 1)
         error = (srgb_encode(ours) - srgb_encode(target.color[inside].clamp(0, 1))).square().mean()
         scores.append(float(-10 * torch.log10(error.clamp(min=1e-10))))
     return sum(scores) / len(scores)

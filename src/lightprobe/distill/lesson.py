@@ -13,7 +13,6 @@ from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.scene.photo import CLIPPED
 
 
 @dataclass(frozen=True)
@@ -45,11 +44,16 @@ class Desk:
         directions = cubemap.directions(config.light_resolution, rows.device).reshape(-1, 3)
         self._distribution = mean_distribution(self._pixels, directions, config.alpha_rule)
 
-    def lesson(self, name: str, color: Tensor, light: Tensor, exposure: Tensor | float = 1.0) -> Lesson:
-        """Return the lesson of a photo with linear colours (N, 3), taken in `light` (6, R, R, 3) times `exposure`."""
+    def lesson(
+        self, name: str, color: Tensor, clipped: Tensor, light: Tensor, exposure: Tensor | float = 1.0
+    ) -> Lesson:
+        """Return the lesson of a photo taken in `light` (6, R, R, 3) times `exposure`.
+
+        color (N, 3): its linear colours; clipped (N, 3) bool: which of them are only bounds from below.
+        """
         pixels = self._pixels.photographed(color)
         level = pixels.light_level()
         side = self.config.light_resolution
         teacher = (resize_light(light, side) * exposure).reshape(-1, 3) / level
         solved = evidence(self._transport, color[self._some], level)
-        return Lesson(name, pixels, color >= CLIPPED, level, self._distribution, solved, self.up, teacher)
+        return Lesson(name, pixels, clipped, level, self._distribution, solved, self.up, teacher)

@@ -19,7 +19,7 @@ from lightprobe.light.generated import Draw
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene import load_pixels
-from lightprobe.scene.photo import Photo, Scene
+from lightprobe.scene.photo import CLIPPED, Photo, Scene
 
 _OPAQUE = 0.9  # below this coverage a pixel's colour is partly extrapolated from its neighbours
 _FEWEST_PIXELS = 16
@@ -33,6 +33,7 @@ class _Look:
     photo: Photo
     gbuffer: GBuffer  # N pixels
     color: Tensor  # (N, 3) linear
+    clipped: Tensor  # (N, 3) bool
 
 
 def collect_lessons(
@@ -50,7 +51,8 @@ def collect_lessons(
     for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
         if config.lessons is not Lessons.SYNTHETIC:
             desk = Desk(look.gbuffer, up, config)
-            lessons.append(desk.lesson(look.photo.name, look.color, lights[look.photo.name].to(device)))
+            light = lights[look.photo.name].to(device)
+            lessons.append(desk.lesson(look.photo.name, look.color, look.clipped, light))
         if config.lessons is not Lessons.TEACHER:
             first, last = (i * config.synthetic_lessons // len(scene.train) for i in (done, done + 1))
             lessons += _synthetic(look, pool, range(first, last), config, seed)
@@ -72,7 +74,7 @@ def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConf
     for number in numbers:
         light = pool.light(number).to(look.color.device)
         color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", number)))
-        lessons.append(desk.lesson(f"synthetic {number}", color, light, exposure))
+        lessons.append(desk.lesson(f"synthetic {number}", color, color >= CLIPPED, light, exposure))
     return lessons
 
 
@@ -90,5 +92,8 @@ def _looks(
         if len(rows) < _FEWEST_PIXELS:
             continue
         rows = draw_rows(rows, config.pixels_per_photo, generator(seed, f"distill-keep/{photo.name}"))
-        color = torch.from_numpy(loaded.color).to(device).reshape(-1, 3)[gbuffer.pixel[rows]]
-        yield _Look(photo, gbuffer.select(rows), color)
+        at = gbuffer.pixel[rows]
+        color, clipped = (
+            torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped)
+        )
+        yield _Look(photo, gbuffer.select(rows), color, clipped)

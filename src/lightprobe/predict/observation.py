@@ -8,17 +8,15 @@ camera would have seen.
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from lightprobe.core.errors import InputError
 from lightprobe.distill.probe_pixels import ProbePixels, probe_pixels
-from lightprobe.imaging import resize_area
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import CLIPPED, Pixels
+from lightprobe.scene.photo import Pixels
 
 _OPAQUE = 0.9
 _HALF = 0.5
@@ -49,10 +47,10 @@ def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, 
             f"The photo has {width} x {height} pixels but its camera {camera.width} x {camera.height}; "
             "give the camera of this photo."
         )
-    color, alpha, clipped = _reduced(pixels, max_pixels)
-    camera = camera.resized(alpha.shape[1], alpha.shape[0])
+    pixels = _reduced(pixels, max_pixels)
+    camera = camera.resized(pixels.alpha.shape[1], pixels.alpha.shape[0])
     gbuffer = rasterize_asset(asset, camera, device)
-    cover = torch.from_numpy(alpha).to(device).reshape(-1)
+    cover = torch.from_numpy(pixels.alpha).to(device).reshape(-1)
     covered = cover[gbuffer.pixel]
     rows = (covered >= _OPAQUE).nonzero()[:, 0]
     if len(rows) < _FEWEST_PIXELS:
@@ -60,8 +58,8 @@ def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, 
             f"Only {len(rows)} pixels of the mask show the object as seen by this camera; check the pose and the mask."
         )
     at = gbuffer.pixel[rows]
-    seen = probe_pixels(gbuffer, rows, torch.from_numpy(color).to(device).reshape(-1, 3)[at])
-    hidden = torch.from_numpy(clipped).to(device).reshape(-1, 3)[at]
+    seen = probe_pixels(gbuffer, rows, torch.from_numpy(pixels.color).to(device).reshape(-1, 3)[at])
+    hidden = torch.from_numpy(pixels.clipped).to(device).reshape(-1, 3)[at]
     return Observation(gbuffer, rows, seen, hidden, seen.light_level(), _overlap(cover, covered))
 
 
@@ -71,21 +69,11 @@ def _overlap(cover: Tensor, covered: Tensor) -> float:
     return both / (int((cover >= _HALF).sum()) + len(covered) - both)
 
 
-def _reduced(pixels: Pixels, max_pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return colour (H, W, 3) straight, alpha (H, W) and clipped (H, W, 3) bool at a bounded size.
-
-    A reduced pixel with any clipped source pixel is at least as bright as its average: it counts as clipped. A photo
-    with values well above 1 comes from a format without a white to clip at.
-    """
-    color, alpha = pixels.color, pixels.alpha
-    has_white = float(color.max(initial=0.0)) <= 1.01
-    clipped = (color >= CLIPPED) & (alpha[..., None] > 0) & has_white
-    masked = float((alpha >= _OPAQUE).sum())
+def _reduced(pixels: Pixels, max_pixels: int) -> Pixels:
+    """Return the photo at a size at which about `max_pixels` of its pixels lie in the mask, or as it is."""
+    masked = float((pixels.alpha >= _OPAQUE).sum())
     if masked <= max_pixels:
-        return color, alpha, clipped
+        return pixels
     shrink = math.sqrt(max_pixels / masked)
-    size = tuple(max(1, round(side * shrink)) for side in alpha.shape)
-    small = resize_area(alpha, *size)
-    premultiplied = resize_area(color * alpha[..., None], *size)
-    straight = premultiplied / np.maximum(small, 1e-6)[..., None]
-    return straight, small, resize_area(clipped.astype(np.float32), *size) > 0
+    height, width = (max(1, round(side * shrink)) for side in pixels.alpha.shape)
+    return pixels.resized(height, width)

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from lightprobe.imaging import resize_area
 from lightprobe.scene.camera import Camera, Similarity
 
 CLIPPED = 0.98  # linear value from which an 8-bit photo is taken as saturated; half a code below 255 is .989
+_WHITE = 1.01  # a photo with brighter values comes from a format without a white to clip at
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,25 @@ class Pixels:
 
     color: np.ndarray  # (H, W, 3) float32, linear, straight
     alpha: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object
+    clipped: np.ndarray  # (H, W, 3) bool: the photo's white hides how bright the object was somewhere in the pixel
+
+    @staticmethod
+    def of(color: np.ndarray, alpha: np.ndarray) -> "Pixels":
+        """Return the pixels of a photo at full size, linear straight `color` (H, W, 3) and `alpha` (H, W)."""
+        has_white = float(color.max(initial=0.0)) <= _WHITE
+        return Pixels(color, alpha, (color >= CLIPPED) & (alpha[..., None] > 0) & has_white)
+
+    def resized(self, height: int, width: int) -> "Pixels":
+        """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile.
+
+        A pixel with any clipped source pixel is clipped: the object was at least as bright as its average.
+        """
+        if (height, width) == self.alpha.shape:
+            return self
+        premultiplied = resize_area(self.color * self.alpha[..., None], height, width)
+        alpha = resize_area(self.alpha, height, width)
+        clipped = resize_area(self.clipped.astype(np.float32), height, width) > 0
+        return Pixels(premultiplied / np.maximum(alpha, 1e-6)[..., None], alpha, clipped)
 
 
 @dataclass(frozen=True)

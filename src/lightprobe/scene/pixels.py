@@ -22,11 +22,7 @@ def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Came
     color, alpha = decode(photo)
     color = np.where(alpha[..., None] > 0, color, np.float32(0))
     width, height = target_size(photo.camera, max_side)
-    if (height, width) != alpha.shape:
-        premultiplied = resize_area(color * alpha[..., None], height, width)
-        alpha = resize_area(alpha, height, width)
-        color = premultiplied / np.maximum(alpha, 1e-6)[..., None]
-    return Pixels(color.astype(np.float32, copy=False), alpha), photo.camera.resized(width, height)
+    return Pixels.of(color, alpha).resized(height, width), photo.camera.resized(width, height)
 
 
 def decode(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
