@@ -103,9 +103,12 @@ class CudaRecorder:
         """
         graph, pool = torch.cuda.CUDAGraph(), torch.cuda.graph_pool_handle()
         try:
-            with torch.cuda.device(self._device), torch.cuda.stream(self._stream):
-                with torch.cuda.graph(graph, pool=pool, stream=self._stream):
-                    result = call()
+            with (
+                torch.cuda.device(self._device),
+                torch.cuda.stream(self._stream),
+                torch.cuda.graph(graph, pool=pool, stream=self._stream),
+            ):
+                result = call()
         except RuntimeError:
             _refused.append(graph)
             with torch.cuda.device(self._device), contextlib.suppress(RuntimeError):  # where the capture did end

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import full_precision
 from lightprobe.decompose.bake import bake
 from lightprobe.decompose.decomposition import Decomposition
 from lightprobe.decompose.image_task import ImageTask
