@@ -189,7 +189,8 @@ def _outdoors(d: Tensor, draw: Draw, sky: Tensor, sun: Tensor, sunlight: Tensor)
     sunlight, height = beside(sunlight, d), float(sun[2].clamp(min=0))
     falling = diffuse + sunlight * height
     radiance = torch.lerp(_ground(d, draw, falling), sky, _step(-0.02, 0.02, d[:, 2])[:, None])
-    facing = (-(d * d.new_tensor([1.0, 1.0, 0.0])) @ beside(sun, d)).clamp(min=0)[:, None]  # the lit side, seen opposite the sun
+    level = d * d.new_tensor([1.0, 1.0, 0.0])
+    facing = (-level @ beside(sun, d)).clamp(min=0)[:, None]  # the lit side, seen opposite the sun
     leaf = torch.exp(0.4 * draw.noise(d, 20))[:, None]
     standing = beside(draw.paint(0.05, 0.4, 0.2), d) * leaf * (0.5 * diffuse + facing * sunlight) / math.pi
     return torch.lerp(radiance, standing, _skyline(d, draw))
@@ -228,7 +229,8 @@ def _overcast(d: Tensor, draw: Draw) -> Tensor:
 
 def _room(d: Tensor, draw: Draw) -> Tensor:
     size = torch.tensor([[draw.scale(1, 6), draw.scale(1, 6), draw.scale(0.9, 3)] for _ in range(2)])
-    reach = torch.where(d > 0, *beside(size, d)) / d.abs().clamp(min=1e-4)  # along d to the wall, floor or ceiling
+    ahead, behind = beside(size, d)
+    reach = torch.where(d > 0, ahead, behind) / d.abs().clamp(min=1e-4)  # along d to the wall, floor or ceiling
     distance, axis = reach.min(1)
     side = 2 * axis + (d.gather(1, axis[:, None])[:, 0] < 0)
     walls = draw.paint(0.2, 0.8, 0.12) * torch.exp(0.1 * draw.normal(6, 3))
@@ -247,7 +249,8 @@ def _room(d: Tensor, draw: Draw) -> Tensor:
         falling = (point - beside(source, d)).square().sum(1, keepdim=True).clamp(min=0.1)
         lit = lit + color * width * height * 0.7 * float(size.mean()) ** 2 / falling / math.pi
     for _ in range(draw.count(0, 2) if mostly_day else draw.count(1, 5)):
-        towards, degrees, color = draw.towards(5, 85), draw.scale(1.5, 8), beside(draw.scale(20, 300) * draw.white(1.0), d)
+        towards, degrees, color = draw.towards(5, 85), draw.scale(1.5, 8), draw.scale(20, 300) * draw.white(1.0)
+        color = beside(color, d)
         lamps = torch.maximum(lamps, _disc(d, towards, degrees) * color)
         source = towards * draw.uniform(0.7, 2)
         falling = (point - beside(source, d)).square().sum(1, keepdim=True).clamp(min=0.1)
