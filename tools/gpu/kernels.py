@@ -26,8 +26,8 @@ def kernels_part(setting: Setting) -> None:
     setting.write("kernels", [
         f"Limits measured here: copying {limits.copy / 1e9:.0f} GB/s, read and written bytes both counted; a product",
         f"of float32 matrices, factors unrounded, {limits.matrix / 1e9:.0f} GFLOP/s. Tables that fit a cache can",
-        "exceed the first, and work is what the formula asks for, once. The last column is the relative L2 difference from",
-        "the body that runs on a CPU; of the rasteriser it is the share of pixels that show another face.", "",
+        "exceed the first, and work is what the formula asks for, once. The last column is the relative L2 difference",
+        "from the body that runs on a CPU; of the rasteriser it is the share of pixels that show another face.", "",
         f"| {' | '.join(TITLES)} |", "| --- |" + " ---: |" * (len(TITLES) - 1),
     ])  # fmt: skip
     pairs = zip(all_kernels(quick=setting.brief, device=device), all_kernels(quick=setting.brief), strict=True)
