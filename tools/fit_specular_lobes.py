@@ -135,7 +135,8 @@ def lamps(cells: Cells) -> Tensor:
 def unevenness(table: Tensor) -> Tensor:
     """Return the sum of squared second differences along both axes, which keeps neighbouring cells alike."""
     scaled = table * torch.tensor([3.0, 3.0, 1.0, 1.0, 1.0, 1.0])
-    return sum((t[2:] - 2.0 * t[1:-1] + t[:-2]).square().sum() for t in (scaled, scaled.transpose(0, 1)))
+    along, across = ((t[2:] - 2.0 * t[1:-1] + t[:-2]).square().sum() for t in (scaled, scaled.transpose(0, 1)))
+    return along + across
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,26 @@
 import pytest
 import torch
 
-from lightprobe.core.device import resolve_device
+from lightprobe.core.device import full_precision, resolve_device
 from lightprobe.core.errors import ConfigError
+
+
+def rounding() -> list[object]:
+    """What PyTorch rounds float32 factors to in convolutions and products of matrices on a GPU, by all its names."""
+    backends = torch.backends
+    return [backends.cudnn.conv.fp32_precision, backends.cudnn.rnn.fp32_precision, backends.cuda.matmul.fp32_precision,
+            backends.cudnn.allow_tf32, backends.cuda.matmul.allow_tf32]  # fmt: skip
+
+
+@pytest.fixture
+def rounded_products():
+    """Let a GPU round to TF32; all settings are as they were afterwards."""
+    before = rounding()
+    torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = True
+    yield
+    torch.backends.cudnn.allow_tf32, torch.backends.cuda.matmul.allow_tf32 = before[3:]
+    torch.backends.cudnn.fp32_precision = "none"
+    torch.backends.cudnn.conv.fp32_precision, torch.backends.cudnn.rnn.fp32_precision = before[:2]
 
 
 @pytest.fixture
@@ -33,3 +51,16 @@ def test_without_a_gpu(monkeypatch):
     assert resolve_device("auto") == torch.device("cpu")
     with pytest.raises(ConfigError, match="no CUDA device"):
         resolve_device("cuda")
+
+
+@pytest.mark.parametrize("take", [lambda: resolve_device("cuda"), lambda: full_precision(torch.device("cuda", 1))])
+def test_a_gpu_keeps_the_bits_of_its_factors(two_gpus, rounded_products, take):
+    assert rounding()[3:] == [True, True]
+    take()
+    assert rounding() == ["ieee", "ieee", "ieee", False, False]
+
+
+def test_a_cpu_changes_nothing(rounded_products):
+    before = rounding()
+    resolve_device("cpu")
+    assert rounding() == before

@@ -1,7 +1,10 @@
+from contextlib import contextmanager
+
 import pytest
 import torch
 
-from lightprobe.core.recording import Recorded, recorder_for
+from lightprobe.core import recording
+from lightprobe.core.recording import CudaRecorder, Recorded, recorder_for
 from tests.tape import TapeRecorder
 
 
@@ -75,3 +78,73 @@ def test_what_cannot_be_recorded_is_stepped_with_a_warning():
         assert recorded(torch.ones(2)).tolist() == [2, 2]
     assert recorded(torch.ones(2)).tolist() == [2, 2]
     assert recorder.recordings == 1
+
+
+class BrokenGraphs:
+    """Stands in for `torch.cuda` where a capture breaks: ending it fails, and leaves stream and allocator behind."""
+
+    def __init__(self, monkeypatch):
+        self.streams, self.pools, self.released, self.graphs = ["its own"], [], [], []
+        for name in ("device", "stream", "graph"):
+            monkeypatch.setattr(torch.cuda, name, getattr(self, name))
+        monkeypatch.setattr(torch.cuda, "Stream", lambda device: "recordings'")
+        monkeypatch.setattr(torch.cuda, "CUDAGraph", lambda: self)
+        monkeypatch.setattr(torch.cuda, "graph_pool_handle", lambda: (0, 7))
+        monkeypatch.setattr(torch.cuda, "current_device", lambda: 1)
+        monkeypatch.setattr(torch._C, "_cuda_endAllocateToPool", lambda *where: self.pools.remove(where), raising=False)
+        monkeypatch.setattr(torch._C, "_cuda_releasePool", lambda *where: self.released.append(where), raising=False)
+        monkeypatch.setattr(recording, "_refused", self.graphs)
+
+    @contextmanager
+    def device(self, device):
+        yield
+
+    @contextmanager
+    def stream(self, stream):
+        before = self.streams[-1]
+        self.streams.append(stream)
+        try:
+            yield
+        finally:
+            self.streams.append(before)
+
+    @contextmanager
+    def graph(self, graph, pool=None, stream=None):
+        self.streams.append(stream)
+        self.pools.append((1, pool))
+        try:
+            yield
+        finally:
+            raise RuntimeError("operation failed due to a previous error during capture")
+
+    def reset(self):
+        assert not self.pools, "the allocator asks the graph which memory is its own"
+        self.streams.append(self.streams[-1])
+
+
+def test_a_broken_recording_leaves_stream_and_allocator_as_they_were(monkeypatch):
+    cuda = BrokenGraphs(monkeypatch)
+    with pytest.raises(RuntimeError, match="previous error"):
+        CudaRecorder(torch.device("cuda", 1)).record(lambda: torch.ones(()))
+    assert cuda.streams[-1] == "its own"
+    assert (cuda.pools, cuda.released) == ([], [(1, (0, 7))])
+    assert cuda.graphs == [cuda]
+    assert recorder_for(torch.device("cuda", 1)) is None
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_after_a_broken_recording_a_gpu_goes_on(monkeypatch):
+    monkeypatch.setattr(recording, "_refused", [])
+    device, before = torch.device("cuda", torch.cuda.current_device()), torch.cuda.current_stream()
+    values = torch.rand(1000, device=device)
+    recorded = Recorded(lambda x: x.sum() * float(x.sum() > 0), CudaRecorder(device))
+    with pytest.warns(UserWarning, match="cannot be recorded"):
+        found = [float(recorded(values)) for _ in range(6)]
+    assert found == [float(values.sum())] * 6
+    assert torch.cuda.current_stream() == before
+    again = CudaRecorder(device)
+    again.warm_up(lambda: values.sum())
+    result, replay = again.record(lambda: values.sum())
+    replay()
+    assert float(result) == found[0]

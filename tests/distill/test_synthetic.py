@@ -1,5 +1,7 @@
 """Re-rendered lessons: lights that are known, photos that could be real, an asset that is a little wrong."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -84,3 +86,20 @@ def test_up_is_where_the_cameras_say():
     assert float(mean_up(tilted) @ torch.tensor([0.0, 0.0, 1.0])) > 0.9
     upset = [torch.diag(torch.tensor([1.0, sign, sign, 1.0])) for sign in (1.0, -1.0)]
     assert mean_up(upset).tolist() == [0.0, 0.0, 1.0]
+
+
+def test_errors_and_photos_are_made_where_the_g_buffer_is(gbuffer, monkeypatch):
+    """PyTorch's device without values stands in for a GPU: no operator takes operands here and there."""
+    elsewhere = {name: value.to("meta") for name, value in vars(gbuffer).items() if isinstance(value, torch.Tensor)}
+    wrong = erroneous(replace(gbuffer, **elsewhere), draw())
+    assert {wrong.normal.device.type, wrong.roughness.device.type, wrong.base_color.device.type} == {"meta"}
+    monkeypatch.setattr(torch.Tensor, "__float__", lambda self: 0.2)  # the exposure asks for a value
+    color, _ = photograph(torch.rand(50, 3, device="meta"), draw())
+    assert color.device.type == "meta"
+
+
+def test_a_pool_turns_and_mixes_its_lights_on_its_device(monkeypatch):
+    monkeypatch.setattr("lightprobe.light.generated._mean_above", lambda d, radiance: radiance.mean(0))
+    pool = LightPool(torch.tensor([0.0, 0.0, 1.0]), [patch_light((0, 0, 1))], [], 16, 1, torch.device("meta"))
+    monkeypatch.setattr("lightprobe.distill.synthetic.rotate_light", lambda light, turn, resolution: light + turn.sum())
+    assert {pool.light(k).device.type for k in range(20)} == {"meta"}

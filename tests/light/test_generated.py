@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from lightprobe.light import cubemap
+from lightprobe.light import cubemap, generated
 from lightprobe.light.generated import Place, generated_light, upright
 
 ANGLE = cubemap.solid_angles(16)[..., None] / (4 * math.pi)
@@ -67,3 +67,14 @@ def test_upright_is_a_rotation_that_brings_up_to_z():
         torch.testing.assert_close(rotation @ rotation.T, torch.eye(3), atol=1e-6, rtol=0)
         assert float(torch.linalg.det(rotation)) == pytest.approx(1.0, abs=1e-5)
         torch.testing.assert_close(rotation @ torch.tensor(up), torch.tensor([0.0, 0.0, 1.0]), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("place", list(Place))
+def test_lights_are_made_on_the_device_they_are_wanted_on(place, monkeypatch):
+    """PyTorch's device without values stands in for a GPU: no operator takes operands here and there."""
+    monkeypatch.setattr(generated, "_mean_above", lambda d, radiance: radiance.mean(0))  # asks for values
+    elsewhere = torch.device("meta")
+    for step in range(8):
+        light = generated_light(16, seed=3, step=step, place=place, device=elsewhere)
+        assert light.device == elsewhere
+        assert light.shape == (6, 16, 16, 3)

@@ -4,6 +4,7 @@ Notation: u in [0, 1] runs around (periodic, with a doubled seam), v in [0, 1] a
 Lengths are in the modeller's units (the pot is about 2.1 tall) until `normalise`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ class Part:
     path: np.ndarray  # (R, 2) float64: v and height before normalisation; what the textures are painted by
 
 
-def _smooth(points: list[tuple[float, ...]], count: int) -> np.ndarray:
+def _smooth(points: Sequence[tuple[float, ...]], count: int) -> np.ndarray:
     """Sample a cubic spline through `points` at `count` places evenly spaced by chord length."""
     array = np.asarray(points, float)
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(array, axis=0), axis=1))])

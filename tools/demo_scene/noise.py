@@ -1,17 +1,18 @@
 """Smooth random functions of the plane, periodic in x where asked, and the ramps both textures and lights use."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 _LATTICE = 64
 
 
-def smoothstep(low: float, high: float, x: np.ndarray) -> np.ndarray:
+def smoothstep(low: float | np.ndarray, high: float | np.ndarray, x: float | np.ndarray) -> np.ndarray:
     """Cubic ramp from 0 at `low` to 1 at `high` (which may be smaller than `low`)."""
     t = np.clip((np.asarray(x) - low) / (high - low), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-def mix(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def mix(a: ArrayLike, b: ArrayLike, weight: ArrayLike) -> np.ndarray:
     """Blend colours, broadcast to (..., 3), by `weight` (...): a where it is 0, b where it is 1."""
     weight = np.asarray(weight, float)[..., None]
     return np.asarray(a, float) * (1.0 - weight) + np.asarray(b, float) * weight

@@ -76,8 +76,8 @@ def _primitive(p: Tensor, draw: Draw) -> Tensor:
         return _rounded(torch.stack([across - draw.scale(0.1, 0.45), q[:, 2].abs() - draw.scale(0.15, 0.8)], 1), 0.03)
     if kind == 3:
         return torch.stack([across - draw.uniform(0.3, 0.65), q[:, 2]], 1).norm(dim=1) - draw.scale(0.07, 0.2)
-    half, radius = draw.scale(0.2, 0.7), draw.scale(0.08, 0.3)
-    return torch.stack([across, q[:, 2] - q[:, 2].clamp(-half, half)], 1).norm(dim=1) - radius
+    reach, radius = draw.scale(0.2, 0.7), draw.scale(0.08, 0.3)
+    return torch.stack([across, q[:, 2] - q[:, 2].clamp(-reach, reach)], 1).norm(dim=1) - radius
 
 
 def _rounded(beyond: Tensor, radius: float) -> Tensor:

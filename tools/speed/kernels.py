@@ -56,10 +56,10 @@ class Timing:
     plain: float
 
 
-def stacking_kernels(pixels: int) -> list[Kernel]:
+def stacking_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
     """Return forward, backward and the weight alone, on 6 x 64 x 64 directions."""
-    colors, *lobes = cases.probes(pixels)
-    grad, pairs = torch.rand(len(lobes[-1]), 3), pixels * len(lobes[-1])
+    colors, *lobes = (tensor.to(device) for tensor in cases.probes(pixels))
+    grad, pairs = torch.rand(len(lobes[-1]), 3).to(device), pixels * len(lobes[-1])
     size = f"{pairs / 1e6:.1f} M pairs"
     black = torch.zeros_like(colors)
     return [
@@ -69,19 +69,19 @@ def stacking_kernels(pixels: int) -> list[Kernel]:
     ]
 
 
-def raster_kernels() -> list[Kernel]:
+def raster_kernels(device: torch.device = CPU) -> list[Kernel]:
     """Return the rasteriser: reading faces and their corners, writing pixels."""
-    screen, faces = cases.bumpy_sphere()
+    screen, faces = (tensor.to(device) for tensor in cases.bumpy_sphere())
     name = f"rasterise, {len(faces) / 1000:.0f} k faces, 512 x 512"
     moved = len(faces) * (12 + 3 * 12) + 512 * 512 * 8.0
     return [Kernel(name, "rasterize", lambda b: b.rasterize(screen, faces, 512, 512), moved, flops=False)]
 
 
-def grid_kernels(points: int) -> list[Kernel]:
+def grid_kernels(points: int, device: torch.device = CPU) -> list[Kernel]:
     """Return the hash grid's passes: rows of 8 bytes looked up, or read and written again."""
-    at, table, resolutions = cases.grid(points)
+    at, table, resolutions = (tensor.to(device) for tensor in cases.grid(points))
     cells, features = resolutions.tolist(), table.shape[0] * table.shape[2]
-    grad, looked_up = torch.rand(points, features), points * table.shape[0] * 8 * 8.0
+    grad, looked_up = torch.rand(points, features).to(device), points * table.shape[0] * 8 * 8.0
     outside = points * (12 + 4.0 * features)
     back = 2 * looked_up + outside + 4 * table.numel()
     size = f"{points / 1000:.0f} k x 8 x 2"
@@ -93,10 +93,10 @@ def grid_kernels(points: int) -> list[Kernel]:
     ]
 
 
-def gather_kernels(queries: int) -> list[Kernel]:
+def gather_kernels(queries: int, device: torch.device = CPU) -> list[Kernel]:
     """Return the weighted gather and its two gradients: rows of 12 bytes, index and weight of 4."""
-    values, index, weight = cases.taps(queries)
-    grad = torch.rand(queries, 3)
+    values, index, weight = (tensor.to(device) for tensor in cases.taps(queries))
+    grad = torch.rand(queries, 3).to(device)
 
     def backward(body: ModuleType) -> object:
         return body.scatter_weighted(grad, index, weight, len(values)), body.row_products(grad, index, values)
@@ -109,13 +109,13 @@ def gather_kernels(queries: int) -> list[Kernel]:
     ]
 
 
-def occlusion_kernels(pixels: int) -> list[Kernel]:
+def occlusion_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
     """Return the occluded light and its adjoint: per pixel and direction 5 operations for v and 6 for the cosine.
 
     Then come 18 for the sums of `occluded_light`, or 4 for its denominators and 13 for what each direction is given.
     """
-    case = cases.shadowed(pixels)
-    pairs, grad = pixels * len(case[0]), torch.rand(pixels, 7)
+    case = tuple(tensor.to(device) for tensor in cases.shadowed(pixels))
+    pairs, grad = pixels * len(case[0]), torch.rand(pixels, 7).to(device)
     name, forward, back = f"occluded light, {pixels / 1000:.0f} k x 384", 5 + 6 + 18.0, 5 + 6 + 4 + 13.0
     return [
         Kernel(name, "occlusion", lambda b: b.occluded_light(*case), pairs * forward),
@@ -128,12 +128,12 @@ def occlusion_kernels(pixels: int) -> list[Kernel]:
     ]
 
 
-def all_kernels(*, quick: bool) -> list[Kernel]:
-    """Return all kernels that have a reference body; `quick` takes an eighth of the pixels."""
+def all_kernels(*, quick: bool, device: torch.device = CPU) -> list[Kernel]:
+    """Return all kernels that have a reference body, on equal inputs on every device; `quick`: an eighth of them."""
     part = 8 if quick else 1
     return [
-        *raster_kernels(), *grid_kernels(65_536 // part), *stacking_kernels(1024 // part),
-        *occlusion_kernels(12_288 // part), *gather_kernels(65_536 // part),
+        *raster_kernels(device), *grid_kernels(65_536 // part, device), *stacking_kernels(1024 // part, device),
+        *occlusion_kernels(12_288 // part, device), *gather_kernels(65_536 // part, device),
     ]  # fmt: skip
 
 

@@ -4,6 +4,7 @@ A step of descent on small tensors is a hundred kernels that keep a GPU busy for
 them one by one. Recorded, they are asked for at once.
 """
 
+import contextlib
 import functools
 import warnings
 from collections import Counter
@@ -73,7 +74,7 @@ class Recorded:
         except RuntimeError as error:
             reason = error.__context__ or error  # ending a failed recording fails in turn
             warnings.warn(f"Steps cannot be recorded on this device and will be slower: {reason}", stacklevel=2)
-            self._recorder = None
+            self._recorder, self._inputs = None, ()
 
 
 class CudaRecorder:
@@ -95,13 +96,25 @@ class CudaRecorder:
         return result
 
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return the place of the call's result and the replay of its graph."""
-        graph = torch.cuda.CUDAGraph()
+        """Return the place of the call's result and the replay of its graph.
+
+        Ending a capture that was broken fails in turn, before PyTorch has left the stream it recorded on and before
+        its allocator knows of the end; both are made good here, so that whoever catches the error can go on.
+        """
+        graph, pool = torch.cuda.CUDAGraph(), torch.cuda.graph_pool_handle()
         try:
-            with torch.cuda.device(self._device), torch.cuda.graph(graph, stream=self._stream):
+            with (
+                torch.cuda.device(self._device),
+                torch.cuda.stream(self._stream),
+                torch.cuda.graph(graph, pool=pool, stream=self._stream),
+            ):
                 result = call()
         except RuntimeError:
             _refused.append(graph)
+            with torch.cuda.device(self._device), contextlib.suppress(RuntimeError):  # where the capture did end
+                torch._C._cuda_endAllocateToPool(torch.cuda.current_device(), pool)
+                torch._C._cuda_releasePool(torch.cuda.current_device(), pool)
+            graph.reset()
             raise
         return result, graph.replay
 

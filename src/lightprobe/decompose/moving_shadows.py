@@ -13,37 +13,62 @@ from lightprobe.render.surroundings import surroundings
 
 _SIDE = 256  # pixels of a depth map: the surface will have moved on by the next step
 _TURN = 0.1  # a turned normal is as far away as this share of the object's radius: thin parts keep their sides apart
+_PAIRS = 1 << 25  # distances of a GPU's comparison that are held at a time
 
 
 @dataclass(frozen=True)
 class MovingShadows:
     """What a past state of the surface saw around it."""
 
-    tree: "scipy.spatial.cKDTree"  # of points (V, 6): position and scaled normal
+    points: Tensor  # (V, 6): position and scaled normal
+    tree: "scipy.spatial.cKDTree | None"  # of these points; None on a GPU, which compares with all of them
     around: Surroundings
 
     @staticmethod
     def of(vertices: Tensor, faces: Tensor, colors: Tensor) -> "MovingShadows":
         """Return what the mesh (V, 3), (F, 3) with base colours (V, 3) sees."""
         around = surroundings(vertices, faces, colors[faces.long()].mean(1), _SIDE)
-        return MovingShadows(scipy.spatial.cKDTree(_points(vertices, faces)), around)
+        points = _points(vertices, faces)
+        return MovingShadows(points, scipy.spatial.cKDTree(points.numpy()) if _searches(points) else None, around)
 
     def brightened(self, factor: float) -> "MovingShadows":
         """Return them with base colours times `factor`."""
-        return MovingShadows(self.tree, self.around.brightened(factor))
+        return MovingShadows(self.points, self.tree, self.around.brightened(factor))
 
     def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> Openness:
         """Return the openness at the visible points of the mesh as it is now."""
         corners = faces[surface.face].long()
         seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
         seen[corners.reshape(-1)] = True
-        points = _points(vertices, faces)[seen.cpu().numpy()]
         row = torch.empty(len(vertices), dtype=torch.long, device=vertices.device)
-        found = self.tree.query(points, workers=torch.get_num_threads())[1]
-        row[seen] = torch.from_numpy(found).to(vertices.device)
+        row[seen] = self._nearest(_points(vertices, faces)[seen])
         return Openness(self.around, row[corners], surface.barycentric.detach())
+
+    def _nearest(self, points: Tensor) -> Tensor:
+        """Return the row (K,) int64 of the stored point that is nearest to each of the points (K, 6)."""
+        if self.tree is None:
+            return nearest_rows(points, self.points)
+        return torch.from_numpy(self.tree.query(points.numpy(), workers=torch.get_num_threads())[1])
 
 
 @torch.no_grad()
-def _points(vertices: Tensor, faces: Tensor):
-    return torch.cat([vertices, _TURN * vertex_normals(vertices, faces)], 1).cpu().numpy()
+def nearest_rows(points: Tensor, stored: Tensor) -> Tensor:
+    """Return the row (K,) int64 of `stored` (V, D) that is nearest to each of `points` (K, D), by all distances.
+
+    Of points about as near as each other, within float32's rounding of a squared distance, it may be any.
+    """
+    square = stored.square().sum(1)
+    some = max(1, _PAIRS // max(len(stored), 1))
+    # |p - s|^2 less what is the same for every s
+    nearest = [torch.addmm(square, part, stored.T, alpha=-2).argmin(1) for part in points.split(some)]
+    return torch.cat(nearest)
+
+
+def _searches(points: Tensor) -> bool:
+    """Return whether a tree is quicker: on a CPU; a GPU would wait for the points, the tree and the rows it found."""
+    return points.device.type == "cpu"
+
+
+@torch.no_grad()
+def _points(vertices: Tensor, faces: Tensor) -> Tensor:
+    return torch.cat([vertices, _TURN * vertex_normals(vertices, faces)], 1)

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import full_precision
 from lightprobe.decompose.bake import bake
 from lightprobe.decompose.decomposition import Decomposition
 from lightprobe.decompose.image_task import ImageTask
@@ -56,7 +57,8 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     With `progress.checkpoints`, an interrupted call goes on from the newest one and ends with the same bits on a
     CPU. Raises `ConvergenceError` when nothing usable comes out.
     """
-    job = Job(scene, config or DecomposeConfig(), device or torch.device("cpu"), seed, progress or Progress())
+    device = full_precision(device or torch.device("cpu"))
+    job = Job(scene, config or DecomposeConfig(), device, seed, progress or Progress())
     found = job.progress.checkpoints.latest() if job.progress.checkpoints else None
     fitted, held_out = split_validation(scene.train, job.config.validation_photos)
     if found is None or found[2]["stage"] == "pass1":

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig, Lessons
-from lightprobe.core.device import draw_rows, generator
+from lightprobe.core.device import draw_rows, generator, sent
 from lightprobe.core.errors import InputError
 from lightprobe.distill.lesson import Desk, Lesson
 from lightprobe.distill.probe_maps import RESOLUTION
@@ -46,7 +46,7 @@ def collect_lessons(
     Raises `InputError` when no photo shows the object.
     """
     up = mean_up([torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train])
-    pool = LightPool(up, [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed)
+    pool = LightPool(up, [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed, device)
     lessons: list[Lesson] = []
     for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
         if config.lessons is not Lessons.SYNTHETIC:
@@ -69,10 +69,10 @@ def collect_lessons(
 def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
     """Return the re-rendered lessons `numbers` in the camera of a photo."""
     order = torch.randperm(len(look.color), generator=generator(seed, f"distill-rerender/{look.photo.name}"))
-    gbuffer = look.gbuffer.select(order[:_SYNTHETIC_PIXELS].to(look.color.device))
+    gbuffer = look.gbuffer.select(sent(order[:_SYNTHETIC_PIXELS], look.color.device))
     desk, lessons = Desk(gbuffer, pool.up, config), []
     for number in numbers:
-        light = pool.light(number).to(look.color.device)
+        light = pool.light(number)
         color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", number)))
         lessons.append(desk.lesson(f"synthetic {number}", color, color >= CLIPPED, light, exposure))
     return lessons

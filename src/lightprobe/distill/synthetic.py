@@ -17,7 +17,7 @@ from torch import Tensor
 from lightprobe.core.device import generator
 from lightprobe.imaging import srgb_decode, srgb_encode
 from lightprobe.light import prefilter
-from lightprobe.light.generated import Draw, generated_light, upright
+from lightprobe.light.generated import Draw, beside, generated_light, upright
 from lightprobe.light.resize import rotate_light
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import furnace, shade
@@ -28,16 +28,22 @@ _USUAL_MEAN = 0.22  # linear mean of a well-exposed object
 class LightPool:
     """Lights for lessons, drawn by number."""
 
-    def __init__(self, up: Tensor, teachers: Sequence[Tensor], maps: Sequence[Tensor], resolution: int, seed: int):
+    def __init__(
+        self, up: Tensor, teachers: Sequence[Tensor], maps: Sequence[Tensor], resolution: int, seed: int,
+        device: torch.device | None = None,
+    ):  # fmt: skip
         """Take the up direction (3,), Phase I's lights and the user's maps, each (6, R, R, 3), any resolution.
 
         Of every ten lights about five are the user's maps, three generated and two teachers; without maps six and four.
+        device: where lights are made, by default the CPU.
         """
-        self.up, self.teachers, self.maps = up.cpu(), list(teachers), list(maps)
+        self.device = device or torch.device("cpu")
+        self.up = up.cpu()
+        self.teachers, self.maps = ([light.to(self.device) for light in lights] for lights in (teachers, maps))
         self.resolution, self.seed = resolution, seed
 
     def light(self, index: int) -> Tensor:
-        """Return light number `index`, (6, R, R, 3) on the CPU; its scale means nothing."""
+        """Return light number `index`, (6, R, R, 3) on the pool's device; its scale means nothing."""
         draw = Draw(generator(self.seed, "light-pool", index))
         kind = draw.uniform(0, 1)
         from_maps = 0.5 if self.maps else 0.0
@@ -45,16 +51,17 @@ class LightPool:
             return self._turned(self.maps, torch.eye(3)[2], draw)
         if kind < from_maps + 0.4 * (1 - from_maps) and self.teachers:
             return self._turned(self.teachers, self.up, draw)
-        return generated_light(self.resolution, seed=self.seed, step=index, up=self.up)
+        return generated_light(self.resolution, seed=self.seed, step=index, up=self.up, device=self.device)
 
     def _turned(self, lights: list[Tensor], up: Tensor, draw: Draw) -> Tensor:
         """Return one of the lights, or a mix of two, turned about the vertical and tinted; `up` (3,) is theirs."""
-        total = torch.zeros(6, self.resolution, self.resolution, 3)
+        total = torch.zeros(6, self.resolution, self.resolution, 3, device=self.device)
         for _ in range(1 if draw.uniform(0, 1) < 0.7 else 2):
-            light = lights[draw.count(0, len(lights) - 1)].cpu()
+            light = lights[draw.count(0, len(lights) - 1)]
             turn = upright(up, 0.0).T @ upright(self.up, draw.uniform(0, 2 * math.pi))
-            total += draw.uniform(0.3, 1) * rotate_light(light / light.mean().clamp(min=1e-9), turn, self.resolution)
-        return total * torch.exp(draw.normal(3) * torch.tensor([0.12, 0.05, 0.15]))
+            turned = rotate_light(light / light.mean().clamp(min=1e-9), beside(turn, light), self.resolution)
+            total += draw.uniform(0.3, 1) * turned
+        return total * beside(torch.exp(draw.normal(3) * torch.tensor([0.12, 0.05, 0.15])), total)
 
 
 def erroneous(gbuffer: GBuffer, draw: Draw) -> GBuffer:
@@ -62,7 +69,7 @@ def erroneous(gbuffer: GBuffer, draw: Draw) -> GBuffer:
 
     About as large as those of assets reconstructed from photos; some lessons have small ones and some large.
     """
-    position, size = gbuffer.position.cpu(), draw.scale(0.4, 1.6)
+    position, size = gbuffer.position, draw.scale(0.4, 1.6)
 
     def smooth(frequency: float, columns: int) -> Tensor:
         return torch.stack([draw.noise(position, frequency) for _ in range(columns)], 1).to(gbuffer.normal)
@@ -79,7 +86,7 @@ def photograph(radiance: Tensor, draw: Draw) -> tuple[Tensor, float]:
     luminance = radiance.mean(1)
     exposure = _USUAL_MEAN / float(luminance.minimum(4 * luminance.median()).mean().clamp(min=1e-9))
     exposure *= 2 ** draw.uniform(-0.8, 0.8)
-    noise = draw.normal(2, *radiance.shape).to(radiance)
+    noise = beside(draw.normal(2, *radiance.shape), radiance)
     exposed = radiance * exposure * (1 + 0.03 * noise[0]) + 0.002 * noise[1]
     return srgb_decode((srgb_encode(exposed.clamp(0, 1)) * 255).round() / 255), exposure
 

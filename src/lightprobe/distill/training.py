@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.core.device import generator
+from lightprobe.core.device import full_precision, generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.core.losses import LossReader
 from lightprobe.core.recording import Recorded, recorder_for, set_rate
@@ -59,7 +59,7 @@ def distill(
     Raises `InputError` when no photo shows the object, `ConfigError` when `checkpoints` holds another configuration's
     state, `ConvergenceError` when the loss stops being finite.
     """
-    config, device = config or DistillConfig(), device or torch.device("cpu")
+    config, device = config or DistillConfig(), full_precision(device or torch.device("cpu"))
     lessons = collect_lessons(
         decomposition.asset, decomposition.lights, scene, config, device, seed, maps, on_lesson
     )  # fmt: skip

@@ -15,6 +15,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from lightprobe.core.device import full_precision
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
@@ -80,7 +81,7 @@ class Predictor:
         light_resolution: texels along each edge of the predicted cubemaps, a power of two.
         max_pixels: photos with more object pixels are reduced by area averaging.
         """
-        self.device = device or torch.device("cpu")
+        self.device = full_precision(device or torch.device("cpu"))
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         self.model = None if model is None else model.to(self.device)
         self.light_resolution = light_resolution

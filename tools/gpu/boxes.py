@@ -1,0 +1,146 @@
+"""Parts of a measurement in processes of their own: what takes too long or breaks ends alone, and is told as such.
+
+A part writes finished rows, and how far it is, into files of its name as it goes; what a killed one had written stays.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from lightprobe.core.files import write_json
+
+_LAST_WORDS = 400  # characters of what a failed part printed last
+_PATIENCE = 10.0  # seconds that a part has to end when it is told to
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What every part is told."""
+
+    folder: Path  # for its files
+    device: str  # cpu, cuda or cuda:N
+    brief: bool  # small cases, to see that all of it works
+    seed: int = 0
+
+    def rows_file(self, part: str) -> Path:
+        """Return where a part writes its rows."""
+        return self.folder / f"{part}.rows"
+
+    def state_file(self, part: str) -> Path:
+        """Return where a part writes how far it is."""
+        return self.folder / f"{part}.json"
+
+    def write(self, part: str, rows: Iterable[str]) -> None:
+        """Add finished rows of a part."""
+        with self.rows_file(part).open("a", encoding="utf-8") as file:
+            file.writelines(f"{row}\n" for row in rows)
+
+    def words(self) -> list[str]:
+        """Return the command line that `of_words` reads."""
+        return [str(self.folder), self.device, "brief" if self.brief else "full", str(self.seed)]
+
+    @staticmethod
+    def of_words(words: list[str]) -> "Setting":
+        """Return the setting of a command line."""
+        folder, device, size, seed = words
+        return Setting(Path(folder), device, size == "brief", int(seed))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a part."""
+
+    rows: list[str]
+    state: dict[str, list[float]]  # stage -> steps done, steps in all, seconds
+    seconds: float
+    failure: str | None = None
+
+
+def run_part(command: list[str], part: str, setting: Setting, limit: float) -> Outcome:
+    """Run the command of a part, for at most `limit` seconds, and return what it left."""
+    begin = time.perf_counter()
+    printed = setting.folder / f"{part}.log"
+    with printed.open("w", encoding="utf-8") as log:
+        child = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+        try:
+            failure = _failure(child.wait(max(limit, 1.0)), printed)
+        except subprocess.TimeoutExpired:
+            failure = f"stopped after {limit:.0f} s, the time it was given"
+        finally:
+            _end(child)
+    rows = setting.rows_file(part)
+    state = setting.state_file(part)
+    return Outcome(
+        rows.read_text(encoding="utf-8").splitlines() if rows.is_file() else [],
+        json.loads(state.read_text(encoding="utf-8")) if state.is_file() else {},
+        time.perf_counter() - begin,
+        failure,
+    )
+
+
+def _failure(code: int, printed: Path) -> str | None:
+    if code == 0:
+        return None
+    words = [line for line in printed.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    return (words[-1].strip() if words else f"ended with {code} without a word")[-_LAST_WORDS:]
+
+
+def _end(child: subprocess.Popen) -> None:
+    """End a child and whatever it has started."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        try:
+            os.killpg(child.pid, number)
+            child.wait(_PATIENCE)
+        except ProcessLookupError:
+            return
+        except subprocess.TimeoutExpired:
+            continue
+
+
+class Pace:
+    """How far a training is and what its steps take, written down at most once a second."""
+
+    def __init__(self, part: str, setting: Setting):
+        self._file = setting.state_file(part)
+        self._begin = time.perf_counter()
+        self._stages: dict[str, list[float]] = {}
+        self._since: dict[str, float] = {}
+        self._written = 0.0
+
+    def step(self, stage: str, done: int, steps: int) -> None:
+        """Note that a step of a stage is done; the first of a stage only starts its time."""
+        now = time.perf_counter()
+        begin = self._since.setdefault(stage, now)
+        self._stages[stage] = [done, steps, now - begin]
+        if now - self._written > 1 or done == steps:
+            write_json(self._file, self._stages)
+            self._written = now
+
+    def seconds(self) -> float:
+        """Return the time since the beginning."""
+        return time.perf_counter() - self._begin
+
+
+def pace_rows(state: dict[str, list[float]]) -> list[str]:
+    """Return the table of stages: how far, how long for a step, and how long at that pace for all of them."""
+    if not state:
+        return []
+    rows = ["| stage | steps | of | ms a step | all of them, s |", "| --- | ---: | ---: | ---: | ---: |"]
+    for stage, (done, steps, seconds) in state.items():
+        each = seconds / max(done - 1, 1)
+        rows.append(f"| {stage} | {done:.0f} | {steps:.0f} | {1000 * each:.1f} | {each * steps:.0f} |")
+    return rows
+
+
+def child_command(script: Path, part: str, setting: Setting) -> list[str]:
+    """Return the command that runs a part in a process of its own."""
+    return [sys.executable, str(script), part, *setting.words()]
+
+
+Part = Callable[[Setting], None]

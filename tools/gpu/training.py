@@ -1,0 +1,133 @@
+"""Whole trainings on the bundled scene: the demo's on the device and on the CPU, and `standard` on the device."""
+
+import time
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+
+import torch
+
+from gpu.boxes import Pace, Setting
+from lightprobe.core import config, config_distill
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.device import resolve_device
+from lightprobe.core.files import write_json
+from lightprobe.core.memory import peak_memory
+from lightprobe.core.run import RunFolder
+from lightprobe.decompose import Decomposition, decompose
+from lightprobe.decompose.optimisation import Progress
+from lightprobe.distill import ProbeModel
+from lightprobe.distill.training import distill
+from lightprobe.evaluate import evaluate
+from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.predict import methods_for
+from lightprobe.scene import load_scene
+from lightprobe.scene.photo import Scene
+from speed.training import small
+
+SCENE = Path(str(resources.files("lightprobe") / "assets" / "demo"))
+SCORES = (
+    "psnr_masked", "psnr_unseen", "relit_psnr_scaled", "diffuse_si_rmse", "matte_si_rmse", "mirror_si_rmse",
+    "light_log_rmse_scaled", "base_color_psnr_scaled", "chamfer",
+)  # fmt: skip
+_HEADINGS = {**IMAGES, **LIGHTS, **MAPS, **OBJECT}
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What a training left, and what it took."""
+
+    decomposition: Decomposition
+    model: ProbeModel
+    first: float  # seconds of Phase I
+    second: float  # of Phase II, lessons included
+    memory: str
+
+
+def scene(*, brief: bool) -> Scene:
+    """Return the bundled scene, with a few of its photos for a brief measurement."""
+    whole = load_scene(SCENE)
+    return replace(whole, train=whole.train[:4], test=whole.test[:1]) if brief else whole
+
+
+def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, DistillConfig]:
+    """Return the configurations of `demo` or `standard`, or some of seconds."""
+    if brief:
+        size = small()
+        first = replace(size.decompose, pass1_iterations=4, pass2_iterations=3, pass3_iterations=2, validation_photos=0,
+                        pass3_texture_size=256, teacher_resolution=16, max_faces=2000)  # fmt: skip
+        return first, replace(size.distill, steps=4, sphere_steps=4, synthetic_lessons=4)
+    if preset == "standard":
+        return config.standard(), config_distill.standard()
+    return config.demo(), config_distill.demo()
+
+
+def learn(preset: str, device: torch.device, setting: Setting, pace: Pace) -> Learned:
+    """Train both phases on the bundled scene."""
+    photos, (first, second) = scene(brief=setting.brief), configurations(preset, brief=setting.brief)
+    place = f"{preset} on {device.type}"
+    if device.type == "cuda":
+        torch.cuda.reset_peak_memory_stats(device)
+    begin = time.perf_counter()
+    progress = Progress(on_step=lambda stage, step, steps, loss: pace.step(f"{place}: {stage}", step, steps))
+    found = decompose(photos, first, device, setting.seed, progress)
+    middle = time.perf_counter()
+    model = distill(
+        found, photos, second, device, setting.seed,
+        on_step=lambda step, loss: pace.step(f"{place}: Phase II", step, second.total_steps),
+        on_lesson=lambda done, count: pace.step(f"{place}: photos turned into lessons", done, count),
+    )  # fmt: skip
+    return Learned(found, model, middle - begin, time.perf_counter() - middle, _memory(device))
+
+
+def _memory(device: torch.device) -> str:
+    if device.type == "cuda":
+        return f"{torch.cuda.max_memory_allocated(device) / 2**30:.2f} GiB of the GPU"
+    used = peak_memory()
+    return "–" if used is None else f"{used:.2f} GiB of the process"
+
+
+def keep(learned: Learned, folder: Path) -> None:
+    """Save a training as a run folder that predictions can load."""
+    run = RunFolder.create(folder)
+    write_json(run.config_file, {})
+    write_json(run.scene_file, {"root": str(SCENE), "similarity": learned.decomposition.similarity.to_json()})
+    learned.decomposition.save(run)
+    learned.model.save(run.model_folder)
+
+
+def score_rows(name: str, learned: Learned, device: torch.device, setting: Setting) -> list[str]:
+    """Return the row of a training: its times and its scores on the test photos by the default method."""
+    methods = methods_for(learned.model)[:1]
+    found = evaluate(learned.decomposition, learned.model, scene(brief=setting.brief), methods=methods, device=device)
+    mean = found.to_json()["mean"]
+    scores = [_HEADINGS[key].text(mean[key]) if key in mean else "–" for key in SCORES]
+    return [f"| {name} | {learned.first:.0f} | {learned.second:.0f} | {learned.memory} | {' | '.join(scores)} |"]
+
+
+def score_head() -> list[str]:
+    """Return the head of the table of trainings."""
+    titles = [f"{_HEADINGS[key].name} {_HEADINGS[key].arrow}".strip() for key in SCORES]
+    return [f"| training | Phase I, s | Phase II, s | memory | {' | '.join(titles)} |",
+            "| --- | ---: | ---: | --- |" + " ---: |" * len(titles)]  # fmt: skip
+
+
+def quality_part(setting: Setting) -> None:
+    """Train the demo on the device and on the CPU, from the same seed, and score both where they were trained."""
+    pace = Pace("quality", setting)
+    setting.write("quality", score_head())
+    for name in (setting.device, "cpu"):
+        device = resolve_device(name)
+        learned = learn("demo", device, setting, pace)
+        if name == setting.device:
+            keep(learned, setting.folder / "run")
+        setting.write("quality", score_rows(f"demo, seed {setting.seed}, on {device.type}", learned, device, setting))
+
+
+def standard_part(setting: Setting) -> None:
+    """Train `standard` on the device and score it there."""
+    device = resolve_device(setting.device)
+    learned = learn("standard", device, setting, Pace("standard", setting))
+    row = score_rows(f"standard, seed {setting.seed}, on {device.type}", learned, device, setting)
+    setting.write("standard", [*score_head(), *row])
