@@ -116,3 +116,17 @@ def test_wrong_input_is_refused():
         hash_encode(points[:, :2], table, resolutions)
     with pytest.raises(ValueError, match="resolutions must have shape"):
         hash_encode(points, table, resolutions[:2])
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e30])
+def test_points_that_are_nowhere_stay_within_the_table(body, value):
+    """What is no number has no features, and touches no other level's or point's."""
+    points, table, resolutions = body.move(*problem(n=8))
+    points[3] = value
+    out, grad = value_and_gradient(points, table, resolutions, torch.ones(8, 2 * len(CELLS), device=body.device))
+    fine = torch.arange(8) != 3
+    expected = reference.encode(points.cpu(), table.cpu(), CELLS)
+    torch.testing.assert_close(out.cpu()[fine], expected[fine], rtol=1e-5, atol=1e-5)
+    assert grad.shape == table.shape
+    if body.device.type == "cpu" and not body.interpreted:  # Triton's maximum of NaN and 0 is 0
+        torch.testing.assert_close(out, expected, rtol=1e-5, atol=1e-5, equal_nan=True)

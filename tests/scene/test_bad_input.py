@@ -42,14 +42,19 @@ def colmap(tmp_path):
     return write_colmap(tmp_path / "scene", views(COUNT), binary=True)
 
 
-def refused(root, pattern):
-    """Assert that loading fails with one sentence matching `pattern`, and that an inspection reports it too."""
+def refused(root, pattern, *others):
+    """Assert that loading fails with one sentence matching `pattern`, and that an inspection reports it too.
+
+    Of the problems that the inspection reports, one must hold each of the words `others`.
+    """
     with pytest.raises(InputError, match=pattern) as caught:
         load_scene(root)
     message = str(caught.value)
     assert "\n" not in message
     assert message.endswith(".")
-    assert any(re.search(pattern, problem) for problem in inspect(root).problems)
+    problems = inspect(root).problems
+    assert any(re.search(pattern, problem) for problem in problems)
+    assert [sum(words in problem for problem in problems) for words in others] == [1] * len(others)
 
 
 def edit_json(path, change):

@@ -1,6 +1,9 @@
 """Masks, names, sizes, orientation and truth files: what a photo becomes."""
 
 import json
+import re
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -213,6 +216,32 @@ def test_unique_names(tmp_path):
     assert unique_names([tmp_path / p for p in paths], tmp_path) == ["a_x", "b_X", "b_ü_1"]
     clash = ["a b.png", "a_b.png", "...png.png"]
     assert unique_names([tmp_path / p for p in clash], tmp_path) == ["a_b", "a_b-2", "png"]
+
+
+def test_long_names_are_cut_by_bytes():
+    """Names of 119 characters may have 357 bytes; with the longest suffix they must fit into 255, or 143 of some."""
+    root = Path("/scene")
+    paths = [root / f"{'漢' * 119}{end}.png" for end in ("a", "b", "c")] + [
+        root / f"x{'漢' * 119}{i}.png" for i in "ab"
+    ]
+    names = unique_names(paths, root)
+    assert len({name.casefold() for name in names}) == len(paths)
+    for name in names:
+        assert len(f"{name}.confidence.exr".encode()) <= 143
+        assert re.fullmatch(r"x?漢{36,40}(-\d)?", name)
+
+
+def test_many_equal_names_take_no_longer_than_others():
+    """Once the time grew with the square of the photos."""
+    root = Path("/scene")
+    long = "y" * 130
+    start = time.process_time()
+    names = unique_names([root / f"a b{'!' if i % 2 else '?'}.png" for i in range(200_000)], root)
+    assert len(set(names)) == 200_000
+    names = unique_names([root / f"{long}{i}.png" for i in range(100_000)], root)
+    assert len(set(names)) == 100_000
+    assert all(len(name) <= 120 for name in names)
+    assert time.process_time() - start < 15  # it takes two seconds, and once took hours
 
 
 def test_load_scene_reads_a_plain_string(tmp_path):

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 from lightprobe.cli.options import SceneArg, option
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, printable
 from lightprobe.scene.inspect import inspect as examine
 from lightprobe.scene.overlay import write_overlay_sheet
 
@@ -28,6 +28,6 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
     if found.photos:
         sheet = output or Path(f"{found.root.name}-overlay.png")
         write_overlay_sheet(found, sheet)
-        print(f"sheet    {sheet}")
+        print(printable(f"sheet    {sheet}"))
     if found.problems:
         raise InputError(f"{scene} cannot be used as it is: {len(found.problems)} problem(s), listed above.")

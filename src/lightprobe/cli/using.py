@@ -22,6 +22,7 @@ from lightprobe.export import export as export_files
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.predict import Method, Prediction, Predictor, check_names, methods_for
 from lightprobe.scene import load_pixels, new_photo, read_camera
+from lightprobe.scene.frame import cut_name
 from lightprobe.scene.record import recorded_cameras
 
 MethodArg = Annotated[
@@ -29,6 +30,7 @@ MethodArg = Annotated[
     option(metavar="METHOD", help=f"One of {', '.join(Method)}; by default the best this run is trained for."),
 ]
 
+_STEM_BYTES = 255 - len(".confidence.exr")  # of a photo's name that the names of its maps can hold
 _LARGEST_SIDE = 8192  # pixels of a picture's edge
 _SAME_PLACE = 0.8  # overlap of mask and object; right cameras have more than .94, also on photos from the internet
 
@@ -113,15 +115,16 @@ class _Job:
         """Refuse what could not be written, before any work."""
         if mask is not None and mask.is_dir():
             mask = mask / f"{image.stem}.png"
+        stem = cut_name(image.stem, _STEM_BYTES)
         if several:
             for place in (output, confidence):
                 if place is not None and (place.suffix.lower() in (".exr", ".hdr") or place.is_file()):
                     raise ConfigError(f"Of several photos the maps need a folder, and {place} is named like one map.")
-            output = None if output is None else output / f"{image.stem}.exr"
-            confidence = None if confidence is None else confidence / f"{image.stem}.confidence.exr"
+            output = None if output is None else output / f"{stem}.exr"
+            confidence = None if confidence is None else confidence / f"{stem}.confidence.exr"
         check_names(output, confidence)
         kept = output is None
-        stored = run.prediction_file(image.stem, ".exr", method.value if method else None)
+        stored = run.prediction_file(stem, ".exr", method.value if method else None)
         return _Job(image, mask, output or stored, confidence, kept)
 
     def write(self, prediction: Prediction) -> None:

@@ -3,11 +3,31 @@
 A message says what is wrong, where (file, key, photo), and what to do about it.
 """
 
+import reprlib
+
+_LONGEST = 120  # characters of a value that a message quotes
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxlong, _SHORT.maxother = 3, 60, 40, 60
+
+
+def printable(text: str) -> str:
+    """Return `text` as one line for any terminal: what cannot be printed, line breaks too, stands there escaped."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def shown(value: object) -> str:
+    """Return a value out of a file as a message may quote it, text without quotes, cut where it is too long."""
+    text = value if isinstance(value, str) else _SHORT.repr(value)
+    return printable(text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}...")
+
 
 class LightprobeError(Exception):
     """Root of all expected failures; the command line prints its message and exits with `exit_code`."""
 
     exit_code = 1
+
+    def __init__(self, message: str):
+        super().__init__(printable(message))
 
 
 class InputError(LightprobeError):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core.errors import InputError, ResourceError
+from lightprobe.core.errors import InputError, ResourceError, shown
 
 
 @contextlib.contextmanager
@@ -87,18 +87,39 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path} cannot be read as text: {error}.") from error
     except json.JSONDecodeError as error:
         raise InputError(f"{path} is not valid JSON (line {error.lineno}: {error.msg}).") from error
+    except RecursionError as error:
+        raise InputError(f"{path} cannot be read as JSON: it is nested too deeply.") from error
+    except ValueError as error:  # Python reads integers up to a length only
+        raise InputError(f"{path} cannot be read as JSON: it holds a number of too many digits.") from error
 
 
 def inside(root: Path, relative: str, *, source: Path) -> Path:
     """Return `root/relative`, refusing a path that leaves `root` (absolute, `..`, or through a link).
 
+    Refused as well: what cannot be a file's name, such as one with a zero byte, too long, or a link to itself.
     `source` is the file that named the path and appears in the error.
     """
     root = Path(root).resolve()
-    candidate = (root / relative).resolve()
+    candidate = resolved(root / relative)
+    if candidate is None:
+        raise InputError(
+            f"{source} names '{shown(relative)}', which is no file name or lies where nothing may be read; correct it."
+        )
     if not candidate.is_relative_to(root):
-        raise InputError(f"{source} names '{relative}', which lies outside {root}; use paths inside the scene folder.")
+        raise InputError(
+            f"{source} names '{shown(relative)}', which lies outside {root}; use paths inside the scene folder."
+        )
     return candidate
+
+
+def resolved(path: Path) -> Path | None:
+    """Return `path` absolute and without links, or None where the system takes it for no name of a file."""
+    try:
+        whole = path.resolve()
+        whole.is_file()
+    except (OSError, ValueError, RuntimeError):  # too long or forbidden; a zero byte or half a character; a link loop
+        return None
+    return whole
 
 
 def checksum(path: Path) -> str:

@@ -15,6 +15,7 @@ from lightprobe.imaging.opening import decode_errors, open_image
 
 _ORIENTATION = 0x0112
 _EXIF_FOLDER = 0x8769
+_LEAST, _GREATEST = 1e-9, 1e9  # of seconds, f-numbers and ISO: beyond, the file is wrong
 _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
 
 
@@ -28,19 +29,19 @@ def read_exif(path: Path) -> Image.Exif:
         if data:
             exif.load(data)
         exif.get_ifd(_EXIF_FOLDER)
-    except (SyntaxError, ValueError, KeyError, TypeError, OSError, struct.error):
+    except (SyntaxError, ValueError, KeyError, TypeError, OSError, OverflowError, struct.error):
         return Image.Exif()
     return exif
 
 
 def read_exif_ev100(path: Path) -> float | None:
-    """Return the exposure value at ISO 100, or None when time, f-number or ISO are missing or not positive."""
+    """Return the exposure value at ISO 100, or None when time, f-number or ISO are missing or beyond all bounds."""
     tags = read_exif(Path(path)).get_ifd(_EXIF_FOLDER)
     values = [_number(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO)]
     if any(value is None for value in values):
         return None
     time, f_number, iso = (float(value) for value in values if value is not None)
-    return math.log2(f_number**2 / time) - math.log2(iso / 100)
+    return 2 * math.log2(f_number) - math.log2(time) - math.log2(iso / 100)
 
 
 def read_orientation(path: Path) -> int:
@@ -61,11 +62,11 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _number(value: object) -> float | None:
-    """Return a positive finite EXIF number, or None; ISO may come as a tuple, rationals may divide by zero."""
+    """Return a plausible EXIF number, or None; ISO may come as a tuple, rationals may divide by zero."""
     if isinstance(value, tuple):
         value = value[0] if value else None
     try:
         number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, ZeroDivisionError):
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return None
-    return number if math.isfinite(number) and number > 0 else None
+    return number if _LEAST <= number <= _GREATEST else None

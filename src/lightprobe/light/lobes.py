@@ -227,7 +227,8 @@ def _refine(
             share = min(area * _lobe(near * near, alpha) / total, 1.0)
             if share <= 0.0:
                 continue
-            if share * extent > tolerance * math.sqrt(4.0 * alpha * alpha + near * near):
+            deeper = share * extent > tolerance * math.sqrt(4.0 * alpha * alpha + near * near)
+            if deeper and top + 4 <= len(stack):  # a lobe without width would go down for ever
                 for quarter in range(4):
                     stack[top] = (2 * size, face, 2 * y + quarter // 2, 2 * x + quarter % 2)
                     top += 1

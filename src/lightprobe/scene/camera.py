@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, shown
+
+# Beyond these no camera has ever been, and arithmetic ends: photos are found damaged by them, never merely unusual.
+_SIDE = 1_000_000  # pixels
+_FOCAL = 1e-3, 1e5  # least and greatest focal length, in the longer side of the image
+_CENTER = 1e3  # distance of the principal point from the image's corner, likewise; photos may be crops of larger ones
+_FAR = 1e12  # coordinates of a position, in the user's units
 
 
 @dataclass(frozen=True)
@@ -101,21 +107,47 @@ class Camera:
                 f"{source} has no key {error}; a camera needs camera_to_world, fx, fy, cx, cy, width, height."
             ) from error
         except (TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"{source} holds a camera with a value that is not a number: {error}.") from error
+            reason = shown(str(error)).rstrip(".")
+            raise InputError(f"{source} holds a camera with a value that is not a number: {reason}.") from error
         camera.check(source)
         return camera
 
     def check(self, source: str) -> None:
-        """Raise `InputError` naming `source` unless the pose is finite and rigid and the intrinsics are positive."""
+        """Raise `InputError` naming `source` unless the pose is finite and rigid and the intrinsics are plausible."""
         pose = self.camera_to_world
         if pose.shape != (4, 4):
-            raise InputError(f"{source}: camera_to_world must be a 4x4 matrix, not {'x'.join(map(str, pose.shape))}.")
+            shape = "x".join(map(str, pose.shape)) or "a number"
+            raise InputError(f"{source}: camera_to_world must be a 4x4 matrix, not {shape}.")
         if not np.isfinite(pose).all() or not np.isfinite([self.fx, self.fy, self.cx, self.cy]).all():
             raise InputError(
                 f"{source}: the camera contains NaN or infinity; estimate this pose again or remove the photo."
             )
-        rotation = pose[:3, :3]
+        if not np.abs(self.position).max() <= _FAR:
+            x, y, z = self.position
+            raise InputError(
+                f"{source}: the camera stands at ({x:.3g}, {y:.3g}, {z:.3g}), too far from the origin to compute with; "
+                "estimate this pose again or remove the photo."
+            )
+        rotation = pose[:3, :3].clip(-2, 2)  # what is far beyond a rotation need not overflow
         if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
             raise InputError(f"{source}: camera_to_world is not a rotation (scaled, sheared or mirrored axes).")
         if min(self.fx, self.fy) <= 0 or min(self.width, self.height) <= 0:
             raise InputError(f"{source}: focal lengths and image size must be positive.")
+        self._check_range(source)
+
+    def _check_range(self, source: str) -> None:
+        """Raise `InputError` naming `source` where no lens or image could have the intrinsics."""
+        longest = max(self.width, self.height)
+        if longest > _SIDE:
+            raise InputError(f"{source}: the image size is more than {_SIDE} pixels; give the size of the photo.")
+        for focal in (self.fx, self.fy):
+            if not _FOCAL[0] * longest <= focal <= _FOCAL[1] * longest:
+                raise InputError(
+                    f"{source}: no lens has a focal length of {focal:.3g} pixels for {self.width} x {self.height}; "
+                    "give it in pixels of this image."
+                )
+        if not max(abs(self.cx), abs(self.cy)) <= _CENTER * longest:
+            raise InputError(
+                f"{source}: the principal point ({self.cx:.3g}, {self.cy:.3g}) lies absurdly far outside the "
+                f"{self.width} x {self.height} pixels of the image; give it in pixels of this image."
+            )

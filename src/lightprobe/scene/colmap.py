@@ -3,6 +3,7 @@
 A pose is world-to-camera with OpenCV axes (x right, y down, looking along +z): quaternion (w, x, y, z), translation.
 """
 
+import math
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import inside
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import ADVICE, refuse_distortion
@@ -61,12 +62,13 @@ def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
     for path in paths:
         if not path.is_file():
             raise InputError(f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}.")
-    try:
-        lenses = _read_cameras_binary(paths[0]) if suffix == "bin" else _read_cameras_text(paths[0])
-        views = _read_images_binary(paths[1]) if suffix == "bin" else _read_images_text(paths[1])
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{model} cannot be read: {error}.") from error
-    if not views:
+    lenses: dict[int, _Lens] = {}
+    views: list[_View] = []
+    with problems.guard():
+        lenses = (_read_cameras_binary if suffix == "bin" else _read_cameras_text)(paths[0], problems)
+    with problems.guard():
+        views = (_read_images_binary if suffix == "bin" else _read_images_text)(paths[1], problems)
+    if not views and not problems.messages:
         raise InputError(f"{paths[1]} holds no registered images; run the COLMAP reconstruction again.")
     folder = root / "images" if (root / "images").is_dir() else root
     found = []
@@ -76,13 +78,29 @@ def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
     return found
 
 
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
+
+
+def _text(content: bytes, path: Path) -> str:
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} cannot be read: it holds text that is not UTF-8.") from error
+
+
 def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Lens], view: _View) -> Frame:
     image = inside(folder, view.name, source=paths[1])
     if not image.is_file():
-        raise InputError(f"{paths[1]} names the photo '{view.name}', which is not in {folder}.")
+        raise InputError(f"{paths[1]} names the photo '{shown(view.name)}', which is not in {folder}.")
     if view.lens not in lenses:
-        raise InputError(f"{paths[1]}: '{view.name}' uses camera {view.lens}, which is not in {paths[0].name}.")
-    source = f"{paths[1]} ({view.name})"
+        raise InputError(
+            f"{paths[1]}: '{shown(view.name)}' uses camera {shown(view.lens)}, which is not in {paths[0].name}."
+        )
+    source = f"{paths[1]} ({shown(view.name)})"
 
     def camera(width: int, height: int) -> Camera:
         return _camera(lenses[view.lens], view, source)
@@ -93,7 +111,7 @@ def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Lens], view: _Vie
 def _camera(lens: _Lens, view: _View, source: str) -> Camera:
     """Return the pinhole camera of a view; raise `InputError` for lens models and distortions that are not pinhole."""
     if lens.model not in _SUPPORTED:
-        raise InputError(f"{source} has the camera model {lens.model}, which is not a pinhole camera; {ADVICE}.")
+        raise InputError(f"{source} has the camera model {shown(lens.model)}, which is not a pinhole camera; {ADVICE}.")
     split = 1 if lens.model in _ONE_FOCAL else 2
     focal, (cx, cy), distortion = (
         lens.parameters[:split],
@@ -109,8 +127,8 @@ def _camera(lens: _Lens, view: _View, source: str) -> Camera:
 def _pose(view: _View, source: str) -> np.ndarray:
     """Return the 4x4 camera-to-world matrix with OpenGL axes of a world-to-camera pose with OpenCV axes."""
     quaternion = np.asarray(view.quaternion)
-    length = np.linalg.norm(quaternion)
-    if not np.isfinite([*view.quaternion, *view.translation]).all() or length < 1e-9:
+    length = math.hypot(*view.quaternion)
+    if not np.isfinite([*view.quaternion, *view.translation]).all() or not 1e-9 < length < 1e9:
         raise InputError(
             f"{source}: the pose contains NaN or a zero quaternion; remove the photo or reconstruct again."
         )
@@ -132,7 +150,7 @@ class _Binary:
     """A little-endian binary file read from front to back."""
 
     def __init__(self, path: Path):
-        self.path, self._data, self._position = path, path.read_bytes(), 0
+        self.path, self._data, self._position = path, _content(path), 0
 
     def take(self, layout: str) -> tuple:
         """Return the next values of a `struct` layout."""
@@ -149,7 +167,7 @@ class _Binary:
         if end < 0:
             raise InputError(f"{self.path} is cut short; copy it again.")
         text, self._position = self._data[self._position : end], end + 1
-        return text.decode("utf-8")
+        return _text(text, self.path)
 
     def skip(self, count: int) -> None:
         """Step over `count` bytes."""
@@ -158,60 +176,76 @@ class _Binary:
             raise InputError(f"{self.path} is cut short; copy it again.")
 
 
-def _read_cameras_binary(path: Path) -> dict[int, _Lens]:
+def _read_cameras_binary(path: Path, problems: Problems) -> dict[int, _Lens]:
+    """Return the cameras by number, as far as the file is sound: behind a broken part nothing has its place."""
     file, lenses = _Binary(path), {}
-    for _ in range(file.take("Q")[0]):
-        number, model, width, height = file.take("iiQQ")
-        if model not in _MODELS:
-            raise InputError(f"{path} has the unknown camera model number {model}.")
-        name, count = _MODELS[model]
-        lenses[number] = _Lens(name, width, height, file.take(f"{count}d"))
+    with problems.guard():
+        for _ in range(file.take("Q")[0]):
+            number, model, width, height = file.take("iiQQ")
+            if model not in _MODELS:
+                raise InputError(f"{path} has the unknown camera model number {model}.")
+            name, count = _MODELS[model]
+            lenses[number] = _Lens(name, width, height, file.take(f"{count}d"))
     return lenses
 
 
-def _read_images_binary(path: Path) -> list[_View]:
+def _read_images_binary(path: Path, problems: Problems) -> list[_View]:
+    """Return the images, as far as the file is sound."""
     file, views = _Binary(path), []
-    for _ in range(file.take("Q")[0]):
-        _, *pose, lens = file.take("I7dI")
-        views.append(_View(tuple(pose[:4]), tuple(pose[4:]), lens, file.text()))
-        file.skip(24 * file.take("Q")[0])  # observed points: x, y, point number
+    with problems.guard():
+        for _ in range(file.take("Q")[0]):
+            _, *pose, lens = file.take("I7dI")
+            view = _View(tuple(pose[:4]), tuple(pose[4:]), lens, file.text())
+            file.skip(24 * file.take("Q")[0])  # observed points: x, y, point number
+            views.append(view)
     return views
 
 
-def _read_cameras_text(path: Path) -> dict[int, _Lens]:
+def _read_cameras_text(path: Path, problems: Problems) -> dict[int, _Lens]:
     lenses = {}
     for number, words in _lines(path, str.split):
-        if not words:
-            continue
-        try:
-            key, model, width, height = int(words[0]), words[1], int(words[2]), int(words[3])
-            parameters = tuple(float(word) for word in words[4:])
-        except (ValueError, IndexError) as error:
-            raise InputError(f"{path} line {number} is not a camera.") from error
-        if _COUNTS.get(model, len(parameters)) != len(parameters):
-            raise InputError(f"{path} line {number}: {model} needs {_COUNTS[model]} parameters, not {len(parameters)}.")
-        lenses[key] = _Lens(model, width, height, parameters)
+        if words:
+            with problems.guard():
+                key, lens = _lens(f"{path} line {number}", words)
+                lenses[key] = lens
     return lenses
 
 
-def _read_images_text(path: Path) -> list[_View]:
+def _lens(source: str, words: list[str]) -> tuple[int, _Lens]:
+    """Return the number and camera of one line of cameras.txt."""
+    try:
+        key, model, width, height = int(words[0]), words[1], int(words[2]), int(words[3])
+        parameters = tuple(float(word) for word in words[4:])
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{source} is not a camera.") from error
+    if _COUNTS.get(model, len(parameters)) != len(parameters):
+        raise InputError(f"{source}: {shown(model)} needs {_COUNTS[model]} parameters, not {len(parameters)}.")
+    return key, _Lens(model, width, height, parameters)
+
+
+def _read_images_text(path: Path, problems: Problems) -> list[_View]:
     """Read images.txt: two lines per image, of which the second, the observed points, may be empty."""
     views = []
     lines = _lines(path, lambda line: line.split(maxsplit=9))
     for number, words in lines:
-        if not words:
-            continue
-        try:
-            pose, lens, name = [float(word) for word in words[1:8]], int(words[8]), words[9].strip()
-        except (ValueError, IndexError) as error:
-            raise InputError(f"{path} line {number} is not an image.") from error
-        views.append(_View(tuple(pose[:4]), tuple(pose[4:]), lens, name))
-        next(lines, None)
+        if words:
+            next(lines, None)
+            with problems.guard():
+                views.append(_view(f"{path} line {number}", words))
     return views
+
+
+def _view(source: str, words: list[str]) -> _View:
+    """Return the image of one line of images.txt."""
+    try:
+        pose, lens, name = [float(word) for word in words[1:8]], int(words[8]), words[9].strip()
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{source} is not an image.") from error
+    return _View(tuple(pose[:4]), tuple(pose[4:]), lens, name)
 
 
 def _lines(path: Path, split: Callable[[str], list[str]]) -> Iterator[tuple[int, list[str]]]:
     """Yield (line number, words) of a text file without its comments."""
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(_text(_content(path), path).splitlines(), start=1):
         if not line.startswith("#"):
             yield number, split(line)

@@ -23,6 +23,15 @@ def refuse_distortion(
     """
     if not any(radial) and not any(tangential):
         return
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is too much
+        shift = _largest_shift(camera, radial, tangential)
+    if not shift <= _TOLERANCE * max(camera.width, camera.height):
+        size = f"{shift:.1f}" if shift < 1e6 else "countless"
+        raise InputError(f"{source} has lens distortion of up to {size} pixels, which is not modelled; {ADVICE}.")
+
+
+def _largest_shift(camera: Camera, radial: Sequence[float], tangential: Sequence[float]) -> float:
+    """Return by how many pixels the lens bends some pixel of the image; NaN or infinity where it overflows."""
     u, v = np.meshgrid(np.linspace(0, camera.width, 9), np.linspace(0, camera.height, 9))
     x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     r2 = x * x + y * y
@@ -30,6 +39,4 @@ def refuse_distortion(
     p1, p2 = tangential
     dx = x * stretch + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     dy = y * stretch + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
-    shift = float(np.hypot(dx * camera.fx, dy * camera.fy).max())
-    if not shift <= _TOLERANCE * max(camera.width, camera.height):
-        raise InputError(f"{source} has lens distortion of up to {shift:.1f} pixels, which is not modelled; {ADVICE}.")
+    return float(np.hypot(dx * camera.fx, dy * camera.fy).max())

@@ -1,6 +1,7 @@
 """What a layout reader hands to the loader: one entry per photo, before its image file has been looked at."""
 
 import enum
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Truth
 
+_NAME_BYTES = 120  # of a photo's name: with `.confidence.exr` far from the 255, or 143 if encrypted, of file systems
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp"})
 
 
@@ -59,17 +61,27 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def unique_names(paths: Sequence[Path], root: Path) -> list[str]:
-    """Return one name per path, unique whatever the case, and safe as a file name: the stem where that is enough."""
+    """Return one name per path, unique whatever the case, and safe as a file name: the stem where that is enough.
+
+    Names have at most 120 bytes; what makes a cut one unique stays.
+    """
     stems = [path.stem for path in paths]
     if len({stem.casefold() for stem in stems}) < len(stems):
-        stems = [path.relative_to(root).with_suffix("").as_posix() for path in paths]
+        stems = [Path(os.path.relpath(path, root)).with_suffix("").as_posix() for path in paths]
     names: list[str] = []
     taken: set[str] = set()
+    counts: dict[str, int] = {}  # where to go on counting, so that equal names do not take ever longer
     for stem in stems:
-        plain = re.sub(r"[^\w.\-]", "_", stem).strip(".")[:120] or "photo"
-        name, count = plain, 2
+        name = cut_name(re.sub(r"[^\w.\-]", "_", stem).strip("."), _NAME_BYTES) or "photo"
+        base = cut_name(name, _NAME_BYTES - len("-1000000"))
         while name.casefold() in taken:
-            name, count = f"{plain}-{count}", count + 1
+            count = counts.get(base.casefold(), 1) + 1
+            name, counts[base.casefold()] = f"{base}-{count}", count
         taken.add(name.casefold())
         names.append(name)
     return names
+
+
+def cut_name(text: str, size: int) -> str:
+    """Return as much of `text` as fits into `size` bytes of UTF-8 without cutting a character."""
+    return text.encode()[:size].decode(errors="ignore")

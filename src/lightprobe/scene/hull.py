@@ -139,10 +139,10 @@ def _vote(
                 for k in range(resolution):
                     z = lo[2] + (k + 0.5) * voxel[2]
                     depth = w0 + p[2, 2] * z
-                    if depth <= 1e-9:
+                    if not depth > 1e-9:  # written so that NaN fails, here and below
                         continue
                     column, row = (u0 + p[0, 2] * z) / depth, (v0 + p[1, 2] * z) / depth
-                    if column < 0 or row < 0 or column >= width or row >= height:
+                    if not (0 <= column < width and 0 <= row < height):
                         continue
                     seen[i, j, k] += 1
                     votes[i, j, k] += ballots[starts[view] + int(row) * width + int(column)]
@@ -168,7 +168,11 @@ def _cast(
 
 @compiled()
 def _hits(distance: np.ndarray, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> bool:
-    """Tell whether a ray meets an occupied voxel: from voxel to voxel near one, in leaps where all around is empty."""
+    """Tell whether a ray meets an occupied voxel: from voxel to voxel near one, in leaps where all around is empty.
+
+    From so far away that a step is lost in rounding, it may stay where it is; after many times the steps that a ray can
+    need it has met nothing.
+    """
     size = distance.shape[0]
     longest = max(abs(dx), abs(dy), abs(dz))
     # Tiny components instead of zeros keep every division finite.
@@ -177,7 +181,9 @@ def _hits(distance: np.ndarray, ox: float, oy: float, oz: float, dx: float, dy: 
     leave = min(max(-ox / dx, (size - ox) / dx), max(-oy / dy, (size - oy) / dy), max(-oz / dz, (size - oz) / dz))
     nudge = 1e-6 / longest  # past the wall of a voxel
     t = max(enter, 0.0) + nudge
-    while t < leave:
+    for _ in range(16 * size):
+        if not t < leave:
+            break
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
         i, j, k = min(max(int(x), 0), size - 1), min(max(int(y), 0), size - 1), min(max(int(z), 0), size - 1)
         gap = distance[i, j, k]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, printable
 from lightprobe.imaging import resize_area, srgb_encode
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.consistency import explain, fitted_hull, look_inverted, overlap, silhouette
@@ -61,6 +61,9 @@ class Inspection:
 
     def lines(self) -> list[str]:
         """Return the findings as text for a terminal: facts, then the first 20 problems, then the hints."""
+        return [printable(line) for line in self._lines()]
+
+    def _lines(self) -> list[str]:
         if self.format is None:
             return [f"scene    {self.root}", *_numbered("problem", self.problems)]
         facts = [f"scene    {self.root} ({self.format} layout)", f"photos   {_counts(self.photos)}"]

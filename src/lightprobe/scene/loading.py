@@ -65,9 +65,11 @@ def read_folder(path: Path, problems: Problems) -> Reading:
     frames.sort(key=lambda frame: frame.image.as_posix())
     names = unique_names([frame.image for frame in frames], root)
     masks = _MaskFolder(root)
+    first: dict[Path, Frame] = {}
     photos: dict[Split, list[Photo]] = {split: [] for split in Split}
     for index, (frame, name) in enumerate(zip(frames, names, strict=True)):
         with problems.guard():
+            _refuse_second(frame, first.setdefault(frame.image.resolve(), frame))
             by_rule = Split.TRAIN if index % _TEST_EVERY else Split.TEST
             photos[frame.split or by_rule].append(_photo(frame, name, masks))
     if len(photos[Split.TRAIN]) < 2 and not problems.messages:
@@ -116,6 +118,21 @@ def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]
     if model == root:  # the model itself was named: the photos lie beside it or above
         root = next((folder for folder in (root, *root.parents[:2]) if (folder / "images").is_dir()), root)
     return root, "colmap", colmap.read_colmap(root, model, problems)
+
+
+def _refuse_second(frame: Frame, first: Frame) -> None:
+    """Raise `InputError` unless `frame` is the first of its photo, which would count twice."""
+    if frame is first:
+        return
+    try:
+        size = image_size(frame.image)
+        cameras = [found.camera(*size).to_json() for found in (first, frame)]
+    except InputError:  # that of the first has been told
+        cameras = [{}, {}]
+    differ = "" if cameras[0] == cameras[1] else ", with different cameras"
+    raise InputError(
+        f"{first.image} is named twice{differ}, by {first.source} and {frame.source}; keep one entry for each photo."
+    )
 
 
 def _photo(frame: Frame, name: str, masks: "_MaskFolder") -> Photo:

@@ -4,30 +4,43 @@ A row is 15 pose values and two depth bounds (not needed here). The pose is 3x5 
 [down, right, backwards, position, (height, width, focal)], camera to world.
 """
 
+import tokenize
 from pathlib import Path
 
 import numpy as np
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, shown
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.frame import Frame, list_images
 
 POSES = "poses_bounds.npy"
+# What NumPy's parser of a header and the mapping of a file run into.
+_NO_ARRAY = (OSError, ValueError, TypeError, OverflowError, EOFError, SyntaxError, RecursionError, MemoryError,
+             tokenize.TokenError)  # fmt: skip
 
 
 def read_nerd(root: Path) -> list[Frame]:
     """Return the frames of a NeRD/LLFF folder; raise `InputError` when poses and photos do not belong together."""
     path = root / POSES
-    try:
-        rows = np.asarray(np.load(path, allow_pickle=False), np.float64)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path} cannot be read as a NumPy array: {error}.") from error
-    if rows.ndim != 2 or rows.shape[1] not in (15, 17):
-        raise InputError(f"{path} must hold 17 numbers per photo, but its shape is {rows.shape}.")
+    rows = _rows(path)
     images = list_images(root / "images") if (root / "images").is_dir() else []
     if len(images) != len(rows):
         raise InputError(f"{path} holds {len(rows)} poses, but {root / 'images'} holds {len(images)} photos.")
     return [_frame(path, index, row, image) for index, (row, image) in enumerate(zip(rows, images, strict=True))]
+
+
+def _rows(path: Path) -> np.ndarray:
+    """Return the array (N, 15 | 17) float64 of the file; `InputError` for an archive, for objects, for what is cut."""
+    try:
+        # Unlike `np.load` this opens nothing but an array, and reserves no memory that a broken header asks for.
+        rows = np.lib.format.open_memmap(path, mode="r")
+    except _NO_ARRAY as error:
+        reason = shown(str(error) or type(error).__name__).rstrip(".")
+        raise InputError(f"{path} cannot be read as a NumPy array: {reason}.") from error
+    if rows.ndim != 2 or rows.shape[1] not in (15, 17) or rows.dtype.kind not in "fiu":
+        kind = shown(str(rows.dtype))
+        raise InputError(f"{path} must hold 17 numbers per photo, but its shape is {rows.shape} and its type {kind}.")
+    return np.array(rows, np.float64)
 
 
 def _frame(path: Path, index: int, row: np.ndarray, image: Path) -> Frame:

@@ -7,8 +7,8 @@ transforms file, or the photos of a run's scene.json.
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core.errors import InputError
-from lightprobe.core.files import read_json
+from lightprobe.core.errors import InputError, shown
+from lightprobe.core.files import read_json, resolved
 from lightprobe.imaging import image_size
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
@@ -43,41 +43,62 @@ def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | N
     """
     value = read_json(path)
     if isinstance(value, dict) and isinstance(value.get("photos"), dict):
-        root = Path(str(value.get("root", "")))
-        photos = [
-            (root / photo["image"], name, photo)
-            for split in SPLITS
-            for name, photo in value["photos"].get(split, {}).items()
-        ]
-        return Camera.from_json(_pick(photos, image, path)["camera"], source=str(path))
+        return Camera.from_json(_pick(_recorded(value, path), image, path)["camera"], source=str(path))
     if isinstance(value, dict) and isinstance(value.get("frames"), list):
-        frames = [frame for frame in value["frames"] if isinstance(frame, dict) and "file_path" in frame]
-        named = [(path.parent / frame["file_path"], Path(frame["file_path"]).name, frame) for frame in frames]
         common = {key: setting for key, setting in value.items() if key != "frames"}
-        settings = {**common, **_pick(named, image, path)}
+        settings = {**common, **_pick(_framed(value["frames"], path), image, path)}
         return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
     return Camera.from_json(value, source=str(path))
 
 
+def _recorded(record: _Entry, path: Path) -> list[tuple[Path, str, _Entry]]:
+    """Return (file, name, entry) of the photos of a run's scene.json."""
+    root, found = _text(record.get("root", ""), "root", path), []
+    for split in SPLITS:
+        photos = record["photos"].get(split, {})
+        if not isinstance(photos, dict):
+            raise InputError(f"{path}: the photos of '{split}' are not an object with a camera for each name.")
+        for name, photo in photos.items():
+            if not isinstance(photo, dict) or not isinstance(photo.get("image"), str) or "camera" not in photo:
+                raise InputError(f"{path}: the photo '{shown(name)}' has no 'image' and 'camera'.")
+            found.append((Path(root, photo["image"]), name, photo))
+    return found
+
+
+def _framed(frames: list[Any], path: Path) -> list[tuple[Path, str, _Entry]]:
+    """Return (file, name, entry) of the frames of a transforms file that name a photo."""
+    entries = [frame for frame in frames if isinstance(frame, dict) and "file_path" in frame]
+    files = [Path(_text(entry["file_path"], "file_path", path)) for entry in entries]
+    return [(path.parent / file, file.name, entry) for file, entry in zip(files, entries, strict=True)]
+
+
+def _text(value: object, key: str, path: Path) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{path}: '{key}' must be text, not {shown(value)}.")
+    return value
+
+
 def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: Path) -> _Entry:
     """Return the only one of (file, name, entry), or the one whose file or name is `image`'s; the file comes first."""
+    if not entries:
+        raise InputError(f"{source} holds no camera of a photo; give a file with the camera of the photo.")
     if len(entries) == 1:
         return entries[0][2]
     if image is not None:
         names, whole = {image.name, image.stem}, {image.resolve(), image.resolve().with_suffix("")}
         for same in (
-            [entry for file, _, entry in entries if file.resolve() in whole],
+            [entry for file, _, entry in entries if resolved(file) in whole],
             [entry for file, name, entry in entries if name in names or file.name in names],
         ):
             if len(same) == 1:
                 return same[0]
     wanted = f"not exactly one for {image}" if image else "this command takes one"
-    some = ", ".join(name for _, name, _ in entries[:3])
+    some = ", ".join(shown(name) for _, name, _ in entries[:3])
     raise InputError(f"{source} holds {len(entries)} cameras ({some}, ...), {wanted}; give a file with the one camera.")
 
 
 def _written_size(settings: _Entry, path: Path) -> tuple[int, int]:
     try:
         return int(settings["w"]), int(settings["h"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path} gives no image size; add the keys w and h.") from error

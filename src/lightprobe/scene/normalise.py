@@ -18,6 +18,7 @@ _GROWTH = 1.5  # of the searched cube when the hull reaches its walls
 _MARGIN = 1.15  # of the cube around the hull, for thin parts that fall between coarse voxels
 _ATTEMPTS = 8
 ROUGH_AGREEMENT = 0.8  # for scenes whose masks or poses are rough
+_ROUNDING = 1e-3  # of the object's size, below which the rounding of coordinates must lie
 _FEW = 3  # whole masks, fewer than which say nothing
 # Far behind the object lies space that few, similar cameras see, all with the object in front: it is not the object.
 # Close-ups alone leave more of it, and then only what many of them see can be trusted.
@@ -70,6 +71,7 @@ def _search(
     return None
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what comes of it is looked at
 def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
     """Return a point (3,) near the object's middle and a rough radius around it, in the cameras' frame.
 
@@ -84,18 +86,24 @@ def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tupl
     pixels = [np.argwhere(alphas[i] >= 0.5)[:, ::-1] + 0.5 for i in chosen]
     rays = [_direction(camera, *points.mean(axis=0)) for camera, points in zip(sized, pixels, strict=True)]
     center = _nearest_point(np.stack([camera.position for camera in sized]), np.stack(rays))
+    if center is None:
+        raise InputError(
+            "The cameras stand or look where nothing can be computed; run `lightprobe inspect` and estimate the poses "
+            "again."
+        )
     radii = []
     for camera, points in zip(sized, pixels, strict=True):
         u, v, depth = camera.project(center[None])[0]
         if depth > 0:
             offset = np.hypot((points[:, 0] - u) / camera.fx, (points[:, 1] - v) / camera.fy)
             radii.append(depth * offset.max())
-    if not radii or not np.isfinite(center).all():
+    radius = 1.3 * float(np.median(radii)) if radii else 0.0
+    if not np.spacing(np.abs(center).max()) < _ROUNDING * radius < np.inf:
         raise InputError(
             "The cameras look away from the point their masks point to; run `lightprobe inspect` to see which pose "
             "convention fits."
         )
-    return center, 1.3 * float(np.median(radii))
+    return center, radius
 
 
 def _better_box(hull: Hull) -> tuple[tuple[np.ndarray, np.ndarray], bool]:
@@ -146,15 +154,20 @@ def _direction(camera: Camera, u: float, v: float) -> np.ndarray:
     return world / np.linalg.norm(world)
 
 
-def _nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Return the point (3,) with the least sum of distances to the rays (N, 3): reweighted least squares."""
+def _nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray | None:
+    """Return the point (3,) with the least sum of distances to the rays (N, 3): reweighted least squares.
+
+    None where the rays are no numbers, or so far apart that sums overflow.
+    """
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     weight = np.ones(len(origins))
     point = np.zeros(3)
     for _ in range(20):
         matrix = (weight[:, None, None] * across).sum(axis=0)
         right = (weight[:, None] * np.einsum("nij,nj->ni", across, origins)).sum(axis=0)
+        if not np.isfinite([*matrix.ravel(), *right]).all():
+            return None
         point = np.linalg.lstsq(matrix, right, rcond=None)[0]
         distance = np.linalg.norm(np.einsum("nij,nj->ni", across, point - origins), axis=1)
         weight = 1 / np.maximum(distance, 1e-3 * distance.mean() + 1e-12)
-    return point
+    return point if np.isfinite(point).all() else None

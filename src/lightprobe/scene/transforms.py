@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import inside, read_json
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import ADVICE, refuse_distortion
 from lightprobe.scene.frame import Frame, Problems, Split
 from lightprobe.scene.photo import Truth
 
-TRAIN, SINGLE = "transforms_train.json", "transforms.json"
+TRAIN, SINGLE, RELIGHT = "transforms_train.json", "transforms.json", "transforms_relight.json"
 _GUESSED_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
 _PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
 _TRUTH_KEYS = {
@@ -33,15 +33,21 @@ _TRUTH_KEYS = {
 
 def read_transforms(root: Path, problems: Problems) -> list[Frame]:
     """Return the frames of all `transforms*.json` that apply; bad frames go to `problems`."""
-    if not (root / TRAIN).is_file():
-        return _read_file(root, root / SINGLE, None, problems)
-    test = next((name for name in ("transforms_test.json", "transforms_val.json") if (root / name).is_file()), None)
-    frames = _read_file(root, root / TRAIN, Split.TRAIN if test else None, problems)
-    if test:
-        frames += _read_file(root, root / test, Split.TEST, problems)
-    if (root / "transforms_relight.json").is_file():
-        frames += _read_file(root, root / "transforms_relight.json", Split.RELIGHT, problems)
+    frames: list[Frame] = []
+    for name, split in _files(root):
+        with problems.guard():
+            frames += _read_file(root, root / name, split, problems)
     return frames
+
+
+def _files(root: Path) -> list[tuple[str, Split | None]]:
+    """Return the camera files that apply, each with the split of its frames; None where none is given."""
+    if not (root / TRAIN).is_file():
+        return [(SINGLE, None)]
+    test = next((name for name in ("transforms_test.json", "transforms_val.json") if (root / name).is_file()), None)
+    files: list[tuple[str, Split | None]] = [(TRAIN, Split.TRAIN if test else None)]
+    files += [(test, Split.TEST)] if test else []
+    return files + ([(RELIGHT, Split.RELIGHT)] if (root / RELIGHT).is_file() else [])
 
 
 def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) -> list[Frame]:
@@ -49,17 +55,18 @@ def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) 
     if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
         raise InputError(f"{path} has no list of 'frames'.")
     train, test = _lists(data, path) if split is None else (set(), set())
+    named = train | test
+    common = {key: value for key, value in data.items() if key != "frames"}
     found = []
     for index, entry in enumerate(data["frames"]):
         with problems.guard():
             if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
                 raise InputError(f"{path} frame {index} has no 'file_path'.")
-            settings = {**{key: value for key, value in data.items() if key != "frames"}, **entry}
             file = Path(entry["file_path"]).as_posix()
-            if train and test and file not in train | test:
+            if train and test and file not in named:
                 continue
             listed = Split.TEST if file in test or (train and file not in train) else Split.TRAIN
-            found.append(_frame(root, path, settings, listed if train or test else split))
+            found.append(_frame(root, path, {**common, **entry}, listed if named else split))
     return found
 
 
@@ -78,12 +85,12 @@ def _names(data: dict[str, Any], key: str, path: Path) -> set[str]:
 
 def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None) -> Frame:
     """Return the frame of one entry merged over the settings of its file."""
-    source = f"{path} ({settings['file_path']})"
+    source = f"{path} ({shown(settings['file_path'])})"
     mask = None
     if settings.get("mask_path"):
         mask = _inside(root, settings, "mask_path", path)
         if not mask.is_file():
-            raise InputError(f"{source} names the mask '{settings['mask_path']}', which does not exist.")
+            raise InputError(f"{source} names the mask '{shown(settings['mask_path'])}', which does not exist.")
 
     def camera(width: int, height: int) -> Camera:
         return frame_camera(settings, source, width, height)
@@ -93,12 +100,12 @@ def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None
 
 def _image(root: Path, path: Path, settings: dict[str, Any]) -> Path:
     """Return the image file; the extension may be missing, as Blender's exporters leave it."""
-    candidate = _inside(root, settings, "file_path", path)
+    written = _text(settings, "file_path", path)
     for suffix in _GUESSED_SUFFIXES:
-        guess = candidate.with_name(candidate.name + suffix)
+        guess = inside(root, written + suffix, source=path)
         if guess.is_file():
             return guess
-    raise InputError(f"{path} names the photo '{settings['file_path']}', which does not exist.")
+    raise InputError(f"{path} names the photo '{shown(settings['file_path'])}', which does not exist.")
 
 
 def _truth(root: Path, path: Path, settings: dict[str, Any]) -> Truth:
@@ -112,10 +119,14 @@ def _truth(root: Path, path: Path, settings: dict[str, Any]) -> Truth:
 
 
 def _inside(root: Path, settings: dict[str, Any], key: str, path: Path) -> Path:
+    return inside(root, _text(settings, key, path), source=path)
+
+
+def _text(settings: dict[str, Any], key: str, path: Path) -> str:
     value = settings[key]
     if not isinstance(value, str):
-        raise InputError(f"{path}: '{key}' must be text, not {value!r}.")
-    return inside(root, value.replace("\\", "/"), source=path)
+        raise InputError(f"{path}: '{key}' must be text, not {shown(value)}.")
+    return value.replace("\\", "/")
 
 
 def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_height: int) -> Camera:
@@ -125,9 +136,9 @@ def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_
     pinhole, for values that are no numbers and for a pose that is no rigid motion.
     """
     model = settings.get("camera_model") or "OPENCV"
-    if model not in _PINHOLE_MODELS or settings.get("is_fisheye"):
+    if not isinstance(model, str) or model not in _PINHOLE_MODELS or settings.get("is_fisheye"):
         raise InputError(
-            f"{source} has the camera model {model} (or fisheye), which is not a pinhole camera; {ADVICE}."
+            f"{source} has the camera model {shown(model)} (or fisheye), which is not a pinhole camera; {ADVICE}."
         )
     keys = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
     w, h, fx, fy, cx, cy, angle_x, angle_y = (_number(settings, key, source) for key in keys)
@@ -149,21 +160,26 @@ def _number(settings: dict[str, Any], key: str, source: str) -> float | None:
     value = settings.get(key)
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{source}: '{key}' must be a finite number, not {value!r}.")
-    return float(value)
+    try:
+        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+    except OverflowError:  # JSON's integers have no end
+        number = math.inf
+    if not math.isfinite(number):
+        quoted = repr(shown(value)) if isinstance(value, str) else shown(value)
+        raise InputError(f"{source}: '{key}' must be a finite number, not {quoted}.")
+    return number
 
 
 def _focal(angle: float | None, extent: float) -> float | None:
-    """Return the focal length in pixels for a field of view of `angle` radians over `extent` pixels."""
-    return None if angle is None else 0.5 * extent / math.tan(0.5 * angle) if 0 < angle < math.pi else -1.0
+    """Return the focal length in pixels for a field of view of `angle` radians over `extent` pixels; -1 for no lens."""
+    return None if angle is None else 0.5 * extent / math.tan(0.5 * angle) if 1e-9 < angle < math.pi else -1.0
 
 
 def _pose(settings: dict[str, Any], source: str) -> np.ndarray:
     """Return the 4x4 camera-to-world matrix; the last row may be missing."""
     try:
         matrix = np.asarray(settings.get("transform_matrix"), np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.zeros(0)
     if matrix.shape not in ((4, 4), (3, 4)):
         raise InputError(f"{source}: 'transform_matrix' must be a 4x4 matrix of numbers.")

@@ -31,12 +31,13 @@ def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape:
 
 @compiled()
 def _cell(points, n, resolution):
-    """Return the cell of a point and its position in the cell, per axis."""
+    """Return the cell of a point and its position in the cell, per axis; NaN in the first cell, at NaN."""
     scale = np.float32(resolution)
     x = min(max(points[n, 0], np.float32(0)), np.float32(1)) * scale
     y = min(max(points[n, 1], np.float32(0)), np.float32(1)) * scale
     z = min(max(points[n, 2], np.float32(0)), np.float32(1)) * scale
-    i, j, k = min(int(x), resolution - 1), min(int(y), resolution - 1), min(int(z), resolution - 1)
+    last = resolution - 1
+    i, j, k = max(min(int(x), last), 0), max(min(int(y), last), 0), max(min(int(z), last), 0)
     return i, j, k, x - np.float32(i), y - np.float32(j), z - np.float32(k)
 
 

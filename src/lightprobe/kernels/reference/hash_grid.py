@@ -31,7 +31,7 @@ def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape:
 def _corners(points: Tensor, resolution: int, size: int) -> Iterator[tuple[Tensor, Tensor]]:
     """Yield the table row (N,) and trilinear weight (N,) of each of the 8 corners of the points' cells."""
     scaled = points.clamp(0, 1) * resolution
-    cell = scaled.floor().clamp(max=resolution - 1)
+    cell = scaled.floor().clamp(max=resolution - 1).nan_to_num()
     fraction = scaled - cell
     side = resolution + 1
     for corner in range(8):

@@ -63,7 +63,7 @@ def _axis(points, n, axis, live, resolution):
     """Return the cell of the points along one axis and the position in it."""
     unit = tl.load(points + 3 * n + axis, mask=live, other=0.0)
     scaled = tl.minimum(tl.maximum(unit, 0.0), 1.0) * resolution.to(tl.float32)
-    cell = tl.minimum(scaled.to(tl.int32), resolution - 1)
+    cell = tl.maximum(tl.minimum(scaled.to(tl.int32), resolution - 1), 0)  # whatever integer NaN becomes
     return cell, scaled - cell.to(tl.float32)
 
 
