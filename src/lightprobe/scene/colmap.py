@@ -12,6 +12,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import inside
+from lightprobe.core.reading import LARGEST_MODEL, check_file
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import ADVICE, refuse_distortion
 from lightprobe.scene.frame import Frame, Problems
@@ -61,6 +62,7 @@ def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
     for path in paths:
         if not path.is_file():
             raise InputError(f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}.")
+        check_file(path, LARGEST_MODEL)
     try:
         lenses = _read_cameras_binary(paths[0]) if suffix == "bin" else _read_cameras_text(paths[0])
         views = _read_images_binary(paths[1]) if suffix == "bin" else _read_images_text(paths[1])

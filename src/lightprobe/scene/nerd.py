@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError
+from lightprobe.core.reading import LARGEST_TEXT, check_file
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.frame import Frame, list_images
 
@@ -18,6 +19,7 @@ POSES = "poses_bounds.npy"
 def read_nerd(root: Path) -> list[Frame]:
     """Return the frames of a NeRD/LLFF folder; raise `InputError` when poses and photos do not belong together."""
     path = root / POSES
+    check_file(path, LARGEST_TEXT)
     try:
         rows = np.asarray(np.load(path, allow_pickle=False), np.float64)
     except (OSError, ValueError, EOFError) as error:

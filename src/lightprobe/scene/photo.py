@@ -34,6 +34,7 @@ class Photo:
     mask_path: Path | None = None  # None: the image's own alpha channel
     ev100: float | None = None  # exposure value from EXIF, if complete
     truth: Truth = field(default_factory=Truth)
+    encoding: str | None = None  # colour encoding that the file declares and that is not sRGB
 
 
 @dataclass(frozen=True)
