@@ -65,7 +65,7 @@ def test_a_large_picture_is_made_in_bands_without_seams(monkeypatch):
     """Outlines run through every band, and a light with a sun casts sharp shadows in all of them."""
     plain = _two_squares(0.25)
     asset = Asset(plain.mesh, plain.textures, textured_surroundings(plain.mesh, plain.textures.flat()))
-    camera, operator = camera_at((4.0, 1.0, 0.5), size=24), prefilter.cached(16, CPU)
+    camera, operator = camera_at((4.0, 1.0, 0.5), size=24, focal=25), prefilter.cached(16, CPU)
     light = torch.full((6, 16, 16, 3), 0.2)
     light[0, 3, 4] = 50.0
     whole = Picture.of(asset, camera, operator, CPU).render(light)
