@@ -67,7 +67,7 @@ def photograph(decomposition: Decomposition, camera: Camera, light: Tensor, numb
     image, alpha = np.zeros((camera.height * camera.width, 3), np.float32), np.zeros(camera.height * camera.width)
     image[gbuffer.pixel.numpy()], alpha[gbuffer.pixel.numpy()] = color.numpy(), 1
     shape = (camera.height, camera.width)
-    return Pixels(image.reshape(*shape, 3), alpha.reshape(shape).astype(np.float32)), light * factor
+    return Pixels.of(image.reshape(*shape, 3), alpha.reshape(shape).astype(np.float32)), light * factor
 
 
 def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, photos: int) -> Samples:

@@ -5,6 +5,7 @@ import pytest
 import torch
 from scipy.ndimage import correlate1d
 
+from lightprobe.evaluate import metrics
 from lightprobe.evaluate.metrics import (
     aligned,
     channel_scale,
@@ -38,6 +39,16 @@ def reference_ssim(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     var_a, var_b, cov = blur(a * a) - mu_a**2, blur(b * b) - mu_b**2, blur(a * b) - mu_a * mu_b
     c1, c2 = 0.01**2, 0.03**2
     return ((2 * mu_a * mu_b + c1) * (2 * cov + c2) / ((mu_a**2 + mu_b**2 + c1) * (var_a + var_b + c2))).mean(-1)
+
+
+def test_large_images_are_compared_in_bands(monkeypatch):
+    a, b = picture(1), picture(2)
+    inside = torch.zeros(40, 52, dtype=torch.bool)
+    inside[7:33, 5:40] = True
+    whole = image_scores(a, b, inside).to_json()
+    monkeypatch.setattr(metrics, "_WHOLE", 100)
+    monkeypatch.setattr(metrics, "_BAND", 52 * 3)
+    assert image_scores(a, b, inside).to_json() == pytest.approx(whole, abs=1e-5)
 
 
 def test_psnr_and_ssim_against_their_formulas():

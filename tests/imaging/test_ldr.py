@@ -8,6 +8,7 @@ from PIL import Image
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import (
+    LdrImage,
     image_size,
     read_alpha,
     read_exif_ev100,
@@ -185,6 +186,62 @@ def test_huge_header_is_refused_before_decoding(tmp_path):
     for read in (read_ldr, read_mask, read_alpha, image_size):
         with pytest.raises(InputError, match=r"huge\.png announces 60000 x 60000 pixels"):
             read(tmp_path / "huge.png")
+
+
+def webp(kind, width, height):
+    """The start of a WebP file, by RFC 9649; what follows does not matter to who looks at the size."""
+    body = {
+        b"VP8X": bytes(4) + (width - 1).to_bytes(3, "little") + (height - 1).to_bytes(3, "little"),
+        b"VP8L": b"\x2f" + (width - 1 | height - 1 << 14).to_bytes(4, "little") + bytes(20),
+        b"VP8 ": bytes(3) + b"\x9d\x01\x2a" + struct.pack("<HH", width, height) + bytes(20),
+    }[kind]
+    content = b"WEBP" + kind + struct.pack("<I", len(body)) + body
+    return b"RIFF" + struct.pack("<I", len(content)) + content
+
+
+@pytest.mark.parametrize("kind", [b"VP8X", b"VP8L", b"VP8 "])
+@pytest.mark.parametrize("size", [(13400, 13400), (12000, 12000)])
+def test_large_webp_is_refused_before_decoding(tmp_path, kind, size):
+    (tmp_path / "large.webp").write_bytes(webp(kind, *size))
+    for read in (read_ldr, read_mask, image_size):
+        with pytest.raises(InputError, match=rf"large\.webp announces {size[0]} x {size[1]} pixels"):
+            read(tmp_path / "large.webp")
+
+
+@pytest.mark.parametrize("options", [{"lossless": True}, {"quality": 80}, {"quality": 80, "exif": b"Exif\0\0"}])
+def test_webp_of_every_kind_is_read(tmp_path, options):
+    Image.new("RGB", (30, 20), (255, 0, 0)).save(tmp_path / "a.webp", **options)
+    assert image_size(tmp_path / "a.webp") == (30, 20)
+    assert read_ldr(tmp_path / "a.webp")[0].shape == (20, 30, 3)
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "RGB", "RGBA", "deep"])
+def test_rows_are_those_of_the_whole(tmp_path, mode):
+    path = tmp_path / "a.png"
+    if mode == "deep":
+        write_png(path, RNG.random((23, 9, 3)), RNG.random((23, 9)), bits=16)
+    else:
+        channels = len(mode)
+        samples = RNG.integers(0, 256, (23, 9, channels), dtype=np.uint8)
+        Image.fromarray(samples.squeeze(), mode).save(path)
+    color, alpha = read_ldr(path)
+    image = LdrImage(path)
+    parts = [image.rows(first, min(first + 5, 23)) for first in range(0, 23, 5)]
+    np.testing.assert_array_equal(np.concatenate([part for part, _ in parts]), color)
+    assert image.has_alpha == (alpha is not None)
+    if alpha is not None:
+        np.testing.assert_array_equal(np.concatenate([part for _, part in parts]), alpha)
+    np.testing.assert_array_equal(image.mask_rows(3, 11), read_mask(path)[3:11])
+
+
+def test_extreme_exposure_is_a_number(tmp_path):
+    """EXIF (TIFF 6.0) may hold doubles: here time, f-number and ISO of 1e200."""
+    value = b"".join(struct.pack("<HHII", tag, 12, 1, 100) for tag in (0x829A, 0x829D, 0x8827))
+    folder = struct.pack("<H", 3) + value + bytes(4)
+    tiff = b"II*\0" + struct.pack("<IHHHIIi", 8, 1, 0x8769, 4, 1, 26, 0) + folder
+    exif = b"Exif\0\0" + tiff.ljust(100, b"\0") + struct.pack("<d", 1e200)
+    Image.new("RGB", (8, 8)).save(tmp_path / "a.jpg", exif=exif)
+    assert read_exif_ev100(tmp_path / "a.jpg") == pytest.approx(np.log2(100), abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["jpg", "png", "webp", "deep"])

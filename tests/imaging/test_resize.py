@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lightprobe.imaging import resize_area
+from lightprobe.imaging import resize, resize_area, resize_rows
 
 RNG = np.random.default_rng(7)
 
@@ -21,3 +21,19 @@ def test_any_ratio_agrees_with_subdivided_pixels_and_keeps_the_mean(size):
     np.testing.assert_allclose(small, expected, atol=1e-6)
     assert small.dtype == np.float32
     assert small.mean() == pytest.approx(image.mean(), abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [(7, 11), (40, 16), (1, 1), (13, 64)])
+@pytest.mark.parametrize("channels", [(), (4,)])
+def test_rows_at_a_time_give_the_same_bits(monkeypatch, size, channels):
+    image = RNG.random((40, 64, *channels)).astype(np.float32)
+    whole = resize_area(image, *size)
+    asked = []
+
+    def read(first, last):
+        asked.append(last - first)
+        return image[first:last]
+
+    monkeypatch.setattr(resize, "STRIP", 64 * 5)
+    np.testing.assert_array_equal(resize_rows(read, image.shape, *size), whole)
+    assert max(asked) <= max(7, -(-40 // size[0]))

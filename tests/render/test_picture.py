@@ -4,7 +4,8 @@ import torch
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import prefilter
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset
+from lightprobe.render import picture
+from lightprobe.render.asset import Asset, textured_surroundings
 from lightprobe.render.picture import Picture
 from tests.shapes import camera_at
 
@@ -58,3 +59,20 @@ def test_one_light_after_the_other_gives_the_pictures_of_each():
     for light in (*lights, lights[0]):
         for one, other in zip(kept.render(light), Picture.of(asset, camera, operator, CPU).render(light), strict=True):
             assert torch.equal(one, other)
+
+
+def test_a_large_picture_is_made_in_bands_without_seams(monkeypatch):
+    """Outlines run through every band, and a light with a sun casts sharp shadows in all of them."""
+    plain = _two_squares(0.25)
+    asset = Asset(plain.mesh, plain.textures, textured_surroundings(plain.mesh, plain.textures.flat()))
+    camera, operator = camera_at((4.0, 1.0, 0.5), size=24, focal=25), prefilter.cached(16, CPU)
+    light = torch.full((6, 16, 16, 3), 0.2)
+    light[0, 3, 4] = 50.0
+    whole = Picture.of(asset, camera, operator, CPU).render(light)
+    monkeypatch.setattr(picture, "_WHOLE", 100)
+    monkeypatch.setattr(picture, "_BAND", 4 * 24 * 5)  # five rows
+    banded = Picture.of(asset, camera, operator, CPU)
+    assert len(list(banded.bands([light]))) == 5
+    for one, other in zip(whole, banded.render(light), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=1e-4)
+    assert 0.1 < float(whole[1].mean()) < 0.9

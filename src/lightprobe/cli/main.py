@@ -3,10 +3,12 @@
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
+from typing import TextIO
 
-from lightprobe.core.errors import LightprobeError
+from lightprobe.core.errors import LightprobeError, LightprobeWarning
 
 # command -> (module, what it does); only the module of the command in use is imported
 COMMANDS = {
@@ -66,7 +68,8 @@ def _guarded(name: str, arguments: list[str]) -> int:
     from lightprobe.cli.failures import INTERRUPTED, explained
 
     try:
-        with explained():
+        with explained(), warnings.catch_warnings():
+            warnings.showwarning = _say
             _run(name, arguments)
     except LightprobeError as error:
         print(f"lightprobe: {error}", file=sys.stderr)
@@ -77,6 +80,16 @@ def _guarded(name: str, arguments: list[str]) -> int:
     except BrokenPipeError:  # the reader of our output has gone, as with `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
+
+
+def _say(message: Warning | str, category: type[Warning], filename: str, lineno: int,
+         file: TextIO | None = None, line: str | None = None) -> None:  # fmt: skip
+    """Print a warning of ours as one sentence, and any other as Python does."""
+    own = issubclass(category, LightprobeWarning)
+    words = f"lightprobe: warning: {message}\n" if own else warnings.formatwarning(
+        message, category, filename, lineno, line
+    )  # fmt: skip
+    print(words, end="", file=file or sys.stderr)
 
 
 def _run(name: str, arguments: list[str]) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.errors import InputError, ResourceError, shown
+from lightprobe.core.reading import LARGEST_TEXT, check_file
 
 
 @contextlib.contextmanager
@@ -79,6 +80,7 @@ def write_json(path: Path, value: Any) -> None:
 
 def read_json(path: Path) -> Any:
     """Return the value of a JSON file; raise `InputError` naming the file and line when it is missing or malformed."""
+    check_file(path, LARGEST_TEXT)
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError as error:

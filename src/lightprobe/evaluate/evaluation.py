@@ -18,7 +18,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate import truth
-from lightprobe.evaluate.metrics import interval, on_white
+from lightprobe.evaluate.metrics import interval
 from lightprobe.evaluate.prediction_files import write_prediction
 from lightprobe.evaluate.stand_in import StandIn
 from lightprobe.evaluate.true_light import ConfidenceBins, TrueLight, falls
@@ -203,12 +203,13 @@ class _Judge:
         if method not in self.slowest and prediction.seconds["total"] < self.protocols.slow_seconds:
             # The first call also built tables and compiled kernels, which no later photo pays for.
             prediction = self.predictor.predict(view.pixels, view.camera, method)
-        image = on_white(*view.picture.render(prediction.environment))
+        parts = _half_lights(view, self.predictor, method) if self.protocols.unseen else []
+        image, *others = view.shown([prediction.environment, *(light for _, light in parts)])
         seconds = prediction.seconds["total"]
         self.slowest[method] = max(seconds, self.slowest.get(method, 0))
         scores = {**view.score(image).to_json(), "seconds": seconds}
-        if self.protocols.unseen:
-            scores |= _protocol_b(view, self.predictor, method)
+        scores |= _protocol_b(view, [mask for mask, _ in parts], others)
+        del others
         if light is not None:
             scores |= light.scores(prediction)
             if self.stand_in is not None:
@@ -216,18 +217,21 @@ class _Judge:
         return ViewResult(view, prediction, image, scores, light)
 
 
-def _protocol_b(view: TestView, predictor: Predictor, method: Method) -> Scores:
-    masks = halves(view.pixels.alpha)
-    values = []
+def _half_lights(view: TestView, predictor: Predictor, method: Method) -> list[tuple[Tensor, Tensor]]:
+    """Return the lights (6, R, R, 3) predicted from halves of the object, each after the mask (H, W) of the rest."""
+    masks, found = halves(view.pixels.alpha), []
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))
         try:
             light = predictor.predict(half, view.camera, method).environment
         except InputError:  # too little of the object is in this half
             continue
-        image = on_white(*view.picture.render(light))
-        other = torch.from_numpy(masks[i ^ 1]).to(image.device)
-        values.append(view.score(image, other).psnr_masked)
+        found.append((torch.from_numpy(masks[i ^ 1]).to(light.device), light))
+    return found
+
+
+def _protocol_b(view: TestView, masks: Sequence[Tensor], images: Sequence[Tensor]) -> Scores:
+    values = [view.psnr(image, mask) for mask, image in zip(masks, images, strict=True)]
     known = [value for value in values if math.isfinite(value)]
     return {"psnr_unseen": sum(known) / len(known)} if known else {}
 

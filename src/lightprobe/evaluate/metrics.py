@@ -17,6 +17,8 @@ from torch import Tensor
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import cubemap
 
+_WINDOW = 11  # pixels along SSIM's window
+_WHOLE, _BAND = 2**20, 2**18  # pixels of images that are compared at once, and of a band of larger ones
 _PERFECT_PSNR = 100.0  # dB; stands for infinity, which JSON cannot hold and no mean survives
 
 
@@ -55,7 +57,23 @@ def image_scores(image: Tensor, reference: Tensor, mask: Tensor) -> ImageScores:
 
 
 def _ssim(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
-    """Return the mean SSIM of (1, 3, H, W) images and its map (H, W), the mean over channels."""
+    """Return the mean SSIM of (1, 3, H, W) images and its map (H, W), the mean over channels.
+
+    Large images are compared in bands of rows.
+    """
+    height, width, rim = *a.shape[2:], _WINDOW // 2
+    if height * width <= _WHOLE:
+        return _ssim_of(a, b)
+    full, step = a.new_empty(height, width), max(1, _BAND // width)
+    for top in range(0, height, step):
+        bottom = min(top + step, height)
+        first, last = max(0, top - rim), min(height, bottom + rim)
+        part = _ssim_of(a[:, :, first:last], b[:, :, first:last])[1]
+        full[top:bottom] = part[top - first : bottom - first]
+    return float(full.double().mean()), full
+
+
+def _ssim_of(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
     from torchmetrics.functional.image import structural_similarity_index_measure
 
     mean, full = structural_similarity_index_measure(a, b, data_range=1.0, return_full_image=True)

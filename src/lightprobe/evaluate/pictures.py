@@ -66,10 +66,17 @@ def view_pictures(result: ViewResult) -> dict[str, str]:
         _DIFFERENCE: np.abs(photo - render) * _DIFFERENCE_GAIN,
         **_material_pictures(result),
     }
-    box = object_box(view.mask.cpu().numpy())
-    uris = {title: data_uri(picture[box]) for title, picture in pictures.items()}
+    mask = view.mask.cpu().numpy()
+    uris = {title: data_uri(_cut(picture, mask)) for title, picture in pictures.items()}
     wide = {**_light_pictures(result), **_sphere_pictures(result)}
     return uris | {title: data_uri(picture) for title, picture in wide.items()}
+
+
+def _cut(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return the part around the object of a picture (h, w, 3) of the view, whose mask (H, W) may be larger."""
+    pairs = zip(object_box(mask), mask.shape, picture.shape, strict=False)
+    rows, columns = (slice(part.start * small // full, -(-part.stop * small // full)) for part, full, small in pairs)
+    return picture[rows, columns]
 
 
 def object_box(mask: np.ndarray) -> tuple[slice, slice]:

@@ -1,5 +1,10 @@
-"""A test photo beside the asset: everything an evaluation needs of it, read and rasterised once."""
+"""A test photo beside the asset: everything an evaluation needs of it, read once.
 
+Photos are scored at their full size. What would take hundreds of bytes for each of their pixels is made in bands.
+"""
+
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +12,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.decompose import Decomposition
-from lightprobe.evaluate.metrics import ImageScores, image_scores, on_white
+from lightprobe.evaluate.metrics import ImageScores, image_scores, on_white, psnr
 from lightprobe.light import prefilter
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
@@ -16,19 +21,20 @@ from lightprobe.scene import load_pixels
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
 
+_SMALL = 2**20  # pixels up to which a photo's G-buffer has its full size, where that is not needed
 _OBJECT = 0.5  # coverage from which a pixel counts as the object's
 
 
 @dataclass(frozen=True)
 class TestView:
-    """One photo at full size with the asset's G-buffers."""
+    """One photo at full size with what the asset shows there."""
 
     __test__ = False  # not a test class, whatever its name
 
     photo: Photo
     pixels: Pixels
     camera: Camera  # input frame
-    gbuffer: GBuffer
+    gbuffer: GBuffer  # of the photo's size, or a smaller one where there is no true material to compare with
     picture: Picture
     reference: Tensor  # (H, W, 3) sRGB in [0, 1], the photo's object on white
     mask: Tensor  # (H, W) bool
@@ -38,7 +44,7 @@ class TestView:
         """Read the photo and make the asset's view ready for lights of 6 x R x R texels, R the resolution."""
         pixels, camera = load_pixels(photo)
         normalised = camera.normalised(decomposition.similarity)
-        gbuffer = rasterize_asset(decomposition.asset, normalised, device)
+        gbuffer = rasterize_asset(decomposition.asset, _material_camera(photo, normalised), device)
         operator = prefilter.cached(light_resolution, device)
         picture = Picture.of(decomposition.asset, normalised, operator, device)
         alpha = torch.from_numpy(pixels.alpha).to(device)
@@ -46,9 +52,30 @@ class TestView:
         reference = on_white(color * alpha[..., None], alpha)
         return TestView(photo, pixels, camera, gbuffer, picture, reference, alpha > _OBJECT)
 
-    def score(self, image: Tensor, mask: Tensor | None = None) -> ImageScores:
-        """Compare an sRGB image on white (H, W, 3) with the photo; `mask` (H, W) bool replaces the object's own."""
-        return image_scores(image, self.reference, self.mask if mask is None else mask)
+    def shown(self, lights: Sequence[Tensor]) -> list[Tensor]:
+        """Return the sRGB images on white (H, W, 3) of the object under each light (6, R, R, 3)."""
+        images = [torch.empty_like(self.reference) for _ in lights]
+        for rows, parts in self.picture.bands(lights):
+            for image, part in zip(images, parts, strict=True):
+                image[rows] = on_white(*part)
+        return images
+
+    def score(self, image: Tensor) -> ImageScores:
+        """Compare an sRGB image on white (H, W, 3) with the photo."""
+        return image_scores(image, self.reference, self.mask)
+
+    def psnr(self, image: Tensor, mask: Tensor) -> float:
+        """Return the PSNR in dB of an sRGB image on white (H, W, 3) over the pixels of `mask` (H, W) bool."""
+        return psnr(image[mask], self.reference[mask])
+
+
+def _material_camera(photo: Photo, camera: Camera) -> Camera:
+    """Return the camera of the G-buffer: true materials are compared pixel by pixel, pictures of them are small."""
+    truth = photo.truth
+    shrink = math.sqrt(min(1.0, _SMALL / (camera.width * camera.height)))
+    if shrink == 1 or truth.base_color or truth.orm or truth.normal:
+        return camera
+    return camera.resized(*(max(1, round(side * shrink)) for side in (camera.width, camera.height)))
 
 
 def halves(alpha: np.ndarray) -> list[np.ndarray]:
@@ -60,7 +87,7 @@ def halves(alpha: np.ndarray) -> list[np.ndarray]:
     inside = alpha > _OBJECT
     masks = []
     for axis in (1, 0):
-        place = np.indices(alpha.shape)[axis]
+        place = np.broadcast_to(np.arange(alpha.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1)), alpha.shape)
         first = inside & (place < np.median(place[inside]))
         masks += [first, inside & ~first]
     return masks

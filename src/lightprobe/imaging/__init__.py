@@ -2,25 +2,32 @@
 
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
 from lightprobe.imaging.color import srgb_decode, srgb_encode
-from lightprobe.imaging.exif import read_exif_ev100
+from lightprobe.imaging.exif import read_exif_ev100, read_orientation, turned_size, undo
 from lightprobe.imaging.hdr import read_hdr, write_exr
-from lightprobe.imaging.ldr import image_size, read_alpha, read_ldr, read_mask, write_png
+from lightprobe.imaging.ldr import LdrImage, image_size, read_alpha, read_ldr, read_mask, write_png
 from lightprobe.imaging.limits import MAX_PIXELS
+from lightprobe.imaging.profiles import foreign_encoding
 from lightprobe.imaging.radiance import write_radiance
-from lightprobe.imaging.resize import resize_area, shrink_area
+from lightprobe.imaging.resize import resize_area, resize_rows, shrink_area
 
 __all__ = [
     "MAX_PIXELS",
+    "LdrImage",
+    "foreign_encoding",
     "image_size",
     "read_alpha",
     "read_exif_ev100",
     "read_hdr",
     "read_ldr",
     "read_mask",
+    "read_orientation",
     "resize_area",
+    "resize_rows",
     "shrink_area",
     "srgb_decode",
     "srgb_encode",
+    "turned_size",
+    "undo",
     "write_exr",
     "write_png",
     "write_radiance",

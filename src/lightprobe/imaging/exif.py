@@ -44,10 +44,20 @@ def read_exif_ev100(path: Path) -> float | None:
     return 2 * math.log2(f_number) - math.log2(time) - math.log2(iso / 100)
 
 
-def read_orientation(path: Path) -> int:
-    """Return the EXIF orientation 1..8 of an image file (1: stored upright)."""
-    value = read_exif(path).get(_ORIENTATION, 1)
-    return value if isinstance(value, int) and 1 <= value <= 8 else 1
+def read_orientation(path: Path) -> int | None:
+    """Return the EXIF orientation 1..8 of an image file (1: stored upright), or None when it has no such tag."""
+    value = read_exif(path).get(_ORIENTATION)
+    return value if isinstance(value, int) and 1 <= value <= 8 else None
+
+
+def turned_size(size: tuple[int, int], orientation: int) -> tuple[int, int]:
+    """Return the (width, height) that stored pixels of `size` have when displayed with EXIF orientation 1..8."""
+    return (size[1], size[0]) if orientation >= 5 else size
+
+
+def undo(orientation: int) -> int:
+    """Return the EXIF orientation 1..8 that turns displayed pixels back into stored ones."""
+    return {6: 8, 8: 6}.get(orientation, orientation)
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:

@@ -1,7 +1,11 @@
 """Area resampling: every output pixel is the mean of the input area it covers."""
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import sparse
+
+STRIP = 2**19  # pixels of an image that are worked on at once
 
 
 def resize_area(array: np.ndarray, height: int, width: int) -> np.ndarray:
@@ -10,11 +14,29 @@ def resize_area(array: np.ndarray, height: int, width: int) -> np.ndarray:
     Exact for any ratio: pixels cut by an output edge count by their fraction. Means are preserved, so average linear
     light, and colour with alpha premultiplied.
     """
-    rows, columns = array.shape[:2]
-    flat = _overlap(rows, height) @ np.asarray(array, np.float32).reshape(rows, -1)
-    turned = np.swapaxes(flat.reshape(height, columns, -1), 0, 1).reshape(columns, -1)
-    turned = (_overlap(columns, width) @ turned).reshape(width, height, -1)
-    return np.ascontiguousarray(np.swapaxes(turned, 0, 1)).reshape(height, width, *array.shape[2:])
+    return resize_rows(lambda first, last: array[first:last], array.shape, height, width)
+
+
+def resize_rows(read: Callable[[int, int], np.ndarray], shape: tuple[int, ...], height: int, width: int) -> np.ndarray:
+    """Return `resize_area` of an image (H, W) or (H, W, C) = `shape` that is never held as a whole.
+
+    `read(first, last)` returns the image's rows first..last - 1. The result has the same bits, as the rows that an
+    output row averages are always summed from the top.
+    """
+    rows, columns = shape[:2]
+    down, across = _overlap(rows, height), _overlap(columns, width)
+    result = np.empty((height, width, *shape[2:]), np.float32)
+    at_once = max(1, round(STRIP / columns * height / rows))
+    for top in range(0, height, at_once):
+        part = down[top : top + at_once]
+        first, last = int(part.indices.min()), int(part.indices.max()) + 1
+        strip = np.asarray(read(first, last), np.float32).reshape(last - first, -1)
+        flat = part[:, first:last] @ strip
+        count = flat.shape[0]
+        turned = np.swapaxes(flat.reshape(count, columns, -1), 0, 1).reshape(columns, -1)
+        turned = (across @ turned).reshape(width, count, -1)
+        result[top : top + count] = np.swapaxes(turned, 0, 1).reshape(count, width, *shape[2:])
+    return result
 
 
 def shrink_area(array: np.ndarray, side: int) -> np.ndarray:

@@ -3,9 +3,13 @@
 Phase I and the predictors look at one point of the surface per pixel. That is fast, and a picture would show it: a thin
 bar, a crease or the weave of a cloth breaks into steps, and a comparison with a photo would score the steps. Here the
 samples of a pixel are averaged as a camera's pixel averages its square, and the light is known, so that its suns are.
+
+A sample of the object takes some hundreds of bytes until it is a colour. Pictures of more than a million pixels are
+therefore made in bands of rows, one after the other, each anew for every call.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -22,11 +26,56 @@ from lightprobe.render.surface import View
 from lightprobe.scene.camera import Camera
 
 SAMPLES = 2  # along each edge of a pixel
+_WHOLE = 2**22  # samples up to which a picture is made as a whole, and what depends on no light is kept
+_BAND = 2**21  # samples in a band of a larger one
+_RIM = 1  # rows of pixels around a band, for outlines between it and its neighbours
 
 
 @dataclass(frozen=True)
 class Picture:
-    """One view of an asset, ready for any light: what is found here depends on none."""
+    """One view of an asset, ready for any light."""
+
+    asset: Asset
+    camera: Camera  # normalised frame
+    prefilter: Prefilter
+    device: torch.device
+    whole: "_Band | None"  # None: too large to be kept
+
+    @staticmethod
+    def of(asset: Asset, camera: Camera, prefilter: Prefilter, device: torch.device) -> "Picture":
+        """Return the view that a normalised-frame camera takes; asset and prefilter are on `device`."""
+        fits = SAMPLES**2 * camera.width * camera.height <= _WHOLE
+        whole = _Band.of(asset, camera, prefilter, device) if fits else None
+        return Picture(asset, camera, prefilter, device, whole)
+
+    def render(self, env: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the linear premultiplied image (H, W, 3) and coverage (H, W) under `env` (6, R, R, 3)."""
+        bands = [images[0] for _, images in self.bands([env])]
+        images, covers = zip(*bands, strict=True)
+        return torch.cat(images), torch.cat(covers)
+
+    def bands(self, lights: Sequence[Tensor]) -> Iterator[tuple[slice, list[tuple[Tensor, Tensor]]]]:
+        """Yield rows (h) of the picture from the top, and the image (h, W, 3) and coverage (h, W) under each light.
+
+        What `render` returns of every light, without holding a picture of any as a whole.
+        """
+        height = self.camera.height
+        if self.whole is not None:
+            yield slice(0, height), [self.whole.render(env) for env in lights]
+            return
+        step = max(1, _BAND // (SAMPLES**2 * self.camera.width))
+        for top in range(0, height, step):
+            bottom = min(top + step, height)
+            first, last = max(0, top - _RIM), min(height, bottom + _RIM)
+            camera = replace(self.camera, cy=self.camera.cy - first, height=last - first)
+            band = _Band.of(self.asset, camera, self.prefilter, self.device)
+            rows = slice(top - first, bottom - first)
+            yield slice(top, bottom), [(image[rows], cover[rows]) for image, cover in map(band.render, lights)]
+
+
+@dataclass(frozen=True)
+class _Band:
+    """Rows of a picture, or all of it: what is found here depends on no light."""
 
     mesh: Mesh
     prefilter: Prefilter
@@ -37,15 +86,15 @@ class Picture:
 
     @staticmethod
     @torch.no_grad()
-    def of(asset: Asset, camera: Camera, prefilter: Prefilter, device: torch.device) -> "Picture":
-        """Return the view that a normalised-frame camera takes; asset and prefilter are on `device`."""
+    def of(asset: Asset, camera: Camera, prefilter: Prefilter, device: torch.device) -> "_Band":
+        """Return the rows that the camera, cut to them, takes."""
         camera = camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
         gbuffer, view = rasterize_asset(asset, camera, device), View.of(camera, device)
         screen, faces = view.project(asset.mesh.vertices), asset.mesh.faces
         edges = edge_faces(faces, outline_vertices(screen, faces))
         crossings = silhouette_crossings(screen, faces, edges, gbuffer.pixel, view)
         cover = coverage(gbuffer.pixel, crossings, view.height * view.width)
-        return Picture(asset.mesh, prefilter, gbuffer, Shading.of(gbuffer, prefilter), crossings, cover)
+        return _Band(asset.mesh, prefilter, gbuffer, Shading.of(gbuffer, prefilter), crossings, cover)
 
     @torch.no_grad()
     def render(self, env: Tensor) -> tuple[Tensor, Tensor]:

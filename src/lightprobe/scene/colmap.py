@@ -13,6 +13,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import inside
+from lightprobe.core.reading import LARGEST_MODEL, check_file
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import ADVICE, refuse_distortion
 from lightprobe.scene.frame import Frame, Problems
@@ -62,6 +63,7 @@ def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
     for path in paths:
         if not path.is_file():
             raise InputError(f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}.")
+        check_file(path, LARGEST_MODEL)
     lenses: dict[int, _Lens] = {}
     views: list[_View] = []
     with problems.guard():

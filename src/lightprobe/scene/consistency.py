@@ -56,6 +56,14 @@ def look_inverted(alphas: Sequence[np.ndarray]) -> bool:
     return sum(holes) > len(alphas) / 2
 
 
+def better_turn(mask: np.ndarray, picture: np.ndarray) -> tuple[str, float] | None:
+    """Return how a mask (h, w) bool is to be turned to fit the hull's silhouette much better, and its IoU then."""
+    turned = [(words, turn(mask)) for words, turn in _TURNS]
+    fits = [(words, overlap(shape, picture)) for words, shape in turned if shape.shape == picture.shape]
+    words, best = max(fits, key=lambda fit: fit[1])
+    return (words, best) if best > overlap(mask, picture) + _CLEARLY_BETTER and best >= _CONVINCING else None
+
+
 def explain(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: float) -> str | None:
     """Return a sentence naming the convention under which masks and cameras agree much better, or None.
 
@@ -105,6 +113,17 @@ def _inverse(camera: Camera) -> Camera:
 
 _OPENCV = np.diag([1.0, -1.0, -1.0])
 _QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+# All that an EXIF orientation can ask for; quarter turns keep the shape of square photos only.
+_TURNS: tuple[tuple[str, Callable[[np.ndarray], np.ndarray]], ...] = (
+    ("turned by 180 degrees", lambda a: a[::-1, ::-1]),
+    ("mirrored left to right", lambda a: a[:, ::-1]),
+    ("flipped upside down", lambda a: a[::-1]),
+    ("turned by 90 degrees clockwise", lambda a: np.rot90(a, -1)),
+    ("turned by 90 degrees anticlockwise", lambda a: np.rot90(a)),
+    ("turned by 90 degrees clockwise and mirrored", lambda a: np.rot90(a, -1)[:, ::-1]),
+    ("turned by 90 degrees anticlockwise and mirrored", lambda a: np.rot90(a)[:, ::-1]),
+)
 
 _SUSPICIONS: tuple[tuple[str, Change], ...] = (
     ("The masks look inverted: the object must be white", lambda c, a: (c, 1 - a)),

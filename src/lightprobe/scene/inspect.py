@@ -8,14 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError, printable
-from lightprobe.imaging import resize_area, srgb_encode
+from lightprobe.imaging import srgb_encode
 from lightprobe.scene.camera import Similarity
-from lightprobe.scene.consistency import explain, fitted_hull, look_inverted, overlap, silhouette
+from lightprobe.scene.consistency import better_turn, explain, fitted_hull, look_inverted, overlap, silhouette
+from lightprobe.scene.encoding import encoding_sentences
 from lightprobe.scene.frame import Problems, Split
 from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
+from lightprobe.scene.masks import no_background_sentence, without_background
 from lightprobe.scene.normalise import ROUGH_AGREEMENT, find_similarity
 from lightprobe.scene.photo import Photo
-from lightprobe.scene.pixels import decode, target_size
+from lightprobe.scene.pixels import load_thumbnail
 
 _SIDE = 192  # longer side of the thumbnails everything is measured on
 _RESOLUTION = 128
@@ -44,7 +46,7 @@ class PhotoReport:
 
 @dataclass(frozen=True)
 class Inspection:
-    """Everything `inspect` found; `problems` would stop a fit, `hints` are suspicions."""
+    """Everything `inspect` found; `problems` stop a fit or spoil it, `hints` are suspicions."""
 
     root: Path
     format: str | None
@@ -86,6 +88,9 @@ def inspect(path: Path) -> Inspection:
     if reading is None:
         return Inspection(Path(path), None, (), None, tuple(problems.messages), ())
     photos, alphas = _measure(reading, problems)
+    problems.messages += encoding_sentences([photo for _, photo in reading.all_photos()])
+    if bare := without_background(alphas):
+        problems.messages.append(no_background_sentence(bare, len(alphas)))
     similarity, photos = _carve(reading, photos, alphas, problems)
     return Inspection(
         reading.root,
@@ -112,10 +117,8 @@ def _measure(reading: Reading, problems: Problems) -> tuple[tuple[PhotoReport, .
 
 def _thumbnails(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
     """Return the whole photo as (h, w, 3) uint8 sRGB and its alpha (h, w), both small."""
-    color, alpha = decode(photo)
-    width, height = target_size(photo.camera, _SIDE)
-    picture = np.clip(srgb_encode(resize_area(color, height, width)) * 255 + 0.5, 0, 255).astype(np.uint8)
-    return picture, resize_area(alpha, height, width)
+    color, alpha = load_thumbnail(photo, _SIDE)
+    return np.clip(srgb_encode(color) * 255 + 0.5, 0, 255).astype(np.uint8), alpha
 
 
 def _carve(
@@ -175,6 +178,13 @@ def _outlier(report: PhotoReport, median: float) -> str | None:
     """Return what is suspicious about one photo of a scene whose other photos agree, or None."""
     if report.silhouette is None or report.iou is None:
         return None
+    turn = better_turn(report.mask, report.silhouette)
+    if turn is not None:
+        return (
+            f"{report.name}: the mask fits the other photos only when {turn[0]} (IoU {turn[1]:.2f} instead of "
+            f"{report.iou:.2f}); a mask without an EXIF orientation is turned with its photo, and a camera must be for "
+            "the photo as it is turned."
+        )
     if report.iou >= median - _FAR_BELOW_MEDIAN:
         return None
     if overlap(~report.mask, report.silhouette) > report.iou + _FAR_BELOW_MEDIAN:

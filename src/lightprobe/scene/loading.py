@@ -1,6 +1,7 @@
 """From a folder to a `Scene`: which layout it has, its photos with masks and names, the split, the similarity."""
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -9,10 +10,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from lightprobe.core.errors import InputError
-from lightprobe.imaging import image_size, read_exif_ev100
+from lightprobe.core.errors import InputError, LightprobeWarning
+from lightprobe.imaging import foreign_encoding, image_size, read_exif_ev100
 from lightprobe.scene import colmap, nerd, transforms
+from lightprobe.scene.encoding import encoding_sentences
 from lightprobe.scene.frame import Frame, Problems, Split, list_images, unique_names
+from lightprobe.scene.masks import MaskFolder, no_background_sentence, without_background
 from lightprobe.scene.normalise import find_similarity
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.scene.pixels import fit_camera, load_alpha
@@ -20,7 +23,7 @@ from lightprobe.scene.pixels import fit_camera, load_alpha
 T = TypeVar("T")
 
 _TEST_EVERY = 16  # NeRD's rule: test photos are images[::16] of the sorted list
-_MASK_FOLDERS = ("masks", "mask")
+_PIXELS_AT_ONCE = 2**28  # of photos that are decoded at the same time
 _THUMBNAIL = 192  # longer side of the masks the similarity is computed from
 _LAYOUTS = (
     f"poses_bounds.npy with images/ and masks/ (NeRD, LLFF), {transforms.SINGLE} or {transforms.TRAIN} (Blender, "
@@ -46,11 +49,14 @@ def load_scene(path: Path) -> Scene:
     """Read the scene in folder `path`, whichever of the known layouts it has.
 
     Every camera, image header and mask is checked. Raises `InputError` at the first thing that is missing, damaged or
-    contradictory; `lightprobe.scene.inspect.inspect` lists all of them.
+    contradictory; `lightprobe.scene.inspect.inspect` lists all of them. Warns of what can be trained on, but not well.
     """
     problems = Problems()
     reading = read_folder(Path(path), problems)
     masks = load_masks([photo for _, photo in reading.all_photos()], _THUMBNAIL, problems)
+    _check_backgrounds(reading, masks)
+    for sentence in encoding_sentences([photo for _, photo in reading.all_photos()]):
+        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
     train = reading.photos[Split.TRAIN]
     similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
     test, relight = reading.photos[Split.TEST], reading.photos[Split.RELIGHT]
@@ -64,7 +70,7 @@ def read_folder(path: Path, problems: Problems) -> Reading:
     root, layout, frames = _read_frames(path.resolve(), problems)
     frames.sort(key=lambda frame: frame.image.as_posix())
     names = unique_names([frame.image for frame in frames], root)
-    masks = _MaskFolder(root)
+    masks = MaskFolder(root, [frame.image for frame in frames if frame.mask is None])
     first: dict[Path, Frame] = {}
     photos: dict[Split, list[Photo]] = {split: [] for split in Split}
     for index, (frame, name) in enumerate(zip(frames, names, strict=True)):
@@ -87,10 +93,26 @@ def load_masks(photos: Iterable[Photo], max_side: int, problems: Problems) -> di
     return found
 
 
+def _check_backgrounds(reading: Reading, masks: dict[str, np.ndarray]) -> None:
+    """Raise `InputError` when half of the masks or more show no background, and warn when some do not.
+
+    A close-up of the object alone is possible; most photos being ones is a scene without masks.
+    """
+    bare = without_background(masks)
+    if not bare:
+        return
+    sentence = no_background_sentence(bare, len(masks))
+    if 2 * len(bare) >= len(masks):
+        raise InputError(f"{reading.root}: {sentence}")
+    warnings.warn(sentence, LightprobeWarning, stacklevel=3)
+
+
 def in_parallel(work: Callable[[Photo], T], photos: Iterable[Photo]) -> Iterator[tuple[Photo, Callable[[], T]]]:
     """Do `work` on all photos in threads (decoding releases the interpreter lock); yield each photo in order with a
     function that returns its result or raises its error."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    photos = list(photos)
+    largest = max((photo.camera.width * photo.camera.height for photo in photos), default=1)
+    with ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, _PIXELS_AT_ONCE // largest))) as pool:
         waiting = [(photo, pool.submit(work, photo)) for photo in photos]
         try:
             for photo, future in waiting:
@@ -135,27 +157,11 @@ def _refuse_second(frame: Frame, first: Frame) -> None:
     )
 
 
-def _photo(frame: Frame, name: str, masks: "_MaskFolder") -> Photo:
+def _photo(frame: Frame, name: str, masks: MaskFolder) -> Photo:
     """Return the checked photo of a frame."""
     camera = frame.camera(*image_size(frame.image))
     camera.check(frame.source)
     camera = fit_camera(camera, frame.image, frame.source)
     mask = frame.mask or masks.find(frame.image)
-    return Photo(name, camera, frame.image, mask, read_exif_ev100(frame.image), frame.truth)
-
-
-class _MaskFolder:
-    """The mask files of a scene, found by the photo's name: `a.png` or `a.jpg.png` (COLMAP) for `images/a.jpg`."""
-
-    def __init__(self, root: Path):
-        self._images = root / "images"
-        self._files: dict[str, Path] = {}
-        for folder in (root / name for name in _MASK_FOLDERS if (root / name).is_dir()):
-            for path in list_images(folder):
-                self._files.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
-
-    def find(self, image: Path) -> Path | None:
-        """Return the mask of a photo, or None: the photo's alpha channel must do."""
-        below = image.relative_to(self._images) if image.is_relative_to(self._images) else Path(image.name)
-        keys = (below.with_suffix("").as_posix(), below.as_posix(), image.stem, image.name)
-        return next((self._files[key] for key in keys if key in self._files), None)
+    exposure, encoding = read_exif_ev100(frame.image), foreign_encoding(frame.image)
+    return Photo(name, camera, frame.image, mask, exposure, frame.truth, encoding)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError, shown
+from lightprobe.core.reading import LARGEST_TEXT, check_file
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.frame import Frame, list_images
 
@@ -22,6 +23,7 @@ _NO_ARRAY = (OSError, ValueError, TypeError, OverflowError, EOFError, SyntaxErro
 def read_nerd(root: Path) -> list[Frame]:
     """Return the frames of a NeRD/LLFF folder; raise `InputError` when poses and photos do not belong together."""
     path = root / POSES
+    check_file(path, LARGEST_TEXT)
     rows = _rows(path)
     images = list_images(root / "images") if (root / "images").is_dir() else []
     if len(images) != len(rows):

@@ -4,13 +4,15 @@ Cameras come in three kinds of file: one camera in lightprobe's own JSON (README
 transforms file, or the photos of a run's scene.json.
 """
 
+import warnings
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core.errors import InputError, shown
+from lightprobe.core.errors import InputError, LightprobeWarning, shown
 from lightprobe.core.files import read_json, resolved
-from lightprobe.imaging import image_size
+from lightprobe.imaging import foreign_encoding, image_size
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.encoding import encoding_sentences
 from lightprobe.scene.photo import Photo, Pixels
 from lightprobe.scene.pixels import fit_camera, load_pixels
 from lightprobe.scene.record import SPLITS
@@ -30,9 +32,13 @@ def new_photo(image: Path, camera: Path, mask: Path | None = None) -> Photo:
     `camera`: one of the files above; of several cameras the one that belongs to `image`. `mask`: white object on
     black; without it the photo's alpha counts. Raises `InputError` naming the file that cannot be used.
     """
-    if mask is not None and not mask.is_file():
+    if mask is not None and not mask.exists():
         raise InputError(f"{mask} does not exist; name the mask of {image}, or a folder that holds it.")
-    return Photo(image.stem, fit_camera(read_camera(camera, image, image_size(image)), image, str(camera)), image, mask)
+    fitted = fit_camera(read_camera(camera, image, image_size(image)), image, str(camera))
+    photo = Photo(image.stem, fitted, image, mask, encoding=foreign_encoding(image))
+    for sentence in encoding_sentences([photo]):
+        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
+    return photo
 
 
 def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | None = None) -> Camera:

@@ -36,6 +36,12 @@ class Photo:
     mask_path: Path | None = None  # None: the image's own alpha channel
     ev100: float | None = None  # exposure value from EXIF, if complete
     truth: Truth = field(default_factory=Truth)
+    encoding: str | None = None  # colour encoding that the file declares and that is not sRGB
+
+
+def clipped(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Return where the object's colours (H, W, 3), linear and straight, reach the photo's white, (H, W, 3) bool."""
+    return (color >= CLIPPED) & (alpha[..., None] > 0)
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,7 @@ class Pixels:
     def of(color: np.ndarray, alpha: np.ndarray) -> "Pixels":
         """Return the pixels of a photo at full size, linear straight `color` (H, W, 3) and `alpha` (H, W)."""
         has_white = float(color.max(initial=0.0)) <= _WHITE
-        return Pixels(color, alpha, (color >= CLIPPED) & (alpha[..., None] > 0) & has_white)
+        return Pixels(color, alpha, clipped(color, alpha) & has_white)
 
     def resized(self, height: int, width: int) -> "Pixels":
         """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile.

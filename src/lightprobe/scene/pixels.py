@@ -1,16 +1,22 @@
 """Decoded pixels of one photo, at the size asked for.
 
-Area averaging happens in linear light with colour premultiplied by alpha, so that background never bleeds in.
+Area averaging happens in linear light with colour premultiplied by alpha, so that background never bleeds in. It is
+done a few rows at a time: a photo of a hundred million pixels takes no more memory than its 8-bit samples.
+
+One rule for turned photos: photo, mask and camera belong to the same picture. A photo is turned upright as its EXIF
+orientation says, unless its camera fits only the pixels as stored. A mask follows its own orientation if its file has
+one; without one it lies on the photo's stored pixels and is turned along with them, unless it fits only unturned.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import image_size, read_alpha, read_ldr, read_mask, resize_area
+from lightprobe.imaging import LdrImage, image_size, read_orientation, resize_rows, turned_size, undo
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import Photo, Pixels
+from lightprobe.scene.photo import Photo, Pixels, clipped
 
 
 def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Camera]:
@@ -19,27 +25,32 @@ def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Came
     Colour is linear and straight; it is 0 where alpha is 0. Raises `InputError` naming the file when the photo or mask
     is missing or damaged, when their sizes differ, or when the mask shows no object.
     """
-    color, alpha = decode(photo)
-    color = np.where(alpha[..., None] > 0, color, np.float32(0))
+    opened = _Opened(photo)
     width, height = target_size(photo.camera, max_side)
-    return Pixels.of(color, alpha).resized(height, width), photo.camera.resized(width, height)
+    if (height, width) == opened.size:
+        color, alpha = opened.whole()
+        pixels = Pixels.of(color * (alpha[..., None] > 0), alpha)
+    else:
+        pixels = opened.reduced(height, width)
+    return pixels, photo.camera.resized(width, height)
 
 
-def decode(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
-    """Return linear straight colour (H, W, 3), background included, and alpha (H, W) at full size; errors as above."""
-    color, alpha = read_ldr(photo.image_path, orient=_follows_orientation(photo))
-    return color, _checked_alpha(photo, alpha) if photo.mask_path is None else load_alpha(photo)
+def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return linear straight colour (h, w, 3), background included, and alpha (h, w), each area-averaged for itself.
+
+    Size and errors as `load_pixels`.
+    """
+    width, height = target_size(photo.camera, max_side)
+    return _Opened(photo).thumbnail(height, width)
 
 
 def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
     """Return only the coverage of a photo, (H, W) float32 in [0, 1]; otherwise as `load_pixels`."""
-    orient = _follows_orientation(photo)
-    if photo.mask_path is None:
-        alpha = _checked_alpha(photo, read_alpha(photo.image_path, orient=orient))
-    else:
-        alpha = _checked_alpha(photo, read_mask(photo.mask_path, orient=orient))
+    opened = _Opened(photo, color=False)
     width, height = target_size(photo.camera, max_side)
-    return alpha if (height, width) == alpha.shape else resize_area(alpha, height, width)
+    alpha = resize_rows(opened.alpha_rows, opened.size, height, width)
+    opened.check_seen()
+    return alpha
 
 
 def fit_camera(camera: Camera, image_path: Path, source: str) -> Camera:
@@ -59,36 +70,109 @@ def fit_camera(camera: Camera, image_path: Path, source: str) -> Camera:
     )
 
 
-def _follows_orientation(photo: Photo) -> bool:
-    """Tell whether the camera is for the upright photo (True) or for its pixels as stored; see `fit_camera`."""
+class _Opened:
+    """A photo and its mask, decoded and turned to fit each other and the camera, and handed out rows at a time.
+
+    `color=False` leaves out the photo where its mask is a file of its own.
+    """
+
+    def __init__(self, photo: Photo, *, color: bool = True):
+        self._photo = photo
+        self._mask_file = photo.mask_path or photo.image_path
+        turn, mask_turn = _turns(photo)
+        self._image = LdrImage(photo.image_path, turn=turn) if color or photo.mask_path is None else None
+        self._mask = None if photo.mask_path is None else LdrImage(photo.mask_path, turn=mask_turn)
+        self._highest = 0.0  # of the coverage handed out
+        self.size = (photo.camera.height, photo.camera.width)
+        self._check_mask()
+
+    def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return linear straight colour (h, W, 3) and alpha (h, W) of the rows first..last - 1."""
+        if self._image is None:
+            raise ValueError("Opened without its colour.")
+        color, own = self._image.rows(first, last)
+        alpha = own if self._mask is None else self._mask.mask_rows(first, last)
+        return color, self._seen(alpha)
+
+    def alpha_rows(self, first: int, last: int) -> np.ndarray:
+        """Return alpha (h, W) of the rows first..last - 1."""
+        return self.rows(first, last)[1] if self._mask is None else self._seen(self._mask.mask_rows(first, last))
+
+    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return linear straight colour (H, W, 3), background included, and alpha (H, W)."""
+        color, alpha = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
+        for first, last in (self._mask or self._image).strips():
+            color[first:last], alpha[first:last] = self.rows(first, last)
+        self.check_seen()
+        return color, alpha
+
+    def reduced(self, height: int, width: int) -> Pixels:
+        """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile."""
+
+        def planes(first: int, last: int) -> np.ndarray:
+            color, alpha = self.rows(first, last)
+            return np.dstack([color * alpha[..., None], alpha, clipped(color, alpha)])
+
+        small = self._averaged(planes, 7, height, width)
+        color, alpha = np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
+        return Pixels(color / np.maximum(alpha, 1e-6)[..., None], alpha, small[..., 4:] > 0)
+
+    def thumbnail(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return straight colour (height, width, 3) and alpha (height, width), each area-averaged for itself."""
+        small = self._averaged(lambda first, last: np.dstack(self.rows(first, last)), 4, height, width)
+        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
+
+    def _averaged(self, planes: Callable[[int, int], np.ndarray], count: int, height: int, width: int) -> np.ndarray:
+        small = resize_rows(planes, (*self.size, count), height, width)
+        self.check_seen()
+        return small
+
+    def check_seen(self) -> None:
+        """Raise `InputError` when all coverage has been handed out and no pixel shows the object."""
+        if self._highest < 0.5:
+            raise InputError(
+                f"{self._mask_file} shows no object (its brightest pixel is {self._highest * 255:.0f} of 255); "
+                "the object must be white, or remove the photo."
+            )
+
+    def _seen(self, alpha: np.ndarray | None) -> np.ndarray:
+        if alpha is None:
+            raise ValueError("Checked to have one.")
+        self._highest = max(self._highest, float(alpha.max()))
+        return alpha
+
+    def _check_mask(self) -> None:
+        """Raise `InputError` unless there is a mask, and of the photo's size."""
+        mask, (height, width) = self._mask or self._image, self.size
+        if mask is self._image and (mask is None or not mask.has_alpha):
+            raise InputError(
+                f"{self._photo.image_path} has no mask: give it an alpha channel, or a picture of the object in white "
+                f"on black, in a scene masks/{self._photo.image_path.stem}.png beside the images folder, for a "
+                "prediction with --mask."
+            )
+        if mask is not None and (mask.height, mask.width) != self.size:
+            raise InputError(
+                f"{self._mask_file} has {mask.width} x {mask.height} pixels, but its photo has {width} x {height}; "
+                "a mask needs the size of its photo."
+            )
+
+
+def _turns(photo: Photo) -> tuple[int, int]:
+    """Return the EXIF orientations that the photo's stored pixels and its mask's are turned by; 1 is not at all."""
     size = (photo.camera.width, photo.camera.height)
-    if image_size(photo.image_path) == size:
-        return True
-    if image_size(photo.image_path, orient=False) == size:
-        return False
-    raise InputError(f"{photo.image_path} no longer has the {size[0]} x {size[1]} pixels of its camera.")
-
-
-def _checked_alpha(photo: Photo, alpha: np.ndarray | None) -> np.ndarray:
-    """Return `alpha` if it is there, has the photo's size and shows something; raise `InputError` otherwise."""
-    if alpha is None:
-        raise InputError(
-            f"{photo.image_path} has no mask: give it an alpha channel, or a picture of the object in white on black, "
-            f"in a scene masks/{photo.image_path.stem}.png beside the images folder, for a prediction with --mask."
-        )
-    path = photo.mask_path or photo.image_path
-    width, height = photo.camera.width, photo.camera.height
-    if alpha.shape != (height, width):
-        raise InputError(
-            f"{path} has {alpha.shape[1]} x {alpha.shape[0]} pixels, but its photo has {width} x {height}; "
-            "a mask needs the size of its photo."
-        )
-    if alpha.max() < 0.5:
-        raise InputError(
-            f"{path} shows no object (its brightest pixel is {alpha.max() * 255:.0f} of 255); "
-            "the object must be white, or remove the photo."
-        )
-    return alpha
+    stored = image_size(photo.image_path, orient=False)
+    tag = read_orientation(photo.image_path) or 1
+    turn = next((turn for turn in (tag, 1) if turned_size(stored, turn) == size), None)
+    if turn is None:
+        raise InputError(f"{photo.image_path} no longer has the {size[0]} x {size[1]} pixels of its camera.")
+    if photo.mask_path is None:
+        return turn, turn
+    own, mask = read_orientation(photo.mask_path), image_size(photo.mask_path, orient=False)
+    if turn != tag:  # the camera is for the stored photo
+        turns = (1, undo(own or tag))
+    else:
+        turns = (turn, 1) if own is None else (own, turn, 1)
+    return turn, next((turn for turn in turns if turned_size(mask, turn) == size), 1)
 
 
 def target_size(camera: Camera, max_side: int | None) -> tuple[int, int]:
