@@ -17,8 +17,9 @@ from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import open_scene
 from lightprobe.core.device import resolve_device
-from lightprobe.core.files import read_json, write_json
+from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import checked_object, read_object
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate import (
@@ -146,7 +147,9 @@ def destination(out: RunFolder, methods: Sequence[Method], default: Method) -> t
     """
     if default in methods or not out.metrics_file.is_file():
         return out.metrics_file, out.report_file
-    if default.value not in read_json(out.metrics_file).get("methods", {}):
+    remedy = "remove it and evaluate again"
+    methods_there = read_object(out.metrics_file, remedy).get("methods", {})
+    if default.value not in checked_object(methods_there, out.metrics_file, remedy, "methods"):
         return out.metrics_file, out.report_file
     folder = out.report_file.parent / "comparison"
     return folder / "metrics.json", folder / "index.html"

@@ -32,3 +32,7 @@ class ConvergenceError(LightprobeError):
     """The optimisation produced nothing usable, such as an empty mesh or non-finite values."""
 
     exit_code = 5
+
+
+class LightprobeWarning(UserWarning):
+    """Something that does not stop a command but spoils what comes out of it; one sentence, as an error's."""
