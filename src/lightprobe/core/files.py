@@ -107,6 +107,12 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path} cannot be read as text: {error}.") from error
     except json.JSONDecodeError as error:
         raise InputError(f"{path} is not valid JSON (line {error.lineno}: {error.msg}).") from error
+    except RecursionError as error:
+        raise InputError(f"{path} cannot be read as JSON: it is nested too deeply.") from error
+    except ValueError as error:  # Python reads integers up to a length only
+        raise InputError(
+            f"{path} cannot be read as JSON: it holds a number of more digits than can be read."
+        ) from error
 
 
 def inside(root: Path, relative: str, *, source: Path) -> Path:

@@ -30,11 +30,8 @@ class TensorRule:
 
 def read_object(path: Path, remedy: str) -> dict[str, Any]:
     """Return the JSON object in a file; raise `InputError` naming the file and the `remedy` when there is none."""
-    try:
-        with remedied(remedy):
-            return checked_object(read_json(path), path, remedy)
-    except (RecursionError, ValueError) as error:  # nested too deeply, or a number of thousands of digits
-        raise damaged(path, "it holds no JSON that can be read", remedy) from error
+    with remedied(remedy):
+        return checked_object(read_json(path), path, remedy)
 
 
 @contextlib.contextmanager
@@ -80,11 +77,11 @@ def _fault(tensor: Tensor, rule: TensorRule, sizes: dict[str, int]) -> str | Non
     """Return what is wrong with a tensor, or None; letters met for the first time go to `sizes`."""
     shape = tuple(tensor.shape)
     fits = len(shape) == len(rule.shape)
-    for size, wanted in zip(shape, rule.shape, strict=False):
+    for size, wanted in zip((*shape, *(0 for _ in rule.shape)), rule.shape, strict=False):
         known = sizes.setdefault(wanted, size) if isinstance(wanted, str) else wanted
         fits = fits and size == known and (size > 0 or not isinstance(wanted, str))
     if not fits or tensor.dtype != rule.dtype:
-        words = " x ".join(str(sizes.get(w, w) if isinstance(w, str) else w) for w in rule.shape) or "one number"
+        words = " x ".join(str((sizes[w] or w) if isinstance(w, str) else w) for w in rule.shape) or "one number"
         given = " x ".join(map(str, shape)) or "one number"
         return f"is {given} of {_short(tensor.dtype)}, not {words} of {_short(rule.dtype)}"
     if not tensor.numel():

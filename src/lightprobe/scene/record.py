@@ -48,7 +48,7 @@ def _cameras(path: Path, photos: dict[str, Any]) -> dict[str, Camera]:
         entry = checked_object(photo, path, REMAKE, name)
         if not isinstance(entry.get("image"), str) or "\0" in entry["image"]:
             raise damaged(path, f"photo '{name}' names no image", REMAKE)
-        found[name] = Camera.from_json(entry.get("camera"), source=f"{path}, photo {name},")
+        found[name] = Camera.from_json(entry.get("camera"), source=f"{path}, photo {name}")
     return found
 
 
