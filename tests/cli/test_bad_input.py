@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import struct
+import warnings
 import zlib
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from lightprobe.cli.main import main
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import write_png
 from lightprobe.scene import load_photo
@@ -256,3 +257,50 @@ def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch)
 
     monkeypatch.setattr("lightprobe.cli.stages.decompose", allocate)
     assert fails(arguments, capsys, ["Out of memory"]) == 4
+
+
+def test_tracebacks_go_to_a_new_private_file(scene, tmp_path, capsys, monkeypatch):
+    """Whatever lies in the temporary folder: the file's name cannot be guessed, and no link is followed."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "precious").write_text("mine")
+    (tmp_path / "temporary" / "lightprobe-error.txt").symlink_to(tmp_path / "precious")
+    monkeypatch.setattr("lightprobe.cli.training.load_scene", lambda *a: 1 // 0)
+    for _ in range(2):
+        assert fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["ZeroDivisionError", "lightprobe-error-"]) == 70
+    files = [path for path in (tmp_path / "temporary").iterdir() if not path.is_symlink()]
+    assert [path.stat().st_mode & 0o777 for path in files] == [0o600, 0o600]
+    assert all("Traceback" in path.read_text() for path in files)
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
+def test_a_log_that_is_a_link_is_not_written_through(scene, tmp_path, capsys, monkeypatch):
+    run = RunFolder.create(tmp_path / "run")
+    (tmp_path / "precious").write_text("mine")
+    run.log_file.symlink_to(tmp_path / "precious")
+    monkeypatch.setattr("lightprobe.cli.stages.decompose", lambda *a: 1 // 0)
+    fails(["fit", scene, "-o", run.path, "--device", "cpu"], capsys, ["log.txt"])
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
+def test_warnings_of_libraries_are_not_for_the_user(scene, tmp_path, capsys, monkeypatch):
+    """Nothing stands around the sentence; our own warnings still come through."""
+    monkeypatch.setattr("sys.warnoptions", [])
+
+    def warn(*arguments):
+        np.log(np.array(-1.0))
+        warnings.warn("an old function", DeprecationWarning, stacklevel=1)
+        raise InputError("This is the sentence.")
+
+    monkeypatch.setattr("lightprobe.cli.training.load_scene", warn)
+    with warnings.catch_warnings(record=True) as seen:
+        fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["This is the sentence."])
+    assert seen == []
+
+    def warn_too(*arguments):
+        warnings.warn("Photos are upside down.", LightprobeWarning, stacklevel=1)
+        raise InputError("This is the sentence.")
+
+    monkeypatch.setattr("lightprobe.cli.training.load_scene", warn_too)
+    with pytest.warns(LightprobeWarning, match="upside down"):
+        fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["This is the sentence."])

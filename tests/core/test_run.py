@@ -128,3 +128,47 @@ def test_paths_are_those_of_the_documented_layout(tmp_path):
         "env/a.exr", "predictions/a.exr", "predictions/solve/a.confidence.exr", "mesh/asset.safetensors",
         "report/index.html", "model/checkpoints", "checkpoints",
     }  # fmt: skip
+
+
+def test_another_writer_of_a_new_run_is_told_so(tmp_path, monkeypatch):
+    """Both found no config.json; the second came while the first, stalled, held the run."""
+    stalled = RunFolder(tmp_path)
+    with stalled.writing(), pytest.raises(ResourceError, match="another lightprobe process"):
+        RunFolder.create(tmp_path)
+    assert RunFolder.create(tmp_path).sections() == {}
+
+
+def test_a_stalled_creation_takes_nothing_back(tmp_path, monkeypatch):
+    """Between the look for config.json and its writing another process made the run and recorded its settings."""
+    original, stalled = RunFolder.writing, []
+
+    def stall(self):
+        if not stalled:
+            stalled.append(True)
+            RunFolder.create(tmp_path).record_config("decompose", {"steps": 7})
+        return original(self)
+
+    monkeypatch.setattr(RunFolder, "writing", stall)
+    assert RunFolder.create(tmp_path).config("decompose") == {"steps": 7}
+
+
+def test_damaged_records_are_named_with_the_remedy(tmp_path):
+    run = RunFolder.create(tmp_path)
+    for content in ("[]", "", '{"root": 3}', '{"root": "a\\u0000b"}'):
+        run.scene_file.write_text(content)
+        with pytest.raises(InputError, match=r"scene\.json .*--restart"):
+            run.scene()
+    for content in ("[]", "", '{"distill": []}'):
+        run.config_file.write_text(content)
+        with pytest.raises(InputError, match=r"config\.json .*--restart"):
+            run.config("distill")
+
+
+@pytest.mark.parametrize("line", ["[]", "1", '{"phase": "distill"}', "{" * 9999, '{"phase": "distill", "step": "x"}'])
+def test_a_damaged_line_of_metrics_ends_what_is_kept(tmp_path, line):
+    run = RunFolder.create(tmp_path)
+    run.append_metrics("decompose", 10, {})
+    kept = run.metrics_log.read_bytes()
+    run.metrics_log.write_bytes(kept + line.encode() + b"\n" + kept)
+    run.rewind_metrics("distill", 10)
+    assert run.metrics_log.read_bytes() == kept

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.export import write_mesh
+from lightprobe.core.errors import InputError
+from lightprobe.decompose import Decomposition
+from lightprobe.export import export, write_mesh
 from lightprobe.geometry.mesh import Mesh, vertex_normals
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
@@ -152,3 +154,13 @@ def test_khronos_validator_has_nothing_to_say(written):
     command = ["node", "tools/validate_glb.mjs", str(written[1] / "mesh.glb")]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_a_light_whose_name_is_a_path_is_refused_before_anything_is_written(tmp_path):
+    asset = Asset(sphere_mesh(1), toy_textures(8))
+    (tmp_path / "precious.exr").write_bytes(b"mine")
+    for name in ("../../precious", str(tmp_path / "precious"), ".."):
+        with pytest.raises(InputError, match="plain name"):
+            export(Decomposition(asset, {}, SIMILARITY), tmp_path / "out", {name: torch.ones(6, 8, 8, 3)})
+    assert [path.name for path in tmp_path.iterdir()] == ["precious.exr"]
+    assert (tmp_path / "precious.exr").read_bytes() == b"mine"

@@ -126,3 +126,16 @@ def test_bad_radiance_headers(tmp_path, header, message):
 def test_rgbe_negative_and_nan_become_zero(tmp_path):
     write_radiance(tmp_path / "a.hdr", np.array([[[-1, np.nan, 0.5]]]))
     np.testing.assert_array_equal(read_hdr(tmp_path / "a.hdr"), [[[0, 0, 0.5]]])
+
+
+def test_a_damaged_exr_is_one_error_and_no_print(tmp_path, capfd):
+    """The decoder prints to both streams, in part past Python."""
+    write_exr(tmp_path / "a.exr", np.random.default_rng(0).random((16, 32, 3)))
+    data = (tmp_path / "a.exr").read_bytes()
+    for number in range(6):
+        (tmp_path / "cut.exr").write_bytes(data[: len(data) * (number + 1) // 8])
+        print("before")
+        with pytest.raises(InputError, match=r"cut\.exr"):
+            read_hdr(tmp_path / "cut.exr")
+        print("after")
+        assert capfd.readouterr() == ("before\nafter\n", "")

@@ -1,16 +1,19 @@
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
+from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.light import cubemap
-from lightprobe.predict import Method, Predictor, methods_for
+from lightprobe.light.files import write_map
+from lightprobe.predict import Method, Prediction, Predictor, methods_for
 from lightprobe.predict.optimize import OptimizeConfig
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
@@ -173,3 +176,40 @@ def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphe
     )
     with pytest.raises(ConfigError, match="without the sphere network"):
         paper.predict(photo, CAMERA, Method.PROBE_NET)
+
+
+@pytest.mark.parametrize("broken", ["network.layers.0.weight", "network.layers.1.bias", "mean_light"])
+def test_weights_that_are_no_numbers_are_refused(model, tmp_path, broken):
+    model.save(tmp_path)
+    path = tmp_path / "illumination_mlp.safetensors"
+    tensors = load_tensors(path)
+    tensors[broken].view(-1)[0] = math.nan
+    save_tensors(path, tensors)
+    with pytest.raises(InputError, match=r"illumination_mlp\.safetensors .*NaN.*distill RUN --restart"):
+        ProbeModel.load(tmp_path)
+
+
+def test_a_sphere_network_that_is_no_numbers_or_of_another_size_is_refused(model, tmp_path):
+    path, weights = tmp_path / "sphere_net.safetensors", model.sphere.state_dict()
+    model.save(tmp_path)
+    for changed in ({"out.bias": torch.full((3,), math.nan)}, {"whole.weight": torch.zeros(1)}):
+        save_tensors(path, {**weights, **changed})
+        with pytest.raises(InputError, match=r"sphere_net\.safetensors .*distill RUN --restart"):
+            ProbeModel.load(tmp_path)
+
+
+def test_a_map_that_is_no_light_goes_nowhere(predictor, photo, model, tmp_path):
+    """Finite weights can overflow all the same."""
+    light, trust = torch.ones(6, 8, 8, 3), torch.full((6, 8, 8), 0.5)
+    for odd in (light * math.nan, light * math.inf, -light):
+        with pytest.raises(ConvergenceError, match="negative, infinite or NaN"):
+            Prediction(odd, trust, {}, 1.0)
+    with pytest.raises(ConvergenceError, match="NaN"):
+        Prediction(light, trust * math.nan, {}, 1.0)
+    with pytest.raises(ConvergenceError, match=r"l\.exr holds NaN"):
+        write_map(tmp_path / "l.exr", np.full((8, 16, 3), np.nan, np.float32))
+    assert not list(tmp_path.iterdir())
+    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light * 1e38), light_resolution=16)
+    weak.model = replace(weak.model, mean_light=weak.model.mean_light * 1e38)
+    with pytest.raises(ConvergenceError, match="check the photo"):
+        weak.predict(photo, CAMERA, Method.PROBE_MLP)

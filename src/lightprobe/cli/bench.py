@@ -282,7 +282,7 @@ def training_costs(run: RunFolder) -> dict[str, float]:
     """
     if not run.log_file.is_file():
         return {}
-    text = run.log_file.read_text(encoding="utf-8")
+    text = run.log_file.read_text(encoding="utf-8", errors="replace")
     found: dict[str, float] = {}
     pattern = re.compile(r"(decompose|distill) finished in (\d+):(\d\d)(?:, ([\d.]+) GiB)?")
     for phase, minutes, seconds, memory in pattern.findall(text):

@@ -17,8 +17,10 @@ from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import open_scene
 from lightprobe.core.device import resolve_device
-from lightprobe.core.files import read_json, write_json
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import checked_object, read_object
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate import (
@@ -49,6 +51,7 @@ _TABLES = {
     ),
 }  # fmt: skip
 
+_REMEDY = "remove it and evaluate again"
 _METHODS = (
     "Methods to compare. Where the run has numbers of its default method, those of methods without it go to "
     "RUN/report/comparison and replace nothing."
@@ -144,9 +147,12 @@ def destination(out: RunFolder, methods: Sequence[Method], default: Method) -> t
 
     The place beside them lies in the report's folder, which goes with the rest when a phase is restarted.
     """
+    if out.metrics_file.is_dir():  # found out now, and not when all is computed
+        raise InputError(f"{out.metrics_file} is a folder; {_REMEDY}.")
     if default in methods or not out.metrics_file.is_file():
         return out.metrics_file, out.report_file
-    if default.value not in read_json(out.metrics_file).get("methods", {}):
+    methods_there = read_object(out.metrics_file, _REMEDY).get("methods", {})
+    if default.value not in checked_object(methods_there, out.metrics_file, _REMEDY, "methods"):
         return out.metrics_file, out.report_file
     folder = out.report_file.parent / "comparison"
     return folder / "metrics.json", folder / "index.html"

@@ -2,13 +2,16 @@
 
 import contextlib
 import errno
+import sys
 import tempfile
 import traceback
+import warnings
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
-from lightprobe.core.errors import LightprobeError, ResourceError
+from lightprobe.core.errors import LightprobeError, LightprobeWarning, ResourceError
+from lightprobe.core.files import append_text
 from lightprobe.core.run import RunFolder
 
 INTERRUPTED = 130  # what shells report for a program ended by Ctrl-C
@@ -26,7 +29,7 @@ class UnexpectedError(LightprobeError):
 def explained(log: Path | None = None) -> Iterator[None]:
     """Turn whatever goes wrong inside into a `LightprobeError`; an unexpected traceback goes to `log`.
 
-    Without `log` it goes to a file in the temporary folder. KeyboardInterrupt and SystemExit pass.
+    Without `log` it goes to a new file in the temporary folder. KeyboardInterrupt and SystemExit pass.
     """
     try:
         yield
@@ -47,6 +50,19 @@ def explained(log: Path | None = None) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def own_warnings() -> Iterator[None]:
+    """Let only warnings of our own through: NumPy's and PyTorch's are about lines of code, which no user wrote.
+
+    Filters given to Python itself (`-W`, PYTHONWARNINGS) stand.
+    """
+    with warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", LightprobeWarning)
+        yield
+
+
+@contextlib.contextmanager
 def writing(run: RunFolder) -> Iterator[None]:
     """Hold `run` for writing and send unexpected tracebacks to its log.txt."""
     with run.writing(), explained(run.log_file):
@@ -58,13 +74,22 @@ def _out_of_memory() -> ResourceError:
 
 
 def _unexpected(error: Exception, log: Path | None) -> UnexpectedError:
-    path = log or Path(tempfile.gettempdir()) / "lightprobe-error.txt"
     first_line = str(error).strip().split("\n")[0]
     message = f"{type(error).__name__}: {first_line}" if first_line else type(error).__name__
+    stamp = datetime.now().isoformat(sep=" ", timespec="seconds")
+    text = f"{stamp}  unexpected error\n{''.join(traceback.format_exception(error))}\n"
     try:
-        with open(path, "a", encoding="utf-8") as file:
-            stamp = datetime.now().isoformat(sep=" ", timespec="seconds")
-            file.write(f"{stamp}  unexpected error\n{''.join(traceback.format_exception(error))}\n")
+        path = _written(text) if log is None else log
+        if log is not None:
+            append_text(log, text)
     except OSError:
         return UnexpectedError(f"Unexpected error, please report it ({message}); its traceback could not be written.")
     return UnexpectedError(f"Unexpected error, please report it with the traceback in {path} ({message}).")
+
+
+def _written(text: str) -> Path:
+    """Write a new file in the temporary folder that only its user can read, whatever lies there, and return it."""
+    handle, name = tempfile.mkstemp(prefix="lightprobe-error-", suffix=".txt")
+    with open(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+        file.write(text)
+    return Path(name)

@@ -95,13 +95,16 @@ def _say(message: Warning | str, category: type[Warning], filename: str, lineno:
 def _run(name: str, arguments: list[str]) -> None:
     import tyro
 
+    from lightprobe.cli.failures import own_warnings
+
     module = importlib.import_module(f"lightprobe.cli.{COMMANDS[name][0]}")
     command: Callable[..., None] = getattr(module, name)
     description = (command.__doc__ or "").replace("\n    ", "\n").strip()
     if COMMANDS[name][0] == "training":
         command = module.with_preset(command, chosen_preset(arguments))
     config = (tyro.conf.EnumChoicesFromValues,)
-    tyro.cli(command, prog=f"lightprobe {name}", description=description, args=arguments, config=config)
+    with own_warnings():
+        tyro.cli(command, prog=f"lightprobe {name}", description=description, args=arguments, config=config)
 
 
 def chosen_preset(arguments: Sequence[str]) -> str:

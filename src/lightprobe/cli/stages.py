@@ -110,15 +110,17 @@ def _peak() -> str:
 
 def restart_decompose(run: RunFolder) -> None:
     """Forget Phase I, and Phase II and the evaluation with it, as they build on it."""
-    restart_distill(run)
     outputs = (run.checkpoints.folder, run.mesh_folder, run.environment_folder, run.scene_file)
-    run.restart("decompose", outputs=outputs)
+    run.empty(outputs=(*outputs, *_second_outputs(run)))
 
 
 def restart_distill(run: RunFolder) -> None:
     """Forget Phase II and the evaluation."""
-    outputs = (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
-    run.restart("distill", outputs=outputs)
+    run.restart("distill", outputs=_second_outputs(run))
+
+
+def _second_outputs(run: RunFolder) -> tuple[Path, ...]:
+    return (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
 
 
 class _Recorder:

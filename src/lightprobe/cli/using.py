@@ -14,6 +14,7 @@ from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg, op
 from lightprobe.cli.progress import Meter
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
+from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.evaluate import load_environment, turntable, write_prediction
@@ -23,7 +24,7 @@ from lightprobe.imaging import write_exr, write_png
 from lightprobe.predict import Method, Prediction, Predictor, check_names, methods_for
 from lightprobe.scene import load_pixels, new_photo, read_camera
 from lightprobe.scene.frame import cut_name
-from lightprobe.scene.record import recorded_cameras
+from lightprobe.scene.record import read_record
 
 MethodArg = Annotated[
     Method | None,
@@ -75,6 +76,8 @@ def predict(
     folder = RunFolder.open(run)
     if not images:
         raise ConfigError("No photo is named: lightprobe predict RUN IMAGE.")
+    if camera is None:
+        read_record(folder)  # it has the cameras
     jobs = [_Job.of(folder, image, len(images) > 1, mask, method, output, confidence) for image in images]
     if len({job.output for job in jobs}) < len(jobs):
         raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
@@ -181,14 +184,13 @@ def relight(
     where, folder = resolve_device(device), RunFolder.open(run)
     _refuse_mixing(output)
     decomposition, light = Decomposition.load(folder, where), load_environment(env, where)
-    record = folder.scene()
-    photos = list(recorded_cameras(record, "train").values())
-    circle = turntable(photos, decomposition.similarity.center, frames, side)
-    views = {f"turntable/{i:03d}": camera for i, camera in enumerate(circle)}
-    views |= {f"test/{name}": camera for name, camera in recorded_cameras(record, "test").items()}
-    with Meter() as meter:
+    cameras = read_record(folder).cameras
+    circle = turntable(list(cameras["train"].values()), decomposition.similarity.center, frames, side)
+    views = {Path("turntable") / f"{i:03d}.png": camera for i, camera in enumerate(circle)}
+    views |= {named_file(Path("test"), name, ".png"): camera for name, camera in cameras["test"].items()}
+    with filled_folder(output) as pictures, Meter() as meter:
         for done, (name, camera) in enumerate(views.items()):
-            write_picture(output / f"{name}.png", *relight_image(decomposition, light, camera))
+            write_picture(pictures / name, *relight_image(decomposition, light, camera))
             meter.update("relight", done + 1, len(views))
     print(f"Pictures: {output}")
 
@@ -209,8 +211,9 @@ def export(
     folder = RunFolder.open(run)
     _refuse_mixing(output)
     decomposition = Decomposition.load(folder, resolve_device(device))
-    written = export_files(decomposition, output, decomposition.lights)
-    print(f"{len(written)} files in {output}; mesh: {written[0]}")
+    with filled_folder(output) as files:
+        written = export_files(decomposition, files, decomposition.lights)
+    print(f"{len(written)} files in {output}; mesh: {output / written[0].name}")
 
 
 def _refuse_mixing(folder: Path) -> None:

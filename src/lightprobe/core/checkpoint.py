@@ -5,11 +5,12 @@ name, flushed to the disk and renamed, so a process killed at any moment leaves 
 Equal tensors, metadata and state give equal bytes.
 """
 
+import contextlib
 import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load, save
 
-from lightprobe.core.errors import InputError
-from lightprobe.core.files import atomic_folder, disk_errors, read_json, write_bytes
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.files import atomic_folder, disk_errors, write_bytes
+from lightprobe.core.stored import check_tensors, checked_object, read_object, rules_like
 
 _METADATA_KEY = "lightprobe"  # one key, because the format does not keep the order of several
+_PASS_OVER = "remove this checkpoint"
 _STEP_FOLDER = re.compile(r"step-(\d{9,})")
 
 
@@ -41,7 +44,7 @@ def load_tensors(path: Path) -> dict[str, torch.Tensor]:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
     except (SafetensorError, ValueError, KeyError) as error:
-        raise InputError(f"{path} is damaged or not a safetensors file; make it again.") from error
+        raise InputError(f"{path} is damaged or not a safetensors file.") from error
 
 
 def load_metadata(path: Path) -> dict[str, Any]:
@@ -67,7 +70,7 @@ class Checkpoints:
 
         `state` is a JSON object: whatever the training loop needs beside its tensors.
         """
-        with atomic_folder(self.folder / f"step-{step:09d}") as temporary:
+        with atomic_folder(self.folder / _name(step)) as temporary:
             _write_synced(temporary / "tensors.safetensors", _encode(tensors, None))
             text = json.dumps({"step": step, "state": state}, indent=2, sort_keys=True, allow_nan=False)
             _write_synced(temporary / "state.json", (text + "\n").encode())
@@ -79,14 +82,29 @@ class Checkpoints:
     def latest(self) -> tuple[int, dict[str, torch.Tensor], dict[str, Any]] | None:
         """Return (step, tensors, state) of the newest readable checkpoint, or None when there is none.
 
-        A damaged checkpoint is passed over for the one before it.
+        A damaged checkpoint, also one with NaN in it, is passed over for the one before it.
         """
         for step, folder in self._newest_first():
             try:
-                return step, load_tensors(folder / "tensors.safetensors"), read_json(folder / "state.json")["state"]
+                return step, *_read(folder)
             except InputError:
                 continue
         return None
+
+    @contextlib.contextmanager
+    def restoring(self, step: int) -> Iterator[None]:
+        """Turn what goes wrong while the checkpoint of `step` is put to use into an `InputError` with the remedy.
+
+        Its tensors and state can be sound and yet not those of this training.
+        """
+        try:
+            yield
+        except (InputError, ConfigError, KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+            detail = f"there is no {error}" if isinstance(error, KeyError) else str(error).split("\n")[0].rstrip(".")
+            raise InputError(
+                f"The checkpoint {self.folder / _name(step)} does not fit this training ({detail}); remove it to go on "
+                "from the one before it, or start over with --restart."
+            ) from error
 
     def _newest_first(self) -> Iterator[tuple[int, Path]]:
         names = os.listdir(self.folder) if self.folder.is_dir() else []
@@ -100,6 +118,29 @@ class Checkpoints:
             shutil.rmtree(doomed, ignore_errors=True)
             folder.rename(doomed)
             shutil.rmtree(doomed, ignore_errors=True)
+
+
+def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tensor) -> torch.Tensor:
+    """Return a checkpoint's tensor on the device of `like`; raise `ValueError` unless shape and type are the same.
+
+    Without it a tensor of another shape would be spread over the parameter that it is copied to.
+    """
+    found = tensors[name]
+    if found.shape != like.shape or found.dtype != like.dtype:
+        given, wanted = (f"{list(t.shape)} of {t.dtype}" for t in (found, like))
+        raise ValueError(f"'{name}' is {given}, not {wanted}")
+    return found.to(like.device)
+
+
+def _name(step: int) -> str:
+    return f"step-{step:09d}"
+
+
+def _read(folder: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Return (tensors, state) of a checkpoint; raise `InputError` when a file is missing, damaged or holds NaN."""
+    tensors, path = load_tensors(folder / "tensors.safetensors"), folder / "state.json"
+    check_tensors(tensors, rules_like(tensors), folder, _PASS_OVER)
+    return tensors, checked_object(read_object(path, _PASS_OVER).get("state"), path, _PASS_OVER, "state")
 
 
 def _encode(tensors: dict[str, torch.Tensor], metadata: dict[str, Any] | None) -> bytes:

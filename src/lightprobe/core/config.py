@@ -10,6 +10,7 @@ from typing import Any
 
 from lightprobe.core import config_distill
 from lightprobe.core.config_distill import LIGHT_RESOLUTIONS, DistillConfig
+from lightprobe.core.config_json import config_from_json
 from lightprobe.core.errors import ConfigError
 
 __all__ = ["DecomposeConfig", "DistillConfig", "LightUpdate", "Preset", "SdfMode", "distill_preset"]
@@ -168,12 +169,7 @@ class DecomposeConfig:
     @staticmethod
     def from_json(value: dict[str, Any]) -> "DecomposeConfig":
         """Return the configuration written as JSON."""
-        enums: dict[str, Any] = {"sdf": SdfMode, "light_update": LightUpdate}
-        try:
-            values: dict[str, Any] = {k: enums[k](v) if k in enums else v for k, v in value.items()}
-            return DecomposeConfig(**values)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(f"The stored Phase I configuration cannot be used: {error}.") from error
+        return config_from_json(DecomposeConfig, value, "Phase I configuration")
 
 
 def quick() -> DecomposeConfig:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
+from lightprobe.core.config_json import config_from_json
 from lightprobe.core.errors import ConfigError
 
 LIGHT_RESOLUTIONS = (8, 16, 32, 64, 128, 256)  # texels along each edge of a cubemap
@@ -107,12 +108,7 @@ class DistillConfig:
     @staticmethod
     def from_json(value: dict[str, Any]) -> "DistillConfig":
         """Return the configuration written as JSON."""
-        enums: dict[str, Any] = {"alpha_rule": AlphaRule, "loss_space": LossSpace, "lessons": Lessons}
-        try:
-            values: dict[str, Any] = {k: enums[k](v) if k in enums else v for k, v in value.items()}
-            return DistillConfig(**values)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(f"The stored Phase II configuration cannot be used: {error}.") from error
+        return config_from_json(DistillConfig, value, "Phase II configuration")
 
 
 def quick() -> DistillConfig:

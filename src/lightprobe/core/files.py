@@ -6,12 +6,12 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from lightprobe.core.errors import InputError, ResourceError, shown
+from lightprobe.core.partial import partial_file, partial_folder
 from lightprobe.core.reading import LARGEST_TEXT, check_file
 
 
@@ -35,18 +35,12 @@ def atomic_path(path: Path) -> Iterator[Path]:
     path = Path(path)
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".partial-", suffix=path.suffix)
-        os.close(handle)
-    temporary = Path(name)
-    try:
-        with disk_errors(path):
+        with partial_file(path.parent, path.suffix) as temporary:
             yield temporary
             with open(temporary, "rb") as written:
                 os.fsync(written.fileno())
             os.chmod(temporary, 0o644)
             os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -55,16 +49,35 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     path = Path(path)
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=".partial-"))
-    try:
-        with disk_errors(path):
+        with partial_folder(path.parent) as temporary:
             yield temporary
             os.chmod(temporary, 0o755)
             if path.exists():
                 shutil.rmtree(path)
             os.replace(temporary, path)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def filled_folder(path: Path) -> Iterator[Path]:
+    """Yield a temporary folder in `path`, whose contents move up into `path` on success and are deleted otherwise.
+
+    So `path` fills at once, and what a killed process leaves in it is a hidden folder that the next call clears away.
+    What `path` already holds stays, hidden files for example.
+    """
+    path = Path(path)
+    there = path.exists()
+    try:
+        with disk_errors(path):
+            path.mkdir(parents=True, exist_ok=True)
+            with partial_folder(path) as temporary:
+                yield temporary
+                for entry in sorted(temporary.iterdir()):
+                    os.replace(entry, path / entry.name)
+    except BaseException:
+        if not there:
+            with contextlib.suppress(OSError):  # not empty: somebody else's file has come
+                path.rmdir()
+        raise
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -76,6 +89,13 @@ def write_bytes(path: Path, data: bytes) -> None:
 def write_json(path: Path, value: Any) -> None:
     """Write `value` as indented JSON atomically; NaN and infinity are refused, as JSON has no word for them."""
     write_bytes(path, (json.dumps(value, indent=2, allow_nan=False) + "\n").encode())
+
+
+def append_text(path: Path, text: str) -> None:
+    """Append `text` to a file, made when there is none; never through a link, which could lead anywhere."""
+    handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
+    with open(handle, "a", encoding="utf-8", errors="backslashreplace") as file:
+        file.write(text)
 
 
 def read_json(path: Path) -> Any:
@@ -122,6 +142,25 @@ def resolved(path: Path) -> Path | None:
     except (OSError, ValueError, RuntimeError):  # too long or forbidden; a zero byte or half a character; a link loop
         return None
     return whole
+
+
+def named_file(folder: Path, name: str, suffix: str = "") -> Path:
+    """Return `folder`/`name``suffix`, refusing a `name` that is not the plain name of one file.
+
+    Every name that comes out of a file, such as a photo's in scene.json, becomes a path here and nowhere else.
+    """
+    if not is_file_name(name):
+        raise InputError(f"{name[:200]!a} cannot be the name of a file in {folder}: it must be a plain name, no path.")
+    return Path(folder) / f"{name}{suffix}"
+
+
+def is_file_name(name: str) -> bool:
+    """Return whether `name` is the plain name of a file here: no path, no link upwards, nothing a path cannot hold."""
+    try:
+        plain = b"\0" not in os.fsencode(name)
+    except UnicodeEncodeError:
+        return False
+    return plain and name not in ("", ".", "..") and Path(name).name == name
 
 
 def checksum(path: Path) -> str:

@@ -14,6 +14,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
+from lightprobe.core.errors import LightprobeWarning
+
 _WARM_UP = 3  # steps on tensors of the same shapes before the recording: kernels are compiled and tables made
 _refused: list[object] = []  # recordings that failed; what is left of them must stay
 
@@ -73,7 +75,8 @@ class Recorded:
             self._loss, self._replay = recorder.record(lambda: self._step(*self._inputs))
         except RuntimeError as error:
             reason = error.__context__ or error  # ending a failed recording fails in turn
-            warnings.warn(f"Steps cannot be recorded on this device and will be slower: {reason}", stacklevel=2)
+            sentence = f"Steps cannot be recorded on this device and will be slower: {reason}"
+            warnings.warn(sentence, LightprobeWarning, stacklevel=2)
             self._recorder, self._inputs = None, ()
 
 

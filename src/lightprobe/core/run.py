@@ -22,7 +22,13 @@ from typing import Any
 
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.errors import ConfigError, InputError, ResourceError
-from lightprobe.core.files import disk_errors, read_json, write_bytes, write_json
+from lightprobe.core.files import append_text, disk_errors, named_file, write_bytes, write_json
+from lightprobe.core.locks import Lock, is_at, try_lock
+from lightprobe.core.partial import clear_run
+from lightprobe.core.stored import checked_object, damaged, read_object
+
+REMAKE = "put a copy of it back, or make the run anew with: lightprobe train SCENE -o RUN --restart"
+RETRAIN = "train this phase anew with: lightprobe distill RUN --restart"
 
 
 class RunFolder:
@@ -35,7 +41,8 @@ class RunFolder:
     def create(path: Path) -> "RunFolder":
         """Return the run at `path`, making the folder when there is none.
 
-        Raises `ConfigError` for a folder that holds something else than a run.
+        Raises `ConfigError` for a folder that holds something else than a run, `ResourceError` when another process is
+        about to make it.
         """
         run = RunFolder(path)
         if run.path.exists() and not run.path.is_dir():
@@ -45,8 +52,18 @@ class RunFolder:
         with disk_errors(run.path):
             run.path.mkdir(parents=True, exist_ok=True)
         if not run.config_file.exists():
-            write_json(run.config_file, {})
+            run._begin()
         return run
+
+    def _begin(self) -> None:
+        """Write config.json under the lock, and only where there is none: another process may have been faster."""
+        with self.writing():
+            try:
+                if not self.config_file.exists():
+                    write_json(self.config_file, {})
+            except BaseException:  # a folder in which nothing could be written is left as it was
+                self._lock_file.unlink(missing_ok=True)
+                raise
 
     @staticmethod
     def open(path: Path) -> "RunFolder":
@@ -127,12 +144,12 @@ class RunFolder:
 
     def environment_file(self, photo: str) -> Path:
         """Phase I environment of a training photo, in the user's frame."""
-        return self.environment_folder / f"{photo}.exr"
+        return named_file(self.environment_folder, photo, ".exr")
 
     def prediction_file(self, photo: str, suffix: str, method: str | None = None) -> Path:
         """A prediction's file; `suffix` is `.exr`, `.png` or `.confidence.exr`; no method means the default one."""
         folder = self.path / "predictions"
-        return (folder / method if method else folder) / f"{photo}{suffix}"
+        return named_file(folder / method if method else folder, photo, suffix)
 
     # ---- what the run was started with
 
@@ -149,7 +166,7 @@ class RunFolder:
 
     def record_config(self, phase: str, config: dict[str, Any]) -> None:
         """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError` if not."""
-        stored = read_json(self.config_file)
+        stored = self.sections()
         if phase in stored:
             self._check_same(stored[phase], _plain(config), phase, "use the same options to go on")
         else:
@@ -157,22 +174,32 @@ class RunFolder:
 
     def config(self, phase: str) -> dict[str, Any]:
         """Return the stored configuration of a phase; raise `InputError` when the phase was never started."""
-        stored = read_json(self.config_file)
+        stored = self.sections()
         if phase not in stored:
             raise InputError(f"{self.config_file} holds no '{phase}' section: this phase has not been run.")
-        return stored[phase]
+        return checked_object(stored[phase], self.config_file, REMAKE, phase)
+
+    def sections(self) -> dict[str, Any]:
+        """Return the content of config.json, a section for each phase that was started."""
+        return read_object(self.config_file, REMAKE)
 
     def scene(self) -> dict[str, Any]:
-        """Return the content of scene.json."""
-        return read_json(self.scene_file)
+        """Return the content of scene.json, of which only `root` is checked; see `scene.record.read_record`."""
+        record = read_object(self.scene_file, REMAKE)
+        if not isinstance(record.get("root"), str) or "\0" in record["root"]:
+            raise damaged(self.scene_file, "'root' names no folder", REMAKE)
+        return record
 
     def restart(self, phase: str, *, outputs: tuple[Path, ...]) -> None:
         """Forget a phase: its configuration, the given outputs (files or folders) and its lines in metrics.jsonl."""
-        for path in outputs:
-            with disk_errors(path):
-                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
-        write_json(self.config_file, {k: v for k, v in read_json(self.config_file).items() if k != phase})
+        _remove(*outputs)
+        write_json(self.config_file, {k: v for k, v in self.sections().items() if k != phase})
         self.rewind_metrics(phase, -1)
+
+    def empty(self, *, outputs: tuple[Path, ...]) -> None:
+        """Forget all phases, the given outputs and metrics.jsonl, whatever state their files are in."""
+        _remove(*outputs, self.metrics_log)
+        write_json(self.config_file, {})
 
     def _check_same(self, stored: Any, given: Any, what: str, hint: str) -> None:
         difference = _first_difference(stored, given, what)
@@ -188,8 +215,8 @@ class RunFolder:
     def append_metrics(self, phase: str, step: int, values: dict[str, float | str]) -> None:
         """Append one line to metrics.jsonl. Times do not belong here: two equal runs leave equal files."""
         line = json.dumps({"phase": phase, "step": step, **values}, allow_nan=False)
-        with disk_errors(self.metrics_log), open(self.metrics_log, "a", encoding="utf-8") as file:
-            file.write(line + "\n")
+        with disk_errors(self.metrics_log):
+            append_text(self.metrics_log, line + "\n")
 
     def rewind_metrics(self, phase: str, step: int) -> None:
         """Drop the lines of `phase` beyond `step` and all that follows them, as well as a half-written last line."""
@@ -197,19 +224,16 @@ class RunFolder:
             return
         kept = []
         for line in self.metrics_log.read_bytes().splitlines(keepends=True):
-            try:
-                record = json.loads(line)
-            except ValueError:
-                break
-            if not line.endswith(b"\n") or (record["phase"] == phase and record["step"] > step):
+            place = _place(line)
+            if place is None or (place[0] == phase and place[1] > step):
                 break
             kept.append(line)
         write_bytes(self.metrics_log, b"".join(kept))
 
     def log(self, message: str) -> None:
         """Append a message with the time of day to log.txt."""
-        with disk_errors(self.log_file), open(self.log_file, "a", encoding="utf-8") as file:
-            file.write(f"{datetime.now().isoformat(sep=' ', timespec='seconds')}  {message}\n")
+        with disk_errors(self.log_file):
+            append_text(self.log_file, f"{datetime.now().isoformat(sep=' ', timespec='seconds')}  {message}\n")
 
     # ---- one writer at a time
 
@@ -219,28 +243,46 @@ class RunFolder:
 
         Raises `ResourceError` when another process holds it. The lock dies with its process.
         """
-        with contextlib.ExitStack() as held:
+        with self._locked():
             with disk_errors(self.path):
-                file = held.enter_context(open(self.path / ".lock", "a"))
-            if not _lock(file.fileno()):
-                raise ResourceError(f"{self.path} is being written by another lightprobe process; wait for it to end.")
-            for leftover in list(self.path.rglob(".partial-*")):
-                shutil.rmtree(leftover) if leftover.is_dir() else leftover.unlink(missing_ok=True)
+                clear_run(self.path)
             yield
 
+    @property
+    def _lock_file(self) -> Path:
+        return self.path / ".lock"
 
-def _lock(handle: int) -> bool:
+    @contextlib.contextmanager
+    def _locked(self) -> Iterator[None]:
+        for last in (False, False, True):
+            with disk_errors(self._lock_file):
+                handle = os.open(self._lock_file, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
+            with open(handle, "a"):
+                lock = try_lock(handle)
+                if lock is Lock.HELD and not last and not is_at(handle, self._lock_file):
+                    continue  # its last holder has just removed it
+                if lock is Lock.BUSY:
+                    raise ResourceError(
+                        f"{self.path} is being written by another lightprobe process; wait for it to end."
+                    )
+                yield
+                return
+
+
+def _remove(*paths: Path) -> None:
+    for path in paths:
+        with disk_errors(path):
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+
+
+def _place(line: bytes) -> tuple[str, int] | None:
+    """Return (phase, step) of a line of metrics.jsonl, or None of one that is damaged or was cut short."""
     try:
-        import fcntl
-    except ImportError:  # Windows: no advisory locks; two writers at once are then the user's care
-        return True
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks
-        return True
-    return True
+        record = json.loads(line)
+        place = (str(record["phase"]), int(record["step"]))
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return None
+    return place if line.endswith(b"\n") else None
 
 
 def _plain(value: Any) -> Any:

@@ -7,11 +7,13 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
+from lightprobe.core.config_distill import LIGHT_RESOLUTIONS
 from lightprobe.core.errors import InputError
-from lightprobe.core.files import read_json
-from lightprobe.core.run import RunFolder
+from lightprobe.core.run import REMAKE, RunFolder
+from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
+from lightprobe.scene.record import read_record
 
 LIGHTS_FILE = "lights.safetensors"
 
@@ -33,16 +35,30 @@ class Decomposition:
     @staticmethod
     def load(run: RunFolder, device: torch.device) -> "Decomposition":
         """Read what `save` wrote; raise `InputError` when Phase I has not finished in this run."""
-        if not run.asset_file.is_file():
-            root = read_json(run.scene_file)["root"] if run.scene_file.is_file() else "SCENE"
+        if not run.asset_file.exists():
+            root = run.scene()["root"] if run.scene_file.is_file() else "SCENE"
             raise InputError(
                 f"{run.path} has no reconstructed object yet, Phase I has not finished in it; "
                 f"go on with: lightprobe train {root} -o {run.path}"
             )
+        record = read_record(run)
+        lights = _load_lights(_lights_file(run), set(record.cameras["train"]))
         asset = Asset.load(run.asset_file).to(device)
-        lights = {name: light.to(device) for name, light in load_tensors(_lights_file(run)).items()}
-        similarity = Similarity.from_json(read_json(run.scene_file)["similarity"])
-        return Decomposition(asset, lights, similarity)
+        return Decomposition(asset, {name: light.to(device) for name, light in lights.items()}, record.similarity)
+
+
+def _load_lights(path: Path, photos: set[str]) -> dict[str, Tensor]:
+    """Return the light of every training photo; raise `InputError` when one is missing or no light."""
+    with remedied(REMAKE):
+        lights = load_tensors(path)
+    if lights.keys() != photos:
+        odd = sorted(lights.keys() ^ photos)[0]
+        raise damaged(path, f"it and scene.json do not name the same training photos ({odd[:200]!a})", REMAKE)
+    check_tensors(lights, dict.fromkeys(sorted(lights), TensorRule((6, "R", "R", 3), low=0)), path, REMAKE)
+    for name, light in lights.items():
+        if light.shape[1] not in LIGHT_RESOLUTIONS:
+            raise damaged(path, f"'{name}' has {light.shape[1]} texels along an edge, not a power of two", REMAKE)
+    return lights
 
 
 def _lights_file(run: RunFolder) -> Path:

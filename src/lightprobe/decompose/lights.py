@@ -94,6 +94,9 @@ class Lights:
 
     @torch.no_grad()
     def load(self, stacked: Tensor) -> None:
-        """Take over lights (N, 6, R, R, 3)."""
+        """Take over lights (N, 6, R, R, 3) >= 0; raise `ValueError` when they are not one for each of these."""
+        wanted = (len(self.maps), *self.maps[0].shape)
+        if tuple(stacked.shape) != wanted or bool((stacked < 0).any()):
+            raise ValueError(f"'lights' are {tuple(stacked.shape)}, not {wanted} and 0 or more")
         for light, stored in zip(self.maps, stacked, strict=True):
             light.copy_(stored)

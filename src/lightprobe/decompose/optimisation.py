@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
@@ -9,7 +10,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.checkpoint import Checkpoints, stored_like
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
@@ -66,6 +67,10 @@ class Progress:
     on_message: Callable[[str], None] | None = None
     extra: dict[str, Tensor] = field(default_factory=dict)
 
+    def restoring(self, step: int) -> AbstractContextManager[None]:
+        """Return what names the checkpoint of `step` when it turns out not to fit; nothing where there are none."""
+        return self.checkpoints.restoring(step) if self.checkpoints else nullcontext()
+
     def step(self, stage: str, step: int, steps: int, loss: float) -> None:
         """Report a finished step."""
         if self.on_step:
@@ -100,7 +105,8 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
     optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=True, capturable=recorder is not None)
     names = [f"p{i}" for i in range(sum(len(list(g["params"])) for g in optimiser.param_groups))]
     if restored is not None:
-        _restore(optimiser, names, lights, restored)
+        with progress.restoring(stage.first_step + done):
+            _restore(optimiser, names, lights, restored)
     losses = LossReader(device)
 
     def take_note(iteration: int, value: float) -> None:
@@ -159,7 +165,8 @@ def _tensors(optimiser: torch.optim.Optimizer, names: list[str], lights: Lights)
 def _restore(optimiser: torch.optim.Optimizer, names: list[str], lights: Lights, tensors: dict[str, Tensor]) -> None:
     lights.load(tensors["lights"])
     for name, parameter in zip(names, _parameters(optimiser), strict=True):
-        parameter.copy_(tensors[name])
+        parameter.copy_(stored_like(tensors, name, parameter))
         if f"{name}.exp_avg" in tensors:
-            moments = {k: tensors[f"{name}.{k}"].to(parameter.device) for k in ("exp_avg", "exp_avg_sq")}
-            optimiser.state[parameter] = {"step": tensors[f"{name}.step"].to(parameter.device), **moments}
+            moments = {k: stored_like(tensors, f"{name}.{k}", parameter) for k in ("exp_avg", "exp_avg_sq")}
+            step = stored_like(tensors, f"{name}.step", parameter.new_zeros(()))
+            optimiser.state[parameter] = {"step": step, **moments}

@@ -2,6 +2,7 @@
 
 import statistics
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -59,17 +60,45 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     """
     device = full_precision(device or torch.device("cpu"))
     job = Job(scene, config or DecomposeConfig(), device, seed, progress or Progress())
-    found = job.progress.checkpoints.latest() if job.progress.checkpoints else None
     fitted, held_out = split_validation(scene.train, job.config.validation_photos)
-    if found is None or found[2]["stage"] == "pass1":
-        tensors = _first_pass(job, fitted, found[1] if found else None, found[2]["iteration"] if found else 0)
+    found = _found(job, fitted)
+    if found is None or found.stage == "pass1":
+        tensors = _first_pass(job, fitted, found.tensors if found else None, found.done if found else 0)
         stage, done = "pass2", 0
     else:
-        tensors, stage, done = found[1], found[2]["stage"], found[2]["iteration"]
+        tensors, stage, done = found.tensors, found.stage, found.done
     if stage == "pass2":
         tensors, done = _second_pass(job, fitted, held_out, tensors, done), 0
     asset, lights = _third_pass(job, fitted, held_out, tensors, done)
     return Decomposition(asset, _final_lights(job, asset, lights), scene.similarity)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The newest checkpoint."""
+
+    tensors: dict[str, Tensor]
+    stage: str
+    done: int  # steps of the stage
+
+
+def _found(job: Job, photos: list[Photo]) -> _Found | None:
+    """Return the newest checkpoint, None without one; raise `InputError` when it is not one of this training's."""
+    checkpoints, config = job.progress.checkpoints, job.config
+    latest = checkpoints.latest() if checkpoints else None
+    if latest is None:
+        return None
+    step, tensors, state = latest
+    lengths = {"pass1": config.pass1_iterations, "pass2": config.pass2_iterations, "pass3": config.pass3_iterations}
+    with job.progress.restoring(step):
+        stage, done = state["stage"], state["iteration"]
+        before = sum(lengths[name] for name in lengths if name < stage)
+        if type(done) is not int or not 0 <= done <= lengths[stage] or step != before + done:
+            raise ValueError(f"its state names step {done} of {stage}")
+        if stage != "pass1":
+            lights = _taken_over(job, photos, tensors)[1]
+            lights.load(tensors[_BEFORE] if done else tensors["lights"])
+    return _Found(tensors, stage, done)
 
 
 def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | None, done: int) -> dict[str, Tensor]:
@@ -162,8 +191,9 @@ def _hand_over(job: Job, asset: Asset, lights: Lights, stage: str) -> dict[str, 
 
 def _taken_over(job: Job, photos: list[Photo], tensors: dict[str, Tensor]) -> tuple[Asset, Lights]:
     """Return the asset that a pass starts from, and the lights, out of its tensors."""
-    start = Asset.from_tensors({k.removeprefix(_START): v for k, v in tensors.items() if k.startswith(_START)})
     lights = Lights([p.name for p in photos], job.config, job.device, job.seed)
+    named = {k.removeprefix(_START): v for k, v in tensors.items() if k.startswith(_START)}
+    start = Asset.from_tensors(named, Path("the object of this pass"), "begin anew with --restart")
     lights.load(tensors["lights"])
     return start.to(job.device), lights
 

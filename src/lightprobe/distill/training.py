@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.checkpoint import Checkpoints, stored_like
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import full_precision, generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
@@ -246,21 +246,29 @@ class _Course:
     def _resume(self) -> int:
         """Put the newest checkpoint, if there is one, into the networks and optimisers; return the steps done."""
         latest = None if self.checkpoints is None else self.checkpoints.latest()
-        if latest is None:
+        if self.checkpoints is None or latest is None:
             return 0
         done, tensors, state = latest
-        if DistillConfig.from_json(state["config"]) != self.config or state["seed"] != self.seed:
+        with self.checkpoints.restoring(done):
+            config, seed = DistillConfig.from_json(state["config"]), state["seed"]
+        if config != self.config or seed != self.seed:
             raise ConfigError(
                 "The checkpoints of this run come from another Phase II configuration or seed; "
                 "use the same options, or remove the run's checkpoints to start anew."
             )
+        with self.checkpoints.restoring(done):
+            if not 0 < done <= self.config.total_steps:
+                raise ValueError(f"it is of step {done}")
+            self._restore(done, tensors)
+        return done
+
+    @torch.no_grad()
+    def _restore(self, done: int, tensors: dict[str, Tensor]) -> None:
         counts = {"network": min(done, self.config.steps), "sphere": done - self.config.steps}
         for prefix, learner in self._learners.items():
             for name, parameter in learner.network.named_parameters():
-                with torch.no_grad():
-                    parameter.copy_(tensors[f"{prefix}.{name}"])
+                parameter.copy_(stored_like(tensors, f"{prefix}.{name}", parameter))
                 if counts[prefix] > 0:
-                    moments = {m: tensors[f"{m}.{prefix}.{name}"].to(parameter.device) for m in _MOMENTS}
+                    moments = {m: stored_like(tensors, f"{m}.{prefix}.{name}", parameter) for m in _MOMENTS}
                     step = torch.tensor(float(counts[prefix]), device=parameter.device)
                     learner.optimizer.state[parameter] = {"step": step, **moments}
-        return done

@@ -53,7 +53,7 @@ def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path
     if not can_be_oracle(scene):
         raise InputError(f"{scene.root} has no mesh.obj with material maps of test photos, so there is no true object.")
     if saved is not None and saved.is_file():
-        return replace(decomposition, asset=Asset.load(saved))
+        return replace(decomposition, asset=Asset.load(saved, "remove it, and it is made again"))
     asset = true_asset(scene)
     if saved is not None:
         asset.save(saved)

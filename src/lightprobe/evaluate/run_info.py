@@ -14,7 +14,6 @@ from lightprobe.core import config, config_distill
 from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.files import read_json
 from lightprobe.core.run import RunFolder
 
 Config = DecomposeConfig | DistillConfig
@@ -69,13 +68,14 @@ class Phase:
 
 def read_phases(run: RunFolder) -> list[Phase]:
     """Return the phases that the run went through; none where its settings are of another version."""
-    stored = read_json(run.config_file)
+    stored = run.sections()
+    if "decompose" not in stored:
+        return []
     try:
-        phases = [
-            _phase("decompose", stored["decompose"], DecomposeConfig.from_json, _FIRST),
-            *([_phase("distill", stored["distill"], DistillConfig.from_json, _SECOND)] if "distill" in stored else []),
-        ]
-    except (KeyError, ConfigError):
+        phases = [_phase("decompose", run.config("decompose"), DecomposeConfig.from_json, _FIRST)]
+        if "distill" in stored:
+            phases.append(_phase("distill", run.config("distill"), DistillConfig.from_json, _SECOND))
+    except ConfigError:
         return []
     return phases
 
@@ -120,9 +120,10 @@ def _phase(
 ) -> Phase:  # fmt: skip
     settings = {key: value for key, value in stored.items() if key not in ("seed", "hdri")}
     parsed = parse(settings)
-    if settings.keys() != {f.name for f in fields(parsed)}:  # what is missing would be guessed
+    seed = stored.get("seed")
+    if settings.keys() != {f.name for f in fields(parsed)} or type(seed) is not int:  # what is missing would be guessed
         raise ConfigError(f"The stored settings of '{section}' are of another version.")
-    return Phase(section, parsed, presets, stored["seed"], stored.get("hdri") is not None)
+    return Phase(section, parsed, presets, seed, stored.get("hdri") is not None)
 
 
 def _option(section: str, name: str, value: Any) -> str:

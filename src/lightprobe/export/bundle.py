@@ -4,6 +4,7 @@ from pathlib import Path
 
 from torch import Tensor
 
+from lightprobe.core.files import named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.export.glb import write_glb
@@ -40,10 +41,8 @@ def export(decomposition: Decomposition, folder: Path, environments: dict[str, T
 
     `environments` maps a photo's name to a cubemap (6, R, R, 3): the lights of Phase I, predictions, or both.
     """
+    maps = {named_file(folder / "env", name, suffix): name for name in environments for suffix in (".exr", ".hdr")}
     write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
-    written = [folder / name for name in ("mesh.glb", "base_color.png", "orm.png", "normal.png")]
-    for photo, light in environments.items():
-        for suffix in (".exr", ".hdr"):
-            written.append(folder / "env" / f"{photo}{suffix}")
-            write_environment(written[-1], light)
-    return written
+    for path, photo in maps.items():
+        write_environment(path, environments[photo])
+    return [*(folder / name for name in ("mesh.glb", "base_color.png", "orm.png", "normal.png")), *maps]

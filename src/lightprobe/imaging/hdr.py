@@ -8,6 +8,7 @@ import OpenEXR
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
+from lightprobe.core.muted import muted
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import signature
 from lightprobe.imaging.radiance import read_radiance
@@ -54,9 +55,11 @@ def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
 def _read_exr(path: Path) -> np.ndarray:
     """Read the first part of an OpenEXR file; its header is checked first, because decoding trusts any size."""
     try:
-        header = OpenEXR.File(str(path), header_only=True).header()
+        with muted():
+            header = OpenEXR.File(str(path), header_only=True).header()
         names = _check_header(path, header)
-        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+        with muted():
+            channels = OpenEXR.File(str(path), separate_channels=True).channels()
         planes = [np.asarray(channels[name].pixels, np.float32) for name in names]
         return np.stack(planes, axis=-1)
     except (RuntimeError, ValueError, KeyError, TypeError) as error:

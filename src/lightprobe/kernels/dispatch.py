@@ -13,6 +13,8 @@ from types import ModuleType
 import torch
 from torch import Tensor
 
+from lightprobe.core.errors import LightprobeWarning
+
 
 class Body(StrEnum):
     """The packages of bodies."""
@@ -48,7 +50,8 @@ def _has_triton() -> bool:
     try:
         importlib.import_module("triton").runtime.driver.active.get_current_target()
     except Exception as error:  # what is missing shows as anything from ImportError to a failed subprocess
-        warnings.warn(f"Triton cannot be used, so the GPU runs the slow reference kernels: {error}", stacklevel=2)
+        sentence = f"Triton cannot be used, so the GPU runs the slow reference kernels: {error}"
+        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
         return False
     return True
 

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.imaging import read_hdr, write_exr, write_radiance
 from lightprobe.light import equirect
 
@@ -56,9 +56,11 @@ def panorama(cube: Tensor) -> np.ndarray:
 def write_map(path: Path, image: np.ndarray) -> None:
     """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
 
-    Raises `ConfigError` for any other suffix.
+    Raises `ConfigError` for any other suffix, `ConvergenceError` for NaN or infinity, which no other program reads.
     """
     check_map_name(path)
+    if not np.isfinite(image).all():
+        raise ConvergenceError(f"The light for {path} holds NaN or infinity, so it is not written; train the run anew.")
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 
 

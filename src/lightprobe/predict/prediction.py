@@ -5,7 +5,7 @@ from pathlib import Path
 
 from torch import Tensor
 
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.imaging import write_exr
 from lightprobe.light.files import check_map_name, panorama, write_map
 
@@ -18,6 +18,15 @@ class Prediction:
     confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
     seconds: dict[str, float]  # wall time of "rasterise", "network", "stack", "solve", "confidence" and "total"
     overlap: float  # of the photo's mask and the object as the camera sees it, intersection over union in [0, 1]
+
+    def __post_init__(self) -> None:
+        """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no further."""
+        finite = self.environment.isfinite().all() & (self.environment >= 0).all() & self.confidence.isfinite().all()
+        if not finite:
+            raise ConvergenceError(
+                "The predicted light came out negative, infinite or NaN: check the photo, its camera and mask, try "
+                "another --method, or train the run anew."
+            )
 
     def save(self, path: Path | str, confidence: Path | str | None = None) -> None:
         """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has a path.

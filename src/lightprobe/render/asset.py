@@ -7,8 +7,10 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.errors import InputError
+from lightprobe.core.run import REMAKE
+from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.geometry.mesh import Mesh, uv_tangents
+from lightprobe.light.prefilter import BLOCKS
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.openness import Openness, Surroundings
@@ -16,8 +18,25 @@ from lightprobe.render.surface import Surface, View, face_camera, visible_surfac
 from lightprobe.render.surroundings import surroundings
 from lightprobe.scene.camera import Camera
 
-_FIELDS = ("vertices", "faces", "uvs", "uv_faces", "base_color", "roughness", "metallic", "normal")
-_SHADOWS = ("openness", "blockers")
+_FARTHEST = 1e3  # radii; no vertex of a normalised object is anywhere near
+_SLACK = 1e-3  # of values between 0 and 1
+_SMALLEST_TEXTURE = 2  # texels along an edge, between which a look-up interpolates
+
+# in the order of the fields of `Mesh` and `Textures`
+_RULES = {
+    "vertices": TensorRule(("V", 3), low=-_FARTHEST, high=_FARTHEST),
+    "faces": TensorRule(("F", 3), torch.int32, below="V"),
+    "uvs": TensorRule(("U", 2), low=-_SLACK, high=1 + _SLACK),
+    "uv_faces": TensorRule(("F", 3), torch.int32, below="U"),
+    "base_color": TensorRule(("S", "S", 3), low=-_SLACK, high=1 + _SLACK),
+    "roughness": TensorRule(("S", "S"), low=-_SLACK, high=1 + _SLACK),
+    "metallic": TensorRule(("S", "S"), low=-_SLACK, high=1 + _SLACK),
+    "normal": TensorRule(("S", "S", 3), low=-1 - _SLACK, high=1 + _SLACK),
+}
+_SHADOWS = {
+    "openness": TensorRule(("V", 6 * BLOCKS**2), torch.uint8),
+    "blockers": TensorRule(("V", 3), low=-_SLACK, high=1 + _SLACK),
+}
 
 
 @dataclass(frozen=True)
@@ -39,11 +58,18 @@ class Asset:
         return {name: value for name, value in parts.items() if value is not None}
 
     @staticmethod
-    def from_tensors(tensors: dict[str, Tensor]) -> "Asset":
-        """Return the asset of `tensors`."""
-        v = [tensors[name] for name in _FIELDS]
-        mesh = Mesh(v[0], v[1], v[2], v[3], tensors.get("normal_faces"))
+    def from_tensors(tensors: dict[str, Tensor], source: Path, remedy: str) -> "Asset":
+        """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` when they make no sound one."""
         shadows = "openness" in tensors
+        rules = _RULES | (_SHADOWS if shadows else {})
+        rules |= {"normal_faces": TensorRule(("F", 3), torch.int32, 0)} if "normal_faces" in tensors else {}
+        check_tensors(tensors, rules, source, remedy)
+        v = [tensors[name] for name in _RULES]
+        mesh = Mesh(v[0], v[1], v[2], v[3], tensors.get("normal_faces"))
+        if int(mesh.normal_index.max()) >= 3 * len(mesh.faces):  # no more normals than corners
+            raise damaged(source, "'normal_faces' names more normals than there are corners", remedy)
+        if len(v[4]) < _SMALLEST_TEXTURE:
+            raise damaged(source, "its textures have a single texel", remedy)
         return Asset(mesh, Textures(*v[4:]), Surroundings(*(tensors[n] for n in _SHADOWS)) if shadows else None)
 
     def save(self, path: Path) -> None:
@@ -51,14 +77,10 @@ class Asset:
         save_tensors(path, self.tensors())
 
     @staticmethod
-    def load(path: Path) -> "Asset":
-        """Read the file written by `save`."""
-        tensors = load_tensors(path)
-        needed = _FIELDS + (_SHADOWS if "openness" in tensors else ())
-        missing = [name for name in needed if name not in tensors]
-        if missing:
-            raise InputError(f"{path} is not an asset file: it has no '{missing[0]}'; run `lightprobe fit` again.")
-        return Asset.from_tensors(tensors)
+    def load(path: Path, remedy: str = REMAKE) -> "Asset":
+        """Read the file written by `save`; raise `InputError` with the `remedy` when it holds no sound asset."""
+        with remedied(remedy):
+            return Asset.from_tensors(load_tensors(path), path, remedy)
 
 
 def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor) -> Tensor:

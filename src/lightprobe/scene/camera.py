@@ -41,9 +41,15 @@ class Similarity:
         return {"center": [float(c) for c in self.center], "scale": float(self.scale)}
 
     @staticmethod
-    def from_json(value: dict[str, Any]) -> "Similarity":
-        """Return the similarity written by `to_json`."""
-        return Similarity(np.asarray(value["center"], np.float64), float(value["scale"]))
+    def from_json(value: Any, *, source: str = "scene.json") -> "Similarity":
+        """Return the similarity written by `to_json`; `source` names the file in errors."""
+        try:
+            center, scale = np.asarray(value["center"], np.float64), float(value["scale"])
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"{source}: the similarity has no center of three numbers and one scale.") from error
+        if center.shape != (3,) or not np.isfinite(center).all() or not 0 < scale < np.inf:
+            raise InputError(f"{source}: the similarity needs a finite center (3 numbers) and a scale above 0.")
+        return Similarity(center, scale)
 
 
 @dataclass(frozen=True)

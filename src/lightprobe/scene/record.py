@@ -1,11 +1,14 @@
 """What a run remembers of its scene: where it lay, every camera, and a checksum of every file it came from."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lightprobe.core.errors import InputError
-from lightprobe.core.files import checksum
-from lightprobe.scene.camera import Camera
+from lightprobe.core.files import checksum, is_file_name
+from lightprobe.core.run import REMAKE, RunFolder
+from lightprobe.core.stored import checked_object, damaged, remedied
+from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.photo import Photo, Scene
 
 SPLITS = ("train", "test", "relight")
@@ -18,12 +21,35 @@ def scene_record(scene: Scene) -> dict[str, Any]:
     return {"root": str(root), "format": scene.format, "similarity": scene.similarity.to_json(), "photos": photos}
 
 
-def recorded_cameras(record: dict[str, Any], split: str) -> dict[str, Camera]:
-    """Return the cameras (input frame) of a split by photo name, from a scene.json value."""
-    return {
-        name: Camera.from_json(photo["camera"], source=f"scene.json, photo {name}")
-        for name, photo in record["photos"][split].items()
-    }
+@dataclass(frozen=True)
+class Recorded:
+    """What scene.json says of a run's scene, checked."""
+
+    root: Path
+    similarity: Similarity
+    cameras: dict[str, dict[str, Camera]]  # split -> photo name -> input-frame camera
+
+
+def read_record(run: RunFolder) -> Recorded:
+    """Return the checked content of scene.json; raise `InputError` naming the file when a part cannot be used."""
+    path, record = run.scene_file, run.scene()
+    with remedied(REMAKE):
+        similarity = Similarity.from_json(record.get("similarity"), source=str(path))
+        photos = checked_object(record.get("photos"), path, REMAKE, "photos")
+        cameras = {split: _cameras(path, checked_object(photos.get(split), path, REMAKE, split)) for split in SPLITS}
+    return Recorded(Path(record["root"]), similarity, cameras)
+
+
+def _cameras(path: Path, photos: dict[str, Any]) -> dict[str, Camera]:
+    found = {}
+    for name, photo in photos.items():
+        if not is_file_name(name):
+            raise damaged(path, f"a photo is called {name[:200]!a}, which no file can be", REMAKE)
+        entry = checked_object(photo, path, REMAKE, name)
+        if not isinstance(entry.get("image"), str) or "\0" in entry["image"]:
+            raise damaged(path, f"photo '{name}' names no image", REMAKE)
+        found[name] = Camera.from_json(entry.get("camera"), source=f"{path}, photo {name}")
+    return found
 
 
 def _photo_record(photo: Photo, root: Path) -> dict[str, Any]:
