@@ -103,7 +103,7 @@ class Predictor:
 
     @torch.no_grad()
     def predict(self, pixels: Pixels, camera: Camera, method: Method | None = None) -> Prediction:
-        """Return the light in the photo `pixels` taken by the input-frame `camera`; the same call gives the same bits.
+        """Return the light in the photo `pixels` taken by the input-frame `camera`; the same call gives the same bits on a CPU.
 
         method: by default the recommended one of `methods_for`.
 
