@@ -1,14 +1,19 @@
 """Objects that nobody made: sound solids, and lessons that a number alone decides."""
 
+import sys
+
 import pytest
 import torch
 
+import pretrain_sphere_net
+from lightprobe.core.checkpoint import load_tensors
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
 from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.distill.sphere_training import fill_album, sphere_loss
 from lightprobe.geometry.mesh import is_closed
 from lightprobe.light.generated import Draw
+from pretraining import photos
 from pretraining.photos import LIGHTS, VIEWS, lessons_of
 from pretraining.solids import random_solid
 
@@ -45,3 +50,15 @@ def test_the_bundled_network_knows_a_solid_and_lights_that_it_has_not_seen():
         bundled = float(sphere_loss(new_sphere(config)(album.maps), album.lights))
         stacked = float(sphere_loss(album.maps[:, :3], album.lights))
     assert bundled < 0.5 * stacked
+
+
+@pytest.mark.slow
+def test_the_command_writes_weights_that_a_training_can_start_from(tmp_path, monkeypatch):
+    monkeypatch.setattr(photos, "VIEWS", 2)
+    monkeypatch.setattr(photos, "LIGHTS", 2)
+    words = ["--solids", "1", "--steps", "2", "--sphere-steps", "2", "--out", str(tmp_path / "net.safetensors")]
+    monkeypatch.setattr(sys, "argv", ["pretrain_sphere_net.py", *words])
+    pretrain_sphere_net.main()
+    trained, bundled = load_tensors(tmp_path / "net.safetensors"), new_sphere(DistillConfig()).state_dict()
+    assert {name: value.shape for name, value in trained.items()} == {n: v.shape for n, v in bundled.items()}
+    assert all(bool(value.isfinite().all()) for value in trained.values())

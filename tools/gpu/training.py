@@ -20,6 +20,7 @@ from lightprobe.decompose.optimisation import Progress
 from lightprobe.distill import ProbeModel
 from lightprobe.distill.training import distill
 from lightprobe.evaluate import evaluate
+from lightprobe.evaluate.evaluation import Protocols
 from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.predict import methods_for
 from lightprobe.scene import load_scene
@@ -48,7 +49,7 @@ class Learned:
 def scene(*, brief: bool) -> Scene:
     """Return the bundled scene, with a few of its photos for a brief measurement."""
     whole = load_scene(SCENE)
-    return replace(whole, train=whole.train[:4], test=whole.test[:1]) if brief else whole
+    return replace(whole, train=whole.train[:4], test=whole.test[:1], relight=()) if brief else whole
 
 
 def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, DistillConfig]:
@@ -99,8 +100,10 @@ def keep(learned: Learned, folder: Path) -> None:
 
 def score_rows(name: str, learned: Learned, device: torch.device, setting: Setting) -> list[str]:
     """Return the row of a training: its times and its scores on the test photos by the default method."""
-    methods = methods_for(learned.model)[:1]
-    found = evaluate(learned.decomposition, learned.model, scene(brief=setting.brief), methods=methods, device=device)
+    found = evaluate(
+        learned.decomposition, learned.model, scene(brief=setting.brief), methods=methods_for(learned.model)[:1],
+        device=device, protocols=Protocols(unseen=not setting.brief),
+    )  # fmt: skip
     mean = found.to_json()["mean"]
     scores = [_HEADINGS[key].text(mean[key]) if key in mean else "–" for key in SCORES]
     return [f"| {name} | {learned.first:.0f} | {learned.second:.0f} | {learned.memory} | {' | '.join(scores)} |"]

@@ -1,4 +1,4 @@
-"""One optimisation loop for all passes, resumable at any checkpoint with the same bits."""
+"""One optimisation loop for all passes, resumable at any checkpoint, with the same bits on a CPU."""
 
 import math
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Phase II training: the illumination MLP photo by photo, then the sphere network on what the MLP makes of the photos.
 
 The random streams depend on (seed, step) alone and the optimiser's moments are in the checkpoint, so a resumed run
-ends with the bits of an uninterrupted one.
+ends with the bits of an uninterrupted one on a CPU; a GPU adds gradients in an order of its own.
 """
 
 import math

@@ -1,8 +1,8 @@
 """A constant sparse matrix acting on radiance triples, with its transpose stored beside it.
 
-Both products are row-parallel with a fixed order of summation, so results do not depend on the number of threads.
-On the CPU the product is a Numba loop, because PyTorch's own needs MKL, which not every build has; on a GPU it is
-PyTorch's CSR product.
+On the CPU both products are Numba loops, because PyTorch's own needs MKL, which not every build has; they are
+row-parallel with a fixed order of summation, so results do not depend on the number of threads. On a GPU they are
+PyTorch's CSR products, whose order of summation is not promised: bits may differ from call to call.
 """
 
 import functools

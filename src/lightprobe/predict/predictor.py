@@ -103,8 +103,9 @@ class Predictor:
 
     @torch.no_grad()
     def predict(self, pixels: Pixels, camera: Camera, method: Method | None = None) -> Prediction:
-        """Return the light in the photo `pixels` taken by the input-frame `camera`; the same call gives the same bits.
+        """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
+        On a CPU the same call gives the same bits.
         method: by default the recommended one of `methods_for`.
 
         Raises `InputError` when the camera does not fit the photo or the object is not in it, and `ConfigError` when a
