@@ -21,7 +21,7 @@ from lightprobe.scene import load_pixels
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
 
-_SMALL = 2**20  # pixels up to which a photo's G-buffer has its full size, where that is not needed
+_SMALL = 2**20  # pixels that are worked on at once, and up to which a photo's G-buffer has its full size
 _OBJECT = 0.5  # coverage from which a pixel counts as the object's
 
 
@@ -48,8 +48,7 @@ class TestView:
         operator = prefilter.cached(light_resolution, device)
         picture = Picture.of(decomposition.asset, normalised, operator, device)
         alpha = torch.from_numpy(pixels.alpha).to(device)
-        color = torch.from_numpy(pixels.color).to(device)
-        reference = on_white(color * alpha[..., None], alpha)
+        reference = _on_white(torch.from_numpy(pixels.color).to(device), alpha)
         return TestView(photo, pixels, camera, gbuffer, picture, reference, alpha > _OBJECT)
 
     def shown(self, lights: Sequence[Tensor]) -> list[Tensor]:
@@ -67,6 +66,13 @@ class TestView:
     def psnr(self, image: Tensor, mask: Tensor) -> float:
         """Return the PSNR in dB of an sRGB image on white (H, W, 3) over the pixels of `mask` (H, W) bool."""
         return psnr(image[mask], self.reference[mask])
+
+
+def _on_white(color: Tensor, alpha: Tensor) -> Tensor:
+    """Return the sRGB image on white of linear straight colour (H, W, 3) with alpha (H, W), made in strips of rows."""
+    step = max(1, _SMALL // alpha.shape[1])
+    strips = zip(color.split(step), alpha.split(step), strict=True)
+    return torch.cat([on_white(part * cover[..., None], cover) for part, cover in strips])
 
 
 def _material_camera(photo: Photo, camera: Camera) -> Camera:

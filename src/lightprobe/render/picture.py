@@ -27,7 +27,7 @@ from lightprobe.scene.camera import Camera
 
 SAMPLES = 2  # along each edge of a pixel
 _WHOLE = 2**22  # samples up to which a picture is made as a whole, and what depends on no light is kept
-_BAND = 2**21  # samples in a band of a larger one
+_BAND = 2**20  # samples in a band of a larger one
 _RIM = 1  # rows of pixels around a band, for outlines between it and its neighbours
 
 

@@ -8,6 +8,7 @@ orientation says, unless its camera fits only the pixels as stored. A mask follo
 one; without one it lies on the photo's stored pixels and is turned along with them, unless it fits only unturned.
 """
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]
 
 def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
     """Return only the coverage of a photo, (H, W) float32 in [0, 1]; otherwise as `load_pixels`."""
-    opened = _Opened(photo, color=False)
+    opened = _Opened(photo)
     width, height = target_size(photo.camera, max_side)
     alpha = resize_rows(opened.alpha_rows, opened.size, height, width)
     opened.check_seen()
@@ -71,25 +72,26 @@ def fit_camera(camera: Camera, image_path: Path, source: str) -> Camera:
 
 
 class _Opened:
-    """A photo and its mask, decoded and turned to fit each other and the camera, and handed out rows at a time.
+    """A photo and its mask, turned to fit each other and the camera, and handed out rows at a time.
 
-    `color=False` leaves out the photo where its mask is a file of its own.
+    Each is decoded when its rows are first asked for.
     """
 
-    def __init__(self, photo: Photo, *, color: bool = True):
+    def __init__(self, photo: Photo):
         self._photo = photo
         self._mask_file = photo.mask_path or photo.image_path
-        turn, mask_turn = _turns(photo)
-        self._image = LdrImage(photo.image_path, turn=turn) if color or photo.mask_path is None else None
+        self._turn, mask_turn = _turns(photo)
         self._mask = None if photo.mask_path is None else LdrImage(photo.mask_path, turn=mask_turn)
         self._highest = 0.0  # of the coverage handed out
         self.size = (photo.camera.height, photo.camera.width)
         self._check_mask()
 
+    @functools.cached_property
+    def _image(self) -> LdrImage:
+        return LdrImage(self._photo.image_path, turn=self._turn)
+
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Return linear straight colour (h, W, 3) and alpha (h, W) of the rows first..last - 1."""
-        if self._image is None:
-            raise ValueError("Opened without its colour.")
         color, own = self._image.rows(first, last)
         alpha = own if self._mask is None else self._mask.mask_rows(first, last)
         return color, self._seen(alpha)
@@ -144,13 +146,13 @@ class _Opened:
     def _check_mask(self) -> None:
         """Raise `InputError` unless there is a mask, and of the photo's size."""
         mask, (height, width) = self._mask or self._image, self.size
-        if mask is self._image and (mask is None or not mask.has_alpha):
+        if self._mask is None and not mask.has_alpha:
             raise InputError(
                 f"{self._photo.image_path} has no mask: give it an alpha channel, or a picture of the object in white "
                 f"on black, in a scene masks/{self._photo.image_path.stem}.png beside the images folder, for a "
                 "prediction with --mask."
             )
-        if mask is not None and (mask.height, mask.width) != self.size:
+        if (mask.height, mask.width) != self.size:
             raise InputError(
                 f"{self._mask_file} has {mask.width} x {mask.height} pixels, but its photo has {width} x {height}; "
                 "a mask needs the size of its photo."
@@ -169,7 +171,7 @@ def _turns(photo: Photo) -> tuple[int, int]:
         return turn, turn
     own, mask = read_orientation(photo.mask_path), image_size(photo.mask_path, orient=False)
     if turn != tag:  # the camera is for the stored photo
-        turns = (1, undo(own or tag))
+        turns: tuple[int, ...] = (1, undo(own or tag))
     else:
         turns = (turn, 1) if own is None else (own, turn, 1)
     return turn, next((turn for turn in turns if turned_size(mask, turn) == size), 1)
