@@ -42,7 +42,7 @@ def samples(path: Path, method: Method, every: int) -> tuple[np.ndarray, np.ndar
         pixels, camera = load_pixels(photo)
         light = predictor.predict(pixels, camera, method).environment
         camera = camera.normalised(decomposition.similarity)
-        observation = observe(predictor.asset, pixels, camera, CPU, predictor.max_pixels)
+        observation = observe(predictor.asset, pixels, camera, CPU, predictor.config.max_pixels)
         causes = error_causes(observation, light, predictor.seed)
         difference = aligned(log_difference(light, load_environment(photo.truth.environment, CPU, light.shape[1])))
         rows.append(torch.stack([*(causes[name] for name in CAUSES), torch.ones_like(light[..., 0])], -1))
