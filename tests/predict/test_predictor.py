@@ -8,10 +8,13 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
+from lightprobe.distill.probe_distribution import stack_everywhere
 from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.light import cubemap
 from lightprobe.predict import Method, PredictConfig, Predictor, methods_for
+from lightprobe.predict.observation import observe
 from lightprobe.predict.optimize import OptimizeConfig
+from lightprobe.predict.prior import sampled_probes
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
 from tests.lit_sphere import glossy_sphere, patch_light, photograph
@@ -44,6 +47,32 @@ def model():
 def predictor(sphere, model):
     decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
     return Predictor(decomposition, model, config=COARSE, optimize=OptimizeConfig(iterations=10, pixels=512))
+
+
+def test_the_configured_method_comes_first(model):
+    paper = PredictConfig(method=Method.PROBE_MLP)
+    assert methods_for(model, paper)[0] is Method.PROBE_MLP
+    assert sorted(methods_for(model, paper)) == sorted(methods_for(model))
+    assert methods_for(None, paper)[0] is Method.SOLVE
+
+
+def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo):
+    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+    filled, plain = (
+        Predictor(decomposition, model, config=replace(COARSE, unseen_share=share)) for share in (0.02, 0.0)
+    )
+    observation = observe(sphere, photo, CAMERA, plain.device, plain.config.max_pixels)
+    probes = observation.pixels.take(sampled_probes(observation, 0.25, 0))
+    colors = model.network(probes, observation.light_level)
+    stacked, _ = stack_everywhere(probes, colors, 16, model.config.alpha_rule)
+    assert torch.equal(plain.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+    assert not torch.equal(filled.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+
+
+def test_the_share_of_sampled_pixels_is_the_configured_one(sphere, photo):
+    observation = observe(sphere, photo, CAMERA, torch.device("cpu"), 65_536)
+    count = len(observation.pixels)
+    assert [len(sampled_probes(observation, share, 0)) for share in (0.25, 1.0)] == [-(-count // 4), count]
 
 
 def rerender_error(predictor, photo, light):

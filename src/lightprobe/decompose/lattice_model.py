@@ -25,6 +25,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import outline_vertices
 from lightprobe.render.surface import View, face_camera, visible_surface
 
+_FITTED = 16_384  # points in a step that fits the network of distances to a shape
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
 
 
@@ -61,12 +62,13 @@ class DistanceMlp(nn.Module):
             x = torch.nn.functional.softplus(torch.addmm(bias, x, weight), beta=100)
         return torch.addmm(self.biases[-1], x, self.weights[-1])[:, 0]
 
-    def fit(self, points: Tensor, distance: Tensor, steps: int) -> None:
-        """Fit the network to given distances, so that training starts from a shape."""
+    def fit(self, points: Tensor, distance: Tensor, steps: int, random: torch.Generator) -> None:
+        """Fit the network to distances (V,) given at points (V, 3), so that training starts from a shape."""
         optimiser = torch.optim.Adam(self.parameters(), lr=1e-3)
         for _ in range(steps):
+            some = sent(torch.randint(0, len(points), (_FITTED,), generator=random), points.device)
             optimiser.zero_grad()
-            loss = (self(points) - distance).abs().mean()
+            loss = (self(points[some]) - distance[some]).abs().mean()
             loss.backward()
             optimiser.step()
 
@@ -82,7 +84,7 @@ class LatticeModel(nn.Module):
         initial = start.distance.to(device)
         if config.sdf is SdfMode.MLP:
             self.mlp = DistanceMlp(generator(seed, "sdf")).to(device)
-            self.mlp.fit(self.lattice.vertices, initial, steps=400)
+            self.mlp.fit(self.lattice.vertices, initial, steps=400, random=generator(seed, "sdf-fit"))
         else:
             self.distance = nn.Parameter(initial)
             self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
