@@ -56,8 +56,10 @@ class Costs:
     """What the measured steps took."""
 
     steps: dict[str, float]  # seconds a step, by `PASSES`
+    worked: dict[str, float]  # the processor's seconds a step, of all threads: what other jobs hardly change
     memory: dict[str, float | None]  # GiB at most until the end of each
     lesson: float  # seconds to prepare one
+    lesson_worked: float  # of the processor
     lesson_bytes: int  # held of one
     faces: int
     photos: int
@@ -98,22 +100,29 @@ def measure(scene: Scene, sizes: Sizes, photos: int, steps: int, device: torch.d
     if steps < max(len(scene.train), 5):
         raise InputError(f"{len(scene.train)} photos need --steps of at least {max(len(scene.train), 5)}.")
     stamps: dict[str, list[float]] = {}
+    worked: dict[str, list[float]] = {}
     memory: dict[str, float | None] = {}
 
     def on_step(stage: str, step: int, count: int, loss: float) -> None:
         stamps.setdefault(stage, []).append(time.perf_counter())
+        worked.setdefault(stage, []).append(time.process_time())
         memory[stage] = _peak(device)
 
     config = dataclasses.replace(sizes.decompose, pass1_iterations=steps, pass2_iterations=steps)
     found = decompose(scene, config, device, 0, Progress(on_step=on_step))
-    begin = time.perf_counter()
+    begin, busy = _clocks()
     second = dataclasses.replace(sizes.distill, steps=steps)
     lessons = collect_lessons(found.asset, found.lights, scene, second, device, 0)
-    made = (time.perf_counter() - begin) / len(lessons)
+    made, busy = ((now - then) / len(lessons) for now, then in zip(_clocks(), (begin, busy), strict=True))
     train(lessons, second, device, 0, None, lambda step, loss: on_step("Phase II", step, steps, loss))
-    seconds = {name: _step_seconds(stamps[name], device) for name in PASSES}
+    seconds, work = ({name: _step_seconds(each[name], device) for name in PASSES} for each in (stamps, worked))
     held = _held(lessons[0])
-    return Costs(seconds, memory, made, held, len(found.asset.mesh.faces), len(scene.train), device)
+    return Costs(seconds, work, memory, made, busy, held, len(found.asset.mesh.faces), len(scene.train), device)
+
+
+def _clocks() -> tuple[float, float]:
+    """Return the time that passes and the processor's, in seconds."""
+    return time.perf_counter(), time.process_time()
 
 
 def _peak(device: torch.device) -> float | None:
@@ -166,22 +175,25 @@ def rows(costs: Costs, sizes: Sizes, note: str) -> list[str]:
     lines = [
         f"Commit {commit()}; {machine()}; {torch.get_num_threads()} thread(s) of PyTorch; {costs.photos} photos at "
         f"{first.pass1_side} pixels, {costs.faces:,} triangles. {note}".rstrip(), "",
-        f"| part | s a step | steps of a full run | hours | most {'GPU ' if gpu else ''}memory so far |",
-        "| --- | ---: | ---: | ---: | ---: |",
+        "| part | s a step | processor's s a step | steps of a full run | hours | processor's hours | "
+        f"most {'GPU ' if gpu else ''}memory so far |",
+        "| --- |" + " ---: |" * 6,
     ]  # fmt: skip
     counts = (first.pass1_iterations, first.pass2_iterations, sizes.distill.steps)
     for name, count in zip(PASSES, counts, strict=True):
         memory = costs.memory[name]
         size = "–" if memory is None else f"{memory:.2f} GiB"
-        step = costs.steps[name]
-        lines.append(f"| {_NAMES[name]} | {step:.3f} | {count:,} | {step * count / 3600:.1f} | {size} |")
+        step, work = costs.steps[name], costs.worked[name]
+        cells = f"{step:.3f} | {work:.3f} | {count:,} | {step * count / 3600:.1f} | {work * count / 3600:.1f}"
+        lines.append(f"| {_NAMES[name]} | {cells} | {size} |")
     more = (16 * first.pass1_side**2 + 3 * 12 * 6 * first.light_resolution**2) / 2**20
-    whole = hours(costs.steps, costs.lesson, sizes)
+    whole, busy = hours(costs.steps, costs.lesson, sizes), hours(costs.worked, costs.lesson_worked, sizes)
     lines += [
         "",
-        f"Preparing a lesson takes {costs.lesson:.1f} s, and {PHOTOS} photos {PHOTOS * costs.lesson / 60:.0f} minutes.",
+        f"Preparing a lesson takes {costs.lesson:.1f} s, of the processor {costs.lesson_worked:.1f} s.",
         f"Each further photo takes {more:.1f} MiB in Phase I and {costs.lesson_bytes / 2**20:.1f} MiB in Phase II.",
-        f"**A full run on {PHOTOS} photos, projected from these steps: {whole:.1f} hours.**", "",
+        f"**A full run on {PHOTOS} photos, projected: {whole:.1f} hours, {busy:.1f} of the processor's.**",
+        "",
         *projection_rows(sizes),
     ]  # fmt: skip
     return lines

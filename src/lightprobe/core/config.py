@@ -271,7 +271,7 @@ def paper() -> DecomposeConfig:
     """The paper's settings (section 4.2), and nvdiffrec's published ones where it gives none: docs/paper-preset.md."""
     return replace(
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass3_iterations=0, pass1_side=512,
-        pass2_side=512, lattice_cells=64, start=StartShape.SPHERE, sdf=SdfMode.MLP, sdf_rate=1.0,
+        pass2_side=512, lattice_cells=64, start=StartShape.SPHERE, sdf=SdfMode.MLP,
         hash_levels=16, hash_log2_size=19, hash_coarsest=16, hash_finest=4096, light_update=LightUpdate.GRADIENT,
         light_resolution=128, shadows=False, learning_rate_finish=0.005, warm_up_steps=100, adam_decay=0.999,
         image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4, smoothed=Smoothed.BASE_COLOR,
