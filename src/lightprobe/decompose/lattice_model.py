@@ -25,7 +25,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import outline_vertices
 from lightprobe.render.surface import View, face_camera, visible_surface
 
-_FITTED = 16_384  # points in a step that fits the network of distances to a shape
+_FITTED = 16_384  # points at most in a step that fits the network of distances to a shape
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
 
 
@@ -64,9 +64,9 @@ class DistanceMlp(nn.Module):
 
     def fit(self, points: Tensor, distance: Tensor, steps: int, random: torch.Generator) -> None:
         """Fit the network to distances (V,) given at points (V, 3), so that training starts from a shape."""
-        optimiser = torch.optim.Adam(self.parameters(), lr=1e-3)
+        optimiser, count = torch.optim.Adam(self.parameters(), lr=1e-3), min(_FITTED, len(points))
         for _ in range(steps):
-            some = sent(torch.randint(0, len(points), (_FITTED,), generator=random), points.device)
+            some = sent(torch.randint(0, len(points), (count,), generator=random), points.device)
             optimiser.zero_grad()
             loss = (self(points[some]) - distance[some]).abs().mean()
             loss.backward()
