@@ -72,7 +72,7 @@ def photograph(decomposition: Decomposition, camera: Camera, light: Tensor, numb
 
 def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, photos: int) -> Samples:
     """Return what `photos` photos of the predictor's object say, its `cameras` taken in turn."""
-    resolution, asset = predictor.light_resolution, predictor.decomposition.asset
+    resolution, asset = predictor.config.light_resolution, predictor.decomposition.asset
     up = mean_up([torch.from_numpy(camera.camera_to_world) for camera in cameras])
     rows, errors = [], []
     for number in range(photos):
@@ -81,7 +81,7 @@ def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, pho
         pixels, truth = photograph(predictor.decomposition, camera, light, number)
         found = predictor.predict(pixels, camera, method).environment
         view = camera.normalised(predictor.decomposition.similarity)
-        observation = observe(asset, pixels, view, predictor.device, predictor.max_pixels)
+        observation = observe(asset, pixels, view, predictor.device, predictor.config.max_pixels)
         causes = error_causes(observation, found, predictor.seed)
         rows.append(torch.stack([*(causes[name] for name in CAUSES), torch.ones_like(found[..., 0])], -1))
         errors.append(aligned(log_difference(found, truth)).square().mean(-1).sqrt())

@@ -92,6 +92,33 @@ def test_predict_writes_map_picture_and_confidence(trained, tmp_path, capsys):
     assert run.prediction_file("test_00", ".confidence.exr").read_bytes() == (tmp_path / "c.exr").read_bytes()
 
 
+def test_predict_takes_the_run_s_settings_and_the_command_line_s_before_them(trained, tmp_path):
+    scene, run = trained
+    kept = run.config_file.read_bytes()
+    photo, out = scene / "test/test_00.png", tmp_path / "light.exr"
+    succeed("predict", run.path, photo, "-o", out, "--light-resolution", "8", "--device", "cpu")
+    assert read_hdr(out).shape == (16, 32, 3)
+    settings = json.loads(kept)
+    settings["predict"] |= {"light_resolution": 16, "method": "constant"}
+    try:
+        run.config_file.write_text(json.dumps(settings))
+        succeed("predict", run.path, photo, "-o", out, "--device", "cpu")
+        assert read_hdr(out).shape == (32, 64, 3)
+        assert np.ptp(read_hdr(out)) == 0
+        del settings["predict"]  # as runs of before there were settings
+        run.config_file.write_text(json.dumps(settings))
+        succeed("predict", run.path, photo, "-o", out, "--device", "cpu")
+        assert read_hdr(out).shape == (64, 128, 3)
+    finally:
+        run.config_file.write_bytes(kept)
+
+
+def test_unusable_settings_of_a_prediction_are_refused(trained, capsys):
+    scene, run = trained
+    assert main(["predict", str(run.path), str(scene / "test/test_00.png"), "--light-resolution", "100"]) == 3
+    assert "light_resolution must be a power of two" in capsys.readouterr().err
+
+
 def test_several_photos_are_predicted_into_a_folder(trained, tmp_path, capsys):
     scene, run = trained
     images = sorted((scene / "test").glob("*.png"))

@@ -1,13 +1,21 @@
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 
 from lightprobe.core.checkpoint import Checkpoints
-from lightprobe.core.config_distill import AlphaRule, DistillConfig, LossSpace
+from lightprobe.core.config_distill import (
+    AlphaRule,
+    DistillConfig,
+    LossSpace,
+    NetworkForm,
+    RadianceUnit,
+    TotalDistribution,
+)
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.distill import ProbeModel, training
-from lightprobe.distill.probe_distribution import alpha2, mean_distribution, stack
+from lightprobe.distill.probe_distribution import alpha2, mean_distribution, stack, total_distribution
 from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.distill.sphere_training import fill_album
 from lightprobe.distill.training import train
@@ -204,3 +212,52 @@ def test_resized_lights_keep_their_power():
         resized = resize_light(light, resolution)
         total = (resized * cubemap.solid_angles(resolution)[..., None]).sum((0, 1, 2))
         torch.testing.assert_close(total, power, rtol=2e-3 if resolution > 16 else 1e-5, atol=0)
+
+
+def test_the_paper_s_network_is_told_what_the_paper_names(photos):
+    network = new_network(replace(CONFIG, network=NetworkForm.PLAIN)).requires_grad_(False)
+    pixels, level = photos[0].pixels, photos[0].light_level
+    colors = network(pixels, level)
+    assert next(network.parameters()).shape == (CONFIG.width, 16)
+    assert (colors > 0).all()
+    assert torch.equal(network(pixels, 3 * level), colors)  # nothing of the photo as a whole
+    for field in ("color", "base_color", "specular", "normal", "roughness", "view"):
+        other = replace(pixels, **{field: getattr(pixels, field).flip(0)})
+        assert not torch.equal(network(other, level), colors), field
+    assert torch.equal(network(replace(pixels, furnace=pixels.furnace.flip(0)), level), colors)
+
+
+def test_the_printed_loss_is_in_the_photo_s_own_radiance(photos):
+    """With both weights off it is the relative one times the squared light level."""
+    config = replace(MLP_ONLY, loss_space=LossSpace.LINEAR, intensity_weight=False, sample_weight=False)
+    given = training.lesson_tensors(photos[0], config, 0, 0)
+    angles = cubemap.solid_angles(16).reshape(-1)
+    network = new_network(config).requires_grad_(False)
+    relative, own = (
+        float(training.lesson_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit)))
+        for unit in (RadianceUnit.LEVEL, RadianceUnit.PHOTO)
+    )
+    assert own == pytest.approx(relative * float(photos[0].light_level) ** 2, rel=1e-4)
+
+
+def test_texels_count_alike_without_their_solid_angles(photos, monkeypatch):
+    seen = []
+    loss = training.lesson_loss
+    monkeypatch.setattr(training, "lesson_loss", lambda *given: seen.append(given[3]) or loss(*given))
+    train(photos, replace(MLP_ONLY, steps=1, solid_angle_weight=False), CPU, 0)
+    assert float(seen[0].sum()) == pytest.approx(4 * math.pi, rel=1e-5)
+    assert float(seen[0].min()) == float(seen[0].max())
+
+
+def test_every_reading_of_the_total_distribution(photos):
+    pixels, directions = photos[0].pixels.take(torch.arange(0, len(photos[0].pixels), 7)), DIRECTIONS[::37]
+    count = len(pixels)
+    mean, total, each = (
+        total_distribution(pixels, directions, AlphaRule.R2, rule, samples=16) for rule in TotalDistribution
+    )
+    torch.testing.assert_close(mean, mean_distribution(pixels, directions, AlphaRule.R2))
+    torch.testing.assert_close(total, mean * count / 16)  # sum over the sum of 16
+    facing = ((pixels.normal @ directions.T) > 0).sum(0)
+    reached = facing > 0
+    torch.testing.assert_close(each[reached], (mean * count)[reached] / facing[reached])
+    assert (each[~reached] == 0).all()

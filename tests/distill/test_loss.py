@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lightprobe.core.config_distill import LossSpace
+from lightprobe.core.config_distill import LossSpace, RadianceUnit
 from lightprobe.distill.loss import intensity_weight, sample_weight, weighted_l2
 
 
@@ -45,6 +45,11 @@ def test_all_combinations_match_the_loop(use_sample, use_intensity, space):
 def test_intensity_weight_is_least_at_the_light_level():
     grey = torch.tensor([0.0, 0.5, 1.0, 1.5, 2.0, 1000.0])[:, None].expand(-1, 3)
     torch.testing.assert_close(intensity_weight(grey), torch.tensor([1.0, 0.75, 0.5, 0.75, 1.0, 1.0]))
+
+
+def test_the_printed_intensity_weight_is_not_bounded():
+    grey = torch.tensor([0.0, 0.5, 1.0, 20.0])[:, None].expand(-1, 3)
+    torch.testing.assert_close(intensity_weight(grey, RadianceUnit.PHOTO), torch.tensor([1.0, 0.5, 1.0, 20.0]))
 
 
 @pytest.mark.golden

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from lightprobe.core import config, config_distill
+from lightprobe.core import config, config_distill, config_predict
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluate.run_info import read_phases, training_commands, training_facts
 
@@ -65,6 +65,22 @@ def test_phases_of_two_seeds_or_presets_are_two_commands(run):
 def test_one_phase_alone_is_fit(run):
     record(run, config.paper())
     assert training_commands(read_phases(run), Path("x")) == ["lightprobe fit SCENE -o RUN --preset paper --seed 0"]
+
+
+def test_how_the_run_predicts_belongs_to_its_preset(run):
+    record(run, config.paper(), config_distill.paper())
+    run.record_config("predict", dataclasses.asdict(config_predict.paper()))
+    (command,) = training_commands(read_phases(run), Path("x"))
+    assert command == "lightprobe train SCENE -o RUN --preset paper --seed 0"
+
+
+def test_other_settings_of_predictions_are_options(run):
+    record(run, config.paper(), config_distill.paper())
+    run.record_config("predict", dataclasses.asdict(config_predict.quick()))
+    assert training_facts(read_phases(run))["Phase I"] == "preset paper"
+    (command,) = training_commands(read_phases(run), Path("x"))
+    assert command.endswith("--predict.light-resolution 32 --predict.max-pixels 65536 --predict.unseen-share 0.02")
+    assert "--predict.method None" in command
 
 
 @pytest.mark.parametrize("change", [{}, {"gone": 1}, {"pass1_iterations": None}])

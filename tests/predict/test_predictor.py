@@ -10,11 +10,14 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
+from lightprobe.distill.probe_distribution import stack_everywhere
 from lightprobe.distill.probe_model import new_network, new_sphere
 from lightprobe.light import cubemap
 from lightprobe.light.files import write_map
-from lightprobe.predict import Method, Prediction, Predictor, methods_for
+from lightprobe.predict import Method, PredictConfig, Prediction, Predictor, methods_for
+from lightprobe.predict.observation import observe
 from lightprobe.predict.optimize import OptimizeConfig
+from lightprobe.predict.prior import sampled_probes
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
 from tests.lit_sphere import glossy_sphere, patch_light, photograph
@@ -23,6 +26,7 @@ from tests.shapes import camera_at
 CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
 PATCH = (0.2, 1.0, 0.5)
 METHODS = list(Method)
+COARSE = PredictConfig(light_resolution=16)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +49,33 @@ def model():
 @pytest.fixture(scope="module")
 def predictor(sphere, model):
     decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
-    return Predictor(decomposition, model, light_resolution=16, optimize=OptimizeConfig(iterations=10, pixels=512))
+    return Predictor(decomposition, model, config=COARSE, optimize=OptimizeConfig(iterations=10, pixels=512))
+
+
+def test_the_configured_method_comes_first(model):
+    paper = PredictConfig(method=Method.PROBE_MLP)
+    assert methods_for(model, paper)[0] is Method.PROBE_MLP
+    assert sorted(methods_for(model, paper)) == sorted(methods_for(model))
+    assert methods_for(None, paper)[0] is Method.SOLVE
+
+
+def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo):
+    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+    filled, plain = (
+        Predictor(decomposition, model, config=replace(COARSE, unseen_share=share)) for share in (0.02, 0.0)
+    )
+    observation = observe(sphere, photo, CAMERA, plain.device, plain.config.max_pixels)
+    probes = observation.pixels.take(sampled_probes(observation, 0.25, 0))
+    colors = model.network(probes, observation.light_level)
+    stacked, _ = stack_everywhere(probes, colors, 16, model.config.alpha_rule)
+    assert torch.equal(plain.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+    assert not torch.equal(filled.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+
+
+def test_the_share_of_sampled_pixels_is_the_configured_one(sphere, photo):
+    observation = observe(sphere, photo, CAMERA, torch.device("cpu"), 65_536)
+    count = len(observation.pixels)
+    assert [len(sampled_probes(observation, share, 0)) for share in (0.25, 1.0)] == [-(-count // 4), count]
 
 
 def rerender_error(predictor, photo, light):
@@ -101,7 +131,7 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
 
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
     patient = Predictor(
-        Decomposition(sphere, {}, predictor.decomposition.similarity), light_resolution=16,
+        Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE,
         optimize=OptimizeConfig(iterations=150, pixels=512),
     )  # fmt: skip
     optimised, solved = (patient.predict(photo, CAMERA, m).environment for m in (Method.OPTIMIZE, Method.SOLVE))
@@ -129,7 +159,7 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
     usual = replace(model, mean_light=torch.full((6, 16, 16, 3), 3.0))
     asked = Predictor(
-        Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, light_resolution=16
+        Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, config=COARSE
     )
     prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
@@ -144,7 +174,9 @@ def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
     photo = photograph(sphere, camera, patch_light(PATCH))
     decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
     whole, reduced = (
-        Predictor(decomposition, model, light_resolution=16, max_pixels=count).predict(photo, camera, Method.PROBE_MLP)
+        Predictor(decomposition, model, config=replace(COARSE, max_pixels=count)).predict(
+            photo, camera, Method.PROBE_MLP
+        )
         for count in (65_536, 2000)
     )
     difference = (whole.environment - reduced.environment).abs().mean() / whole.environment.mean()
@@ -156,8 +188,8 @@ def test_the_input_frame_is_respected(sphere, model, photo):
     similarity = Similarity(np.array([3.0, -2.0, 5.0]), 4.0)
     pose = CAMERA.camera_to_world.copy()
     pose[:3, 3] = similarity.invert(pose[:3, 3])
-    moved = Predictor(Decomposition(sphere, {}, similarity), model, light_resolution=16)
-    plain = Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), model, light_resolution=16)
+    moved = Predictor(Decomposition(sphere, {}, similarity), model, config=COARSE)
+    plain = Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), model, config=COARSE)
     a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment
     b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment
     torch.testing.assert_close(a, b, rtol=1e-2, atol=1e-2)
@@ -168,7 +200,7 @@ def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphe
         predictor.predict(photo, CAMERA.resized(32, 32))
     with pytest.raises(InputError, match="Only 0 pixels"):
         predictor.predict(Pixels.of(photo.color, np.zeros_like(photo.alpha)), CAMERA)
-    without = Predictor(Decomposition(sphere, {}, predictor.decomposition.similarity), light_resolution=16)
+    without = Predictor(Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE)
     with pytest.raises(ConfigError, match="no trained model"):
         without.predict(photo, CAMERA, Method.PROBE_MLP)
     paper = Predictor(

@@ -10,7 +10,7 @@ from gpu.boxes import Setting
 from gpu.training import scene
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
-from lightprobe.predict import Method, Prediction, Predictor, methods_for
+from lightprobe.predict import Method, PredictConfig, Prediction, Predictor, methods_for
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 from speed.target import PARTS, SIDE, TEXELS, resample
@@ -40,7 +40,7 @@ def _row(run: Path, name: str, method: Method | None, photos: list[Photo], texel
     """Return the predictions of all photos on a device, and the beginning of their row."""
     device = resolve_device(name)
     loaded = Predictor.load(run, device)
-    predictor = Predictor(loaded.decomposition, loaded.model, device, light_resolution=texels)
+    predictor = Predictor(loaded.decomposition, loaded.model, device, config=PredictConfig(light_resolution=texels))
     method = method or methods_for(predictor.model)[0]
     for _ in range(3 if device.type == "cuda" else 1):  # kernels are compiled, graphs recorded
         predictor.predict(*photos[0], method)

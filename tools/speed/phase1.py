@@ -13,9 +13,8 @@ from lightprobe.decompose.image_task import ImageTask
 from lightprobe.decompose.lattice_model import LatticeModel
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.optimisation import Progress, Stage, optimise
-from lightprobe.decompose.phase1 import BOX
 from lightprobe.decompose.photos import Target
-from lightprobe.decompose.start import start_from_hull
+from lightprobe.decompose.start import BOX, start_from_hull
 from lightprobe.decompose.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset
 from lightprobe.render.split_sum import shade

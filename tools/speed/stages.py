@@ -8,7 +8,7 @@ import torch
 
 from lightprobe.decompose import Decomposition
 from lightprobe.light import prefilter
-from lightprobe.predict import Method, Predictor
+from lightprobe.predict import Method, PredictConfig, Predictor
 from lightprobe.predict.confidence import confidence
 from lightprobe.predict.observation import observe
 from lightprobe.predict.prior import constant_light
@@ -28,8 +28,10 @@ def stages(asset: Asset, side: int, texels: int, repeats: int) -> dict[str, floa
     view = camera(side)
     env, operator = light(texels), prefilter.cached(texels, CPU)
     photo = photograph(asset, view, env)
-    predictor = Predictor(Decomposition(asset, {}, Similarity(np.zeros(3), 1.0)), light_resolution=texels)
-    observation = observe(asset, photo, view, CPU, predictor.max_pixels)
+    predictor = Predictor(
+        Decomposition(asset, {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=texels)
+    )
+    observation = observe(asset, photo, view, CPU, predictor.config.max_pixels)
     prior = constant_light(observation, texels)
     transport = Transport(observation.gbuffer, operator, observation.rows)
     radiance = transport.apply(env)

@@ -18,7 +18,7 @@ from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
-from lightprobe.predict import Predictor, methods_for
+from lightprobe.predict import PredictConfig, Predictor, methods_for
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
@@ -72,7 +72,7 @@ def predict(run: RunFolder, scene: Path, repeats: int) -> Target:
     """Return the cost of a prediction in this process, after one that warms up."""
     device = resolve_device("cpu")
     model, photo = ProbeModel.load(run.model_folder), load_scene(scene).test[0]
-    predictor = Predictor(Decomposition.load(run, device), model, device, light_resolution=TEXELS)
+    predictor = Predictor(Decomposition.load(run, device), model, device, config=PredictConfig(light_resolution=TEXELS))
     pixels, camera = resample(photo, SIDE)
     predictor.predict(pixels, camera)
     every = [predictor.predict(pixels, camera).seconds for _ in range(repeats)]

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from tyro.conf import FlagCreatePairsOff
 
+from lightprobe.cli import options
 from lightprobe.cli.failures import writing
 from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.cli.progress import Meter
@@ -37,7 +38,7 @@ from lightprobe.evaluate import (
 )
 from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.evaluate.run_info import read_phases, training_commands, training_facts
-from lightprobe.predict import Method, methods_for
+from lightprobe.predict import Method, methods_for, recorded_config
 from lightprobe.scene.photo import Scene
 
 # title -> the scores that fit side by side in 80 columns
@@ -73,6 +74,7 @@ def eval(  # the name of the command
     ] = False,
     slow: Annotated[bool, option(help="Also score `optimize`, which takes 15 s to minutes a photo.")] = False,
     slow_photos: Annotated[int, option(help="Test photos that methods slower than 20 s a photo are scored on.")] = 4,
+    settings: options.Prediction = options.UNCHANGED,
     device: Device = "auto",
 ) -> None:
     """Score the predicted light on the test photos and write metrics.json and report/index.html.
@@ -85,7 +87,7 @@ def eval(  # the name of the command
     chosen = Protocols(unseen=unseen, slow_photos=slow_photos)
     result = evaluate_run(
         RunFolder.open(run), resolve_device(device), methods=methods, scene_folder=scene, protocols=chosen,
-        output=output, oracle=oracle_asset, slow=slow,
+        output=output, oracle=oracle_asset, slow=slow, settings=settings,
     )  # fmt: skip
     print_tables(result)
 
@@ -93,17 +95,19 @@ def eval(  # the name of the command
 def evaluate_run(
     run: RunFolder, device: torch.device, *, methods: tuple[Method, ...] = (), scene_folder: Path | None = None,
     protocols: Protocols | None = None, output: Path | None = None, oracle: bool = False, slow: bool = False,
+    settings: options.PredictionOptions = options.UNCHANGED,
 ) -> Evaluation:  # fmt: skip
     """Evaluate a run into its folder, or with the true object into its folder `oracle`, and name the report."""
     pictures: dict[str, dict[str, str]] = {}
     with writing(run), Meter() as meter:
+        prediction = settings.over(recorded_config(run))
         decomposition = Decomposition.load(run, device)
         model = ProbeModel.load(run.model_folder).to(device) if ProbeModel.exists(run.model_folder) else None
         scene = open_scene(run, scene_folder)
         true_object = _true_object(run, decomposition, scene, needed=oracle)
         out = run.oracle if oracle else run
-        own = methods_for(model)[0]
-        chosen = default_first((*(methods or methods_for(model)), *((Method.OPTIMIZE,) if slow else ())), own)
+        every = methods_for(model, prediction)
+        own, chosen = every[0], default_first((*(methods or every), *((Method.OPTIMIZE,) if slow else ())), every[0])
         numbers, page = destination(out, chosen, own)
         shown = set(spread([photo.name for photo in scene.test]))
 
@@ -114,13 +118,13 @@ def evaluate_run(
         result = evaluate(
             true_object if oracle and true_object is not None else decomposition, model, scene,
             methods=chosen, device=device, run=out, protocols=protocols, true_object=true_object,
-            on_view=keep, on_photo=lambda done, total: meter.update("evaluate", done, total),
+            prediction=prediction, on_view=keep, on_photo=lambda done, total: meter.update("evaluate", done, total),
         )  # fmt: skip
         metrics = result.to_json()
         for path in {numbers, output or numbers}:
             write_json(path, metrics)
         phases = read_phases(run)
-        again = eval_command(methods, protocols or Protocols(), oracle=oracle, slow=slow)
+        again = eval_command(methods, protocols or Protocols(), settings, oracle=oracle, slow=slow)
         report = Report(
             title=f"lightprobe: {scene.root.name}{', true object' if oracle else ''}", metrics=metrics,
             pictures=pictures, facts=_facts(scene, decomposition) | training_facts(phases) | _made(),
@@ -158,7 +162,10 @@ def destination(out: RunFolder, methods: Sequence[Method], default: Method) -> t
     return folder / "metrics.json", folder / "index.html"
 
 
-def eval_command(methods: Sequence[Method], protocols: Protocols, *, oracle: bool, slow: bool) -> str:
+def eval_command(
+    methods: Sequence[Method], protocols: Protocols, settings: options.PredictionOptions = options.UNCHANGED, *,
+    oracle: bool, slow: bool,
+) -> str:  # fmt: skip
     """Return the command line of an evaluation; RUN stands for the run's folder."""
     usual = Protocols()
     words = ["lightprobe eval RUN", *(["--methods", *(m.value for m in methods)] if methods else [])]
@@ -166,6 +173,7 @@ def eval_command(methods: Sequence[Method], protocols: Protocols, *, oracle: boo
     words += ["--oracle-asset"] if oracle else []
     words += ["--slow"] if slow else []
     words += [f"--slow-photos {protocols.slow_photos}"] if protocols.slow_photos != usual.slow_photos else []
+    words += [f"--{name.replace('_', '-')} {value}" for name, value in settings.given().items()]
     return " ".join(words)
 
 

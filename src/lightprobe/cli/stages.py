@@ -12,6 +12,7 @@ from lightprobe.cli.progress import Meter, clock
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config_distill import Lessons
+from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
@@ -84,10 +85,14 @@ def run_decompose(
 
 def run_distill(
     run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
-    device: torch.device, seed: int, meter: Meter, user_maps: "UserMaps",
+    device: torch.device, seed: int, meter: Meter, user_maps: "UserMaps", predict: PredictConfig,
 ) -> ProbeModel:  # fmt: skip
-    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
+    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
+
+    `predict`, how the run is to predict from then on, is kept with it.
+    """
     run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
+    run.record_config("predict", asdict(predict))
     if ProbeModel.exists(run.model_folder):
         return ProbeModel.load(run.model_folder).to(device)
     started = time.monotonic()
@@ -117,6 +122,7 @@ def restart_decompose(run: RunFolder) -> None:
 def restart_distill(run: RunFolder) -> None:
     """Forget Phase II and the evaluation."""
     run.restart("distill", outputs=_second_outputs(run))
+    run.restart("predict", outputs=())
 
 
 def _second_outputs(run: RunFolder) -> tuple[Path, ...]:

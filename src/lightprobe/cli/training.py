@@ -13,7 +13,8 @@ from lightprobe.cli.options import Device, Hdri, Restart, RunArg, RunOut, SceneA
 from lightprobe.cli.progress import Meter
 from lightprobe.cli.stages import UserMaps, open_scene, restart_decompose, restart_distill, run_decompose, run_distill
 from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset
+from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset, predict_preset
+from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
@@ -24,7 +25,8 @@ PresetArg = Annotated[
 ]
 MovedScene = Annotated[Path | None, option(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
 
-_FIRST, _SECOND = DecomposeConfig(), DistillConfig()  # `with_preset` puts the chosen preset's in their place
+# `with_preset` puts the chosen preset's in their place
+_FIRST, _SECOND, _THIRD = DecomposeConfig(), DistillConfig(), PredictConfig()
 
 
 def fit(
@@ -46,7 +48,7 @@ def fit(
 def train(
     scene: SceneArg, *, output: RunOut, preset: PresetArg = Preset.QUICK, device: Device = "auto", seed: Seed = 0,
     restart: Restart = False, hdri: Hdri = None, decompose: DecomposeConfig = _FIRST,
-    distill: DistillConfig = _SECOND,
+    distill: DistillConfig = _SECOND, predict: PredictConfig = _THIRD,
 ) -> None:  # fmt: skip
     """Both phases: reconstruct the object, then train the predictor of its light.
 
@@ -57,12 +59,13 @@ def train(
       lightprobe train photos/cup -o runs/cup --hdri ~/hdris
       lightprobe train photos/cup -o runs/cup --preset paper --device cuda
     """
-    _train(scene, output, device, seed, restart, decompose, distill, hdri)
+    _train(scene, output, device, seed, restart, decompose, distill, hdri, predict=predict)
 
 
 def distill(
     run: RunArg, *, preset: PresetArg = Preset.QUICK, device: Device = "auto", seed: Seed = 0,
     restart: Restart = False, scene: MovedScene = None, hdri: Hdri = None, distill: DistillConfig = _SECOND,
+    predict: PredictConfig = _THIRD,
 ) -> None:  # fmt: skip
     """Phase II: train the predictor of light of a reconstructed object.
 
@@ -76,7 +79,9 @@ def distill(
         if restart:
             restart_distill(folder)
         decomposition = Decomposition.load(folder, where)
-        run_distill(folder, decomposition, lambda: open_scene(folder, scene), distill, where, seed, meter, user_maps)
+        run_distill(
+            folder, decomposition, lambda: open_scene(folder, scene), distill, where, seed, meter, user_maps, predict
+        )  # fmt: skip
     print(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}")
 
 
@@ -94,7 +99,8 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
 
 def _train(
     scene_folder: Path, output: Path, device: str, seed: int, restart: bool, first: DecomposeConfig,
-    second: DistillConfig | None, hdri: Path | None = None, *, next_step: bool = True,
+    second: DistillConfig | None, hdri: Path | None = None, *, predict: PredictConfig = _THIRD,
+    next_step: bool = True,
 ) -> None:  # fmt: skip
     where, user_maps, scene = resolve_device(device), UserMaps.read(hdri, second), load_scene(scene_folder)
     run = RunFolder.create(output)
@@ -103,7 +109,7 @@ def _train(
             restart_decompose(run)
         decomposition = run_decompose(run, scene, first, where, seed, meter)
         if second is not None:
-            run_distill(run, decomposition, lambda: scene, second, where, seed, meter, user_maps)
+            run_distill(run, decomposition, lambda: scene, second, where, seed, meter, user_maps, predict)
     print(f"Mesh: {run.mesh_folder / 'object.glb'}\nEnvironments: {run.environment_folder}")
     if next_step:
         print(f"Next: lightprobe {'distill' if second is None else 'eval'} {output}")
@@ -115,6 +121,9 @@ def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:
     A name that is no preset is left to the argument parser to refuse.
     """
     preset = Preset(name) if name in list(Preset) else Preset.QUICK
-    values = {"preset": preset, "decompose": DecomposeConfig.preset(preset), "distill": distill_preset(preset)}
+    values = {
+        "preset": preset, "decompose": DecomposeConfig.preset(preset), "distill": distill_preset(preset),
+        "predict": predict_preset(preset),
+    }  # fmt: skip
     known = inspect.signature(command).parameters
     return functools.partial(command, **{name: value for name, value in values.items() if name in known})

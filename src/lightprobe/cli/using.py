@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from tyro.conf import Positional
 
+from lightprobe.cli import options
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.device import resolve_device
@@ -21,14 +22,16 @@ from lightprobe.evaluate import load_environment, turntable, write_prediction
 from lightprobe.evaluate import relight as relight_image
 from lightprobe.export import export as export_files
 from lightprobe.imaging import write_exr, write_png
-from lightprobe.predict import Method, Prediction, Predictor, check_names, methods_for
+from lightprobe.predict import Method, Prediction, Predictor, check_names, methods_for, recorded_config
 from lightprobe.scene import load_pixels, new_photo, read_camera
 from lightprobe.scene.frame import cut_name
 from lightprobe.scene.record import read_record
 
 MethodArg = Annotated[
     Method | None,
-    option(metavar="METHOD", help=f"One of {', '.join(Method)}; by default the best this run is trained for."),
+    option(
+        metavar="METHOD", help=f"One of {', '.join(Method)}; by default the run's own, or the best it has a model for."
+    ),
 ]
 
 _STEM_BYTES = 255 - len(".confidence.exr")  # of a photo's name that the names of its maps can hold
@@ -61,6 +64,7 @@ def predict(
     confidence: Annotated[
         Path | None, option(metavar="C.exr", help="Also write the confidence here; of several photos a folder.")
     ] = None,
+    settings: options.Prediction = options.UNCHANGED,
     device: Device = "auto",
 ) -> None:
     """Predict the environment around the object from one photo, or from several one by one.
@@ -71,6 +75,7 @@ def predict(
     Examples:
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
       lightprobe predict runs/cup test/r_003.png --camera transforms_test.json
+      lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o light.exr
       lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
     folder = RunFolder.open(run)
@@ -82,8 +87,8 @@ def predict(
     if len({job.output for job in jobs}) < len(jobs):
         raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
     photos = [new_photo(job.image, camera or folder.scene_file, job.mask) for job in jobs]
-    predictor = Predictor.load(run, resolve_device(device))
-    chosen = method or methods_for(predictor.model)[0]
+    predictor = Predictor.load(run, resolve_device(device), settings.over(recorded_config(folder)))
+    chosen = method or methods_for(predictor.model, predictor.config)[0]
     if predictor.model is None and method is None:
         print(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
     for job, photo in zip(jobs, photos, strict=True):

@@ -1,4 +1,4 @@
-"""Phase I configuration and its presets; Phase II's stands in `config_distill`.
+"""Phase I configuration, and all presets; Phase II's and that of predictions: `config_distill`, `config_predict`.
 
 Every field can be set on the command line; the configuration used is written to the run folder as JSON.
 """
@@ -8,21 +8,27 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core import config_distill
+from lightprobe.core import config_distill, config_predict
 from lightprobe.core.config_distill import LIGHT_RESOLUTIONS, DistillConfig
 from lightprobe.core.config_json import config_from_json
+from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.errors import ConfigError
 
-__all__ = ["DecomposeConfig", "DistillConfig", "LightUpdate", "Preset", "SdfMode", "distill_preset"]
+__all__ = [
+    "DecomposeConfig", "DistillConfig", "ImageLoss", "LightUpdate", "Preset", "SdfMode", "Smoothed", "StartShape",
+    "VertexUnit", "distill_preset", "predict_preset",
+]  # fmt: skip
 
 # field of `DecomposeConfig` -> the least value that a run can use
 _LEAST = {
     **dict.fromkeys(("pass1_iterations", "pass1_side", "pass2_side", "pass3_side", "max_faces", "checkpoint_every"), 1),
-    **dict.fromkeys(("hash_levels", "hash_features", "hash_log2_size", "hash_finest"), 1),
+    **dict.fromkeys(("hash_levels", "hash_features", "hash_log2_size", "hash_coarsest", "hash_finest"), 1),
     **dict.fromkeys(("light_solve_pixels", "light_solve_iterations"), 1),
     **dict.fromkeys(("texture_size", "pass3_texture_size"), 2),
     **dict.fromkeys(("lattice_cells", "hull_voxels"), 8),
-    **dict.fromkeys(("pass2_iterations", "pass3_iterations", "sdf_coarse_grids", "validation_photos"), 0),
+    **dict.fromkeys(
+        ("pass2_iterations", "pass3_iterations", "sdf_coarse_grids", "validation_photos", "warm_up_steps"), 0
+    ),
 }
 
 
@@ -39,6 +45,41 @@ class SdfMode(StrEnum):
 
     DIRECT = "direct"
     MLP = "mlp"
+
+
+class StartShape(StrEnum):
+    """What the first pass starts from: the visual hull of the masks, a ball, or noise (nvdiffrec; not for an MLP)."""
+
+    HULL = "hull"
+    SPHERE = "sphere"
+    RANDOM = "random"
+
+
+class ImageLoss(StrEnum):
+    """How a rendered photo is compared.
+
+    `object`: tone-mapped, absolute, over the object's area, no penalty for more light than a clipped pixel shows.
+    `log-l1`: tone-mapped, absolute, over the frame, within the photo's mask (nvdiffrec). `l2`: so, but squared linear
+    differences (the words of the paper).
+    """
+
+    OBJECT = "object"
+    LOG_L1 = "log-l1"
+    L2 = "l2"
+
+
+class Smoothed(StrEnum):
+    """Which channels are held smooth: all of the material, or base colour from step 500 on in full (nvdiffrec)."""
+
+    MATERIAL = "material"
+    BASE_COLOR = "base-color"
+
+
+class VertexUnit(StrEnum):
+    """In what the second pass measures how vertices move: mean edges of the mesh, or the object's radius."""
+
+    EDGE = "edge"
+    RADIUS = "radius"
 
 
 class LightUpdate(StrEnum):
@@ -66,6 +107,8 @@ class DecomposeConfig:
     """The same for the third pass."""
     lattice_cells: int = 96
     """Cells along each edge of the tetrahedral lattice."""
+    start: StartShape = StartShape.HULL
+    """What the first pass starts from; all but the hull take the lattice of the whole box."""
     hull_voxels: int = 128
     """Voxels along each edge of the visual hull the surface starts from."""
     sdf: SdfMode = SdfMode.DIRECT
@@ -78,6 +121,8 @@ class DecomposeConfig:
     """Features per level and entry."""
     hash_log2_size: int = 15
     """Entries per level, as a power of two."""
+    hash_coarsest: int = 12
+    """Cells of the coarsest level along each edge."""
     hash_finest: int = 256
     """Cells of the finest level along each edge."""
     light_resolution: int = 16
@@ -96,6 +141,8 @@ class DecomposeConfig:
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
     learning_rate_geometry: float = 0.015
     """Adam step of lattice distances, offsets and vertices, in units of the object's radius per unit gradient sign."""
+    sdf_rate: float = 0.1
+    """Adam step of the MLP of distances, relative to that of the geometry."""
     learning_rate_material: float = 0.005
     """Adam step of the material."""
     learning_rate_finish: float = 0.002
@@ -104,8 +151,18 @@ class DecomposeConfig:
     """Adam step of all textures in the third pass."""
     learning_rate_light: float = 0.005
     """Adam step of the lights (gradient update only)."""
+    warm_up_steps: int = 0
+    """Steps over which the rates of the second pass rise from nothing."""
+    adam_decay: float = 0.99
+    """Decay of Adam's mean of squared gradients, its second beta."""
+    adam_epsilon: float = 1e-12
+    """What Adam adds to the root of that mean."""
+    image_loss: ImageLoss = ImageLoss.OBJECT
+    """How rendered photos are compared in the first two passes."""
     sdf_regularisation: float = 0.2
     """Sign-change cross-entropy weight at the start; it falls to a twentieth over the first quarter."""
+    smoothed: Smoothed = Smoothed.MATERIAL
+    """Which channels `smoothness` is about; base colour alone is compared beside visible points in both passes."""
     smoothness: float = 0.03
     """Weight of the material's change under a small displacement."""
     smoothness_texture: float = 0.1
@@ -125,12 +182,18 @@ class DecomposeConfig:
     """Pull of the base colour to where the mean light over all photos is grey."""
     normal_prior: float = 5.0
     """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
+    normal_ramp: float = 0.5
+    """Share of the first pass over which the field's normal offset comes in."""
     normal_prior_detail: float = 0.0
     """Weight of the squared tangent part of the normal map in the third pass."""
     light_grey: float = 0.005
     """Weight of the deviation of a light from grey (gradient update only)."""
     laplacian: float = 0.5
     """Weight of the change of the Laplacian against the start mesh in the second pass."""
+    laplacian_fades: bool = False
+    """Whether that weight falls to nothing over the second pass."""
+    vertex_unit: VertexUnit = VertexUnit.EDGE
+    """Unit of vertices' displacements in the second pass, and so of their Adam step and their Laplacian."""
     coverage_weight: float = 4.0
     """Weight of the squared coverage error beside the colour loss."""
     max_faces: int = 40000
@@ -144,7 +207,7 @@ class DecomposeConfig:
     unwrap_seconds: float = 60.0
     """Time limit of the UV unwrapper, after which a simple atlas is used."""
     validation_photos: int = 5
-    """Training photos held out to decide whether the second pass is kept."""
+    """Training photos held out to decide whether the second and third pass are kept; 0 keeps them unseen."""
     checkpoint_every: int = 150
     """Steps between checkpoints, and between renewals of the object's shadows."""
 
@@ -160,6 +223,11 @@ class DecomposeConfig:
         for name in ("light_resolution", "teacher_resolution"):
             if getattr(self, name) not in LIGHT_RESOLUTIONS:
                 raise ConfigError(f"decompose.{name} must be a power of two from 8 to 256, not {getattr(self, name)}.")
+
+        if self.adam_decay >= 1:
+            raise ConfigError(f"decompose.adam_decay must be below 1, not {self.adam_decay}.")
+        if self.start is StartShape.RANDOM and self.sdf is SdfMode.MLP:
+            raise ConfigError("decompose.start random needs decompose.sdf direct: a network cannot hold noise.")
 
     @staticmethod
     def preset(preset: Preset) -> "DecomposeConfig":
@@ -193,12 +261,16 @@ def standard() -> DecomposeConfig:
 
 
 def paper() -> DecomposeConfig:
-    """The paper's settings (section 4.2): MLP distances, gradient lights of 6x128x128, 40 k steps at 512 pixels."""
+    """The paper's settings (section 4.2), and nvdiffrec's published ones where it gives none: docs/paper-preset.md."""
     return replace(
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass3_iterations=0, pass1_side=512,
-        pass2_side=512, sdf=SdfMode.MLP, light_update=LightUpdate.GRADIENT, light_resolution=128, checkpoint_every=1000,
-        shadows=False, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
-        parsimony=0.0,
+        pass2_side=512, lattice_cells=64, start=StartShape.SPHERE, sdf=SdfMode.MLP,
+        hash_levels=16, hash_log2_size=19, hash_coarsest=16, hash_finest=4096, light_update=LightUpdate.GRADIENT,
+        light_resolution=128, shadows=False, learning_rate_finish=0.005, warm_up_steps=100, adam_decay=0.999,
+        image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4, smoothed=Smoothed.BASE_COLOR,
+        smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
+        parsimony=0.0, normal_prior=0.0, normal_ramp=0.0, laplacian_fades=True, max_faces=1_000_000,
+        crease_degrees=180.0, texture_size=2048, unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
     )  # fmt: skip
 
 
@@ -206,5 +278,13 @@ def distill_preset(preset: Preset) -> DistillConfig:
     """Return the Phase II configuration of a preset."""
     presets = {
         Preset.QUICK: config_distill.quick, Preset.STANDARD: config_distill.standard, Preset.PAPER: config_distill.paper
+    }  # fmt: skip
+    return presets[preset]()
+
+
+def predict_preset(preset: Preset) -> PredictConfig:
+    """Return the configuration of predictions after a preset."""
+    presets = {
+        Preset.QUICK: config_predict.quick, Preset.STANDARD: config_predict.standard, Preset.PAPER: config_predict.paper
     }  # fmt: skip
     return presets[preset]()

@@ -25,6 +25,34 @@ class LossSpace(StrEnum):
     LOG = "log"
 
 
+class RadianceUnit(StrEnum):
+    """What Equation 6 counts radiance in: the photo's light level, average light being half way to white in Y, or the
+    photo's own exposure, to the letter."""
+
+    LEVEL = "level"
+    PHOTO = "photo"
+
+
+class TotalDistribution(StrEnum):
+    """D_total of Equation 6: the mean of D over all object pixels, its sum, or its mean over those that a direction can
+    light at all (those whose normal faces it)."""
+
+    MEAN = "mean"
+    SUM = "sum"
+    PER_DIRECTION = "per-direction"
+
+
+class NetworkForm(StrEnum):
+    """What the illumination MLP is told and says.
+
+    `relative`: logarithms of colour and of the average light the pixel saw, encoded directions, the mirror direction;
+    a log factor on that average light. `plain`: c, k_d, k_s, n, r and w_o; the probe's colour (the paper).
+    """
+
+    RELATIVE = "relative"
+    PLAIN = "plain"
+
+
 class Lessons(StrEnum):
     """What Phase II learns from: photos with their Phase I environments (the paper), re-rendered pairs, or both."""
 
@@ -64,18 +92,26 @@ class DistillConfig:
     """Longer side in pixels of the photos; larger ones are reduced by area averaging."""
     pixels_per_photo: int = 8192
     """Object pixels kept of each photo."""
+    network: NetworkForm = NetworkForm.RELATIVE
+    """Inputs and output of the illumination MLP."""
     width: int = 128
     """Units of each hidden layer."""
     depth: int = 3
     """Hidden layers."""
     frequencies: int = 3
-    """Octaves of the Fourier encoding of directions."""
+    """Octaves of the Fourier encoding of directions; the plain network has none."""
     alpha_rule: AlphaRule = AlphaRule.R4
     """Width of the GGX lobe a pixel is spread by."""
     loss_space: LossSpace = LossSpace.LOG
     """Space of the squared difference."""
+    radiance_unit: RadianceUnit = RadianceUnit.LEVEL
+    """Unit of the radiance that is compared."""
+    solid_angle_weight: bool = True
+    """Weigh texels by their solid angles, of which those of a cubemap differ by a factor of five; else all alike."""
     sample_weight: bool = True
     """Weigh each direction by how much of it the sampled pixels saw (Equation 6, first weight)."""
+    total_distribution: TotalDistribution = TotalDistribution.MEAN
+    """What that weight divides by."""
     intensity_weight: bool = True
     """Weigh bright and dark directions above middling ones (Equation 6, second weight)."""
     checkpoint_every: int = 1000
@@ -130,8 +166,9 @@ def standard() -> DistillConfig:
 
 
 def paper() -> DistillConfig:
-    """The paper's settings (sections 3.2 and 4.2): 30 k steps against 6x128x128 maps, the loss as printed."""
+    """The paper's settings (sections 3.2 and 4.2), the loss as printed; what it leaves open: docs/paper-preset.md."""
     return replace(
-        standard(), lessons=Lessons.TEACHER, steps=30_000, sphere_steps=0, light_resolution=128, max_side=1024,
-        pixels_per_photo=65_536, loss_space=LossSpace.LINEAR,
+        standard(), lessons=Lessons.TEACHER, steps=30_000, sphere_steps=0, light_resolution=128, max_side=512,
+        pixels_per_photo=262_144, network=NetworkForm.PLAIN, alpha_rule=AlphaRule.R2, loss_space=LossSpace.LINEAR,
+        radiance_unit=RadianceUnit.PHOTO, solid_angle_weight=False,
     )  # fmt: skip

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import fields
 from enum import Enum
-from typing import Any, TypeVar, get_type_hints
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from lightprobe.core.errors import ConfigError
 
@@ -27,6 +28,8 @@ def config_from_json(kind: type[Config], value: Any, what: str) -> Config:
 
 def _typed(kind: Any, value: Any, what: str) -> Any:
     """Return a JSON value as the type of its field; whole numbers serve as floats, nothing else is converted."""
+    if isinstance(kind, UnionType):  # of a type and None
+        return None if value is None else _typed(get_args(kind)[0], value, what)
     if isinstance(kind, type) and issubclass(kind, Enum):
         try:
             return kind(value)

@@ -7,8 +7,9 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.core.device import generator, sent
+from lightprobe.decompose.frame_loss import frame_loss
 from lightprobe.decompose.gauge import CHOICES, choose_brightness, spread
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.lights import Lights
@@ -113,9 +114,15 @@ class ImageTask:
         cover = coverage(pixel, crossings, view.height * view.width)
         image = spread_color(radiance, pixel, crossings, cover)
         background = sent(torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device)
-        loss = image_loss(image, cover, target, background, self.config.coverage_weight)
-        gauge = self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
-        return loss + seen.regularisation + gauge + self._few_metals(seen.gbuffer, step)
+        kind, weight = self.config.image_loss, self.config.coverage_weight
+        if kind is ImageLoss.OBJECT:
+            loss = image_loss(image, cover, target, background, weight)
+        else:
+            loss = frame_loss(image, cover, target.color, target.alpha, background, weight, kind)
+        loss = loss + seen.regularisation
+        if self.config.color_gauge > 0:  # the cast takes a look at every light
+            loss = loss + self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
+        return loss + self._few_metals(seen.gbuffer, step)
 
     def _few_metals(self, gbuffer: GBuffer, step: int) -> Tensor:
         """Return the weighted entropy of the metals at some of the points of a G-buffer."""

@@ -8,10 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lightprobe.core.config import DecomposeConfig, SdfMode
+from lightprobe.core.config import DecomposeConfig, SdfMode, Smoothed
 from lightprobe.core.device import generator, sent
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.decompose.coarse_grids import CoarseGrids
+from lightprobe.decompose.frame_loss import color_change
 from lightprobe.decompose.gauge import BRIGHTEST
 from lightprobe.decompose.losses import brightness_anchor, material_prior
 from lightprobe.decompose.moving_shadows import MovingShadows
@@ -24,6 +25,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import outline_vertices
 from lightprobe.render.surface import View, face_camera, visible_surface
 
+_FITTED = 16_384  # points at most in a step that fits the network of distances to a shape
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
 
 
@@ -60,12 +62,13 @@ class DistanceMlp(nn.Module):
             x = torch.nn.functional.softplus(torch.addmm(bias, x, weight), beta=100)
         return torch.addmm(self.biases[-1], x, self.weights[-1])[:, 0]
 
-    def fit(self, points: Tensor, distance: Tensor, steps: int) -> None:
-        """Fit the network to given distances, so that training starts from the visual hull."""
-        optimiser = torch.optim.Adam(self.parameters(), lr=1e-3)
+    def fit(self, points: Tensor, distance: Tensor, steps: int, random: torch.Generator) -> None:
+        """Fit the network to distances (V,) given at points (V, 3), so that training starts from a shape."""
+        optimiser, count = torch.optim.Adam(self.parameters(), lr=1e-3), min(_FITTED, len(points))
         for _ in range(steps):
+            some = sent(torch.randint(0, len(points), (count,), generator=random), points.device)
             optimiser.zero_grad()
-            loss = (self(points) - distance).abs().mean()
+            loss = (self(points[some]) - distance[some]).abs().mean()
             loss.backward()
             optimiser.step()
 
@@ -81,7 +84,7 @@ class LatticeModel(nn.Module):
         initial = start.distance.to(device)
         if config.sdf is SdfMode.MLP:
             self.mlp = DistanceMlp(generator(seed, "sdf")).to(device)
-            self.mlp.fit(self.lattice.vertices, initial, steps=400)
+            self.mlp.fit(self.lattice.vertices, initial, steps=400, random=generator(seed, "sdf-fit"))
         else:
             self.distance = nn.Parameter(initial)
             self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
@@ -91,14 +94,14 @@ class LatticeModel(nn.Module):
         self.brightness = nn.Parameter(torch.tensor(BRIGHTEST / START_BASE, device=device), requires_grad=False)
         self.field = MaterialField(
             levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
-            finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
+            coarsest=config.hash_coarsest, finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
         ).to(device)  # fmt: skip
 
     def groups(self) -> list[dict]:
         """Return the optimiser's parameter groups."""
         rate, material = self.config.learning_rate_geometry, self.config.learning_rate_material
         if self.config.sdf is SdfMode.MLP:
-            shape = [{"params": list(self.mlp.parameters()), "lr": 0.1 * rate}]
+            shape = [{"params": list(self.mlp.parameters()), "lr": self.config.sdf_rate * rate}]
         else:
             # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths of a cell.
             cells = rate * self.lattice.cell
@@ -155,7 +158,7 @@ class LatticeModel(nn.Module):
         gbuffer, material = self._shown(view, vertices, faces, screen, progress)
         weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
         loss = weight * sign_change_loss(self.lattice, crossing, distance)
-        loss = loss + self._material_loss(gbuffer.position, material, step)
+        loss = loss + self._material_loss(gbuffer, material, step)
         edges = edge_faces(faces, outline_vertices(screen, faces))
         return Seen(gbuffer, screen, faces, edges, loss)
 
@@ -174,22 +177,29 @@ class LatticeModel(nn.Module):
         material = self.material(surface.position)
         normal = surface.interpolate(vertex_normals(vertices, faces), faces)
         # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
+        ramp = self.config.normal_ramp
+        share = 1.0 if ramp == 0 else min(1.0, progress / ramp)
         normal = face_camera(
-            torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * min(1.0, 2 * progress),
-            surface.view,
+            torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * share, surface.view
         )
         return gbuffer_of(surface, view, normal, material, openness), material
 
-    def _material_loss(self, position: Tensor, material: Tensor, step: int) -> Tensor:
+    def _material_loss(self, gbuffer: GBuffer, material: Tensor, step: int) -> Tensor:
         """Smoothness under a small random displacement, and the priors of metallic, roughness and normal offset."""
+        position = gbuffer.position
         count = min(4096, len(position))
         random = generator(self.seed, "jitter", step)
         rows = sent(torch.randint(0, max(len(position), 1), (count,), generator=random), position.device)
         jitter = 0.01 * sent(torch.randn(count, 3, generator=random), position.device)
         here = material.index_select(0, rows)
         there = self.material(position.detach()[rows] + jitter)
+        if self.config.smoothed is Smoothed.BASE_COLOR:
+            covered = len(position) / (gbuffer.height * gbuffer.width)
+            change = color_change(here[:, :3], there[:, :3], covered, step)
+        else:
+            change = (here - there).abs().mean()
         return (
-            self.config.smoothness * (here - there).abs().mean()
+            self.config.smoothness * change
             + material_prior(material, self.config)
             + self.config.brightness_anchor * brightness_anchor(material[:, :3], self.mean_color)
             + self.config.normal_prior * material[:, 5:].square().mean()

@@ -56,6 +56,12 @@ class Stage:
     name: str
     first_step: int
     iterations: int
+    warm_up: int = 0  # steps over which the learning rates rise from nothing
+
+    def rate(self, iteration: int) -> float:
+        """Return what share of the learning rates a step takes."""
+        warm = 1.0 if self.warm_up == 0 else min(1.0, (iteration + 1) / self.warm_up)
+        return float(warm * 10 ** -(iteration / max(self.iterations, 1)))
 
 
 @dataclass
@@ -92,7 +98,7 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
              restored: dict[str, Tensor] | None = None) -> None:  # fmt: skip
     """Run `stage` from iteration `done`; `restored` holds the tensors of the checkpoint taken there.
 
-    All learning rates fall exponentially to a tenth over the stage (paper, section 4.2).
+    All learning rates fall exponentially to a tenth over the stage (paper, section 4.2), after its warm-up.
     """
     groups, lights = task.groups(), task.lights
     if lights.gradient:
@@ -102,7 +108,9 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
     recorder = recorder_for(device) if task.steady else None
     if recorder is not None:  # a recording would keep Python's numbers
         groups = [{**group, "lr": torch.tensor(rate, device=device)} for group, rate in zip(groups, rates, strict=True)]
-    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-12, fused=True, capturable=recorder is not None)
+    optimiser = torch.optim.Adam(
+        groups, betas=(0.9, config.adam_decay), eps=config.adam_epsilon, fused=True, capturable=recorder is not None
+    )
     names = [f"p{i}" for i in range(sum(len(list(g["params"])) for g in optimiser.param_groups))]
     if restored is not None:
         with progress.restoring(stage.first_step + done):
@@ -133,7 +141,7 @@ def optimise(task: Task, stage: Stage, config: DecomposeConfig, progress: Progre
         if iteration % config.checkpoint_every == 0:
             task.refresh(iteration, fraction)
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
-            set_rate(group, rate * 10**-fraction)
+            set_rate(group, rate * stage.rate(iteration))
         given = task.given(iteration)
         loss = descend(iteration, fraction, given) if recorder is None else recorded(*given)
         losses.add(loss, partial(take_note, iteration))

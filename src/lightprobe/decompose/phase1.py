@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config import DecomposeConfig, StartShape
 from lightprobe.core.device import full_precision
 from lightprobe.decompose.bake import bake
 from lightprobe.decompose.decomposition import Decomposition
@@ -16,7 +16,7 @@ from lightprobe.decompose.lattice_model import LatticeModel
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.optimisation import Progress, Stage, optimise
 from lightprobe.decompose.photos import Target, load_targets
-from lightprobe.decompose.start import start_from_hull
+from lightprobe.decompose.start import BOX, Start, start_from_box, start_from_hull
 from lightprobe.decompose.surface_model import SurfaceModel
 from lightprobe.decompose.texture_task import PhotoPixels, TextureTask
 from lightprobe.decompose.validation import explain, validate
@@ -24,7 +24,6 @@ from lightprobe.render.asset import Asset
 from lightprobe.scene import carved_hull
 from lightprobe.scene.photo import Photo, Scene
 
-BOX = 1.15  # half edge of the lattice, in object radii
 _START = "start."  # prefix, in a checkpoint, of the asset that a pass started from
 _BEFORE = "before.lights"  # of a pass
 
@@ -105,6 +104,20 @@ def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | Non
     """Fit lattice and field, bake them, and return the tensors the second pass starts from."""
     config = job.config
     targets = job.targets(photos, config.pass1_side)
+    model = LatticeModel(_start(job, photos, targets), config, job.device, job.seed)
+    lights = Lights([t.name for t in targets], config, job.device, job.seed)
+    stage = Stage("pass1", 0, config.pass1_iterations)
+    task = ImageTask(model, targets, lights, stage, config, job.seed)
+    optimise(task, stage, config, job.progress, done, restored)
+    # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
+    return _hand_over(job, bake(model, config, job.device, job.progress.tell), lights, "pass2")
+
+
+def _start(job: Job, photos: list[Photo], targets: list[Target]) -> Start:
+    """Return the lattice and the distances that the first pass starts from."""
+    config = job.config
+    if config.start is not StartShape.HULL:
+        return start_from_box(config.start, config.lattice_cells, job.seed)
     cameras = [
         photo.camera.resized(target.view.width, target.view.height).normalised(job.scene.similarity)
         for photo, target in zip(photos, targets, strict=True)
@@ -112,13 +125,7 @@ def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | Non
     masks = [t.alpha.reshape(t.view.height, t.view.width).cpu().numpy() for t in targets]
     # The box leaves the surface room to grow beyond the hull, whose radius is 1 only up to a voxel.
     hull = carved_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
-    model = LatticeModel(start_from_hull(hull, config.lattice_cells), config, job.device, job.seed)
-    lights = Lights([t.name for t in targets], config, job.device, job.seed)
-    stage = Stage("pass1", 0, config.pass1_iterations)
-    task = ImageTask(model, targets, lights, stage, config, job.seed)
-    optimise(task, stage, config, job.progress, done, restored)
-    # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
-    return _hand_over(job, bake(model, config, job.device, job.progress.tell), lights, "pass2")
+    return start_from_hull(hull, config.lattice_cells)
 
 
 def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
@@ -128,8 +135,8 @@ def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: 
     start, lights = _taken_over(job, photos, tensors)
     if config.pass2_iterations == 0:
         return tensors
-    model = SurfaceModel(start, config)
-    stage = Stage("pass2", config.pass1_iterations, config.pass2_iterations)
+    model = SurfaceModel(start, config, job.seed)
+    stage = Stage("pass2", config.pass1_iterations, config.pass2_iterations, config.warm_up_steps)
     lights_before = tensors[_BEFORE] if done else tensors["lights"]
     job.progress.extra = {**_named(start), _BEFORE: lights_before}
     targets = job.targets(photos, config.pass2_side)
@@ -152,7 +159,7 @@ def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: d
     pixels = [PhotoPixels.of(start, job.targets([photo], config.pass3_side)[0], job.seed) for photo in photos]
     pixels = [photo for photo in pixels if len(photo.color) > 0]
     before = start.textures.resized(max(config.pass3_texture_size, start.textures.size))
-    model = SurfaceModel(replace(start, textures=before), config)
+    model = SurfaceModel(replace(start, textures=before), config, job.seed)
     task = TextureTask(model, pixels, lights, stage, config, job.seed)
     optimise(task, stage, config, job.progress, done, tensors if done else None)
     refined = model.asset()

@@ -1,4 +1,4 @@
-"""The start of Phase I: a lattice around the visual hull of the masks, with the hull's signed distance on it."""
+"""The start of Phase I: a lattice and signed distances on it, of the masks' visual hull or of what knows no masks."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,14 @@ import numpy as np
 import scipy
 import torch
 
+from lightprobe.core.config import StartShape
+from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.tet_lattice import TetLattice, build_lattice
 from lightprobe.scene import Hull
 
+BOX = 1.15  # half edge of the lattice, in object radii
+_INSIDE = 0.1  # share of the vertices that start inside, of noise
 OUTER_BAND = 3.0  # lattice cells kept outside the hull: the surface may grow this far
 
 
@@ -50,3 +54,16 @@ def start_from_hull(hull: Hull, cells: int) -> Start:
     lattice = build_lattice(at(centers) < OUTER_BAND * cell, lower, cell)
     distance = at(lattice.vertices.double().numpy()).astype(np.float32)
     return Start(lattice, torch.from_numpy(distance))
+
+
+def start_from_box(shape: StartShape, cells: int, seed: int) -> Start:
+    """Return the lattice of the whole box with the distances of a ball of radius 1, or with noise.
+
+    Noise is uniform over one cell, a tenth of the vertices inside.
+    """
+    cell = 2 * BOX / cells
+    lattice = build_lattice(np.ones((cells,) * 3, bool), np.full(3, -BOX), cell)
+    if shape is StartShape.SPHERE:
+        return Start(lattice, lattice.vertices.norm(dim=1) - 1)
+    noise = torch.rand(len(lattice.vertices), generator=generator(seed, "sdf-noise"))
+    return Start(lattice, (noise - _INSIDE) * cell)

@@ -6,29 +6,36 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
-from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config import DecomposeConfig, Smoothed, VertexUnit
+from lightprobe.core.device import generator, sent
+from lightprobe.decompose.frame_loss import color_change
 from lightprobe.decompose.lattice_model import Seen
 from lightprobe.decompose.losses import brightness_anchor, material_prior, neighbour_difference
 from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
-from lightprobe.kernels import gather_rows, scatter_rows
+from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather
 from lightprobe.material.field import MIN_ROUGHNESS
-from lightprobe.material.textures import Textures
+from lightprobe.material.textures import Textures, bilinear_taps
 from lightprobe.render.asset import Asset, textured_gbuffer, textured_surroundings
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.surface import View, visible_surface
+from lightprobe.render.surface import Surface, View, visible_surface
+
+_BESIDE = 0.005  # standard deviation, of the texture's edge, of where base colours are compared
+_COMPARED = 4096  # points
 
 
 class SurfaceModel(nn.Module):
     """A textured mesh whose vertices and texels move; the connectivity and texture coordinates stay."""
 
-    def __init__(self, asset: Asset, config: DecomposeConfig):
+    def __init__(self, asset: Asset, config: DecomposeConfig, seed: int = 0):
         super().__init__()
         self.config = config
+        self.seed = seed
         self.start = asset.mesh
         self.edges = edge_faces(asset.mesh.faces)
-        # Displacements are in units of the mean edge, so that one step means the same on a fine and a coarse mesh.
+        # In units of the mean edge one step means the same on a fine and a coarse mesh.
         ends = asset.mesh.vertices[self.edges.vertices]
-        self.unit = float((ends[:, 0] - ends[:, 1]).norm(dim=1).mean())
+        edge = float((ends[:, 0] - ends[:, 1]).norm(dim=1).mean())
+        self.unit = edge if config.vertex_unit is VertexUnit.EDGE else 1.0
         self.displacement = nn.Parameter(torch.zeros_like(asset.mesh.vertices))
         channels = asset.textures.flat()
         self.color = nn.Parameter(channels[:, :3].clone())
@@ -65,8 +72,12 @@ class SurfaceModel(nn.Module):
         """Return what the camera sees."""
         mesh, texels = self.mesh(), self.texels()
         screen = view.project(mesh.vertices)
-        gbuffer = self._shown(view, mesh, texels, screen)
-        loss = self.config.laplacian * self._laplacian_change() + self._texture_loss(texels)
+        gbuffer, surface = self._shown(view, mesh, texels, screen)
+        laplacian = self.config.laplacian * (1 - progress if self.config.laplacian_fades else 1.0)
+        loss = laplacian * self._laplacian_change() + self._texture_loss(texels)
+        if self.config.smoothed is Smoothed.BASE_COLOR:
+            covered = len(gbuffer.pixel) / (view.height * view.width)
+            loss = loss + self.config.smoothness * self._color_change(surface, covered, step)
         return Seen(gbuffer, screen, mesh.faces, self.edges, loss)
 
     @torch.no_grad()
@@ -74,14 +85,25 @@ class SurfaceModel(nn.Module):
         """Yield the G-buffers of the present surface in several views."""
         mesh, texels = self.mesh(), self.texels()
         for view in views:
-            yield self._shown(view, mesh, texels, view.project(mesh.vertices))
+            yield self._shown(view, mesh, texels, view.project(mesh.vertices))[0]
 
-    def _shown(self, view: View, mesh: Mesh, texels: Tensor, screen: Tensor) -> GBuffer:
+    def _shown(self, view: View, mesh: Mesh, texels: Tensor, screen: Tensor) -> tuple[GBuffer, Surface]:
         surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
-        return textured_gbuffer(surface, view, mesh, texels, self.tangents, self.around)
+        return textured_gbuffer(surface, view, mesh, texels, self.tangents, self.around), surface
+
+    def _color_change(self, surface: Surface, covered: float, step: int) -> Tensor:
+        """Return how base colours at some visible points differ from those beside them."""
+        random = generator(self.seed, "texture-jitter", step)
+        count = min(_COMPARED, len(surface.pixel))
+        rows = sent(torch.randint(0, max(len(surface.pixel), 1), (count,), generator=random), self.color.device)
+        jitter = _BESIDE * sent(torch.randn(count, 2, generator=random), self.color.device)
+        uv = surface.select(rows).interpolate(self.start.uvs, self.start.uv_faces).detach()
+        size = round(len(self.color) ** 0.5)
+        here, there = (weighted_gather(self.color, *bilinear_taps(at, size)) for at in (uv, uv + jitter))
+        return color_change(here, there, covered, step - self.config.pass1_iterations)
 
     def _laplacian_change(self) -> Tensor:
-        """Return the mean squared uniform Laplacian of the displacement, in mean edges."""
+        """Return the mean squared uniform Laplacian of the displacement, in its unit."""
         a, b = gather_rows(self.displacement, self.edges.vertices).unbind(1)
         pull = torch.cat([b - a, a - b])
         ends = torch.cat([self.edges.vertices[:, 0], self.edges.vertices[:, 1]])
@@ -90,14 +112,18 @@ class SurfaceModel(nn.Module):
 
     def _texture_loss(self, texels: Tensor) -> Tensor:
         """Return the weighted mean difference of neighbouring texels plus the priors of the material."""
-        size = round(len(texels) ** 0.5)
-        bends = torch.stack(self.finish.unbind(1)[2:4])
-        return (
-            self.config.smoothness_texture * neighbour_difference(texels.view(size, size, -1))
-            + 0.2 * self.config.normal_prior * bends.square().mean()
-            + material_prior(texels, self.config)
-            + self.config.brightness_anchor * brightness_anchor(self.color, self.mean_color)
-        )
+        config, loss = self.config, texels.new_zeros(())
+        if config.smoothness_texture > 0:  # each of these passes over all texels
+            size = round(len(texels) ** 0.5)
+            loss = loss + config.smoothness_texture * neighbour_difference(texels.view(size, size, -1))
+        if config.normal_prior > 0:
+            bends = torch.stack(self.finish.unbind(1)[2:4])
+            loss = loss + 0.2 * config.normal_prior * bends.square().mean()
+        if config.metallic_prior > 0 or config.roughness_prior > 0:
+            loss = loss + material_prior(texels, config)
+        if config.brightness_anchor > 0:
+            loss = loss + config.brightness_anchor * brightness_anchor(self.color, self.mean_color)
+        return loss
 
     @torch.no_grad()
     def renew(self) -> None:

@@ -8,6 +8,8 @@ l = 2 (n.w_o) n - w_o the mirror direction. With e = 0.02 against division by bl
 The first factor is the light the pixel would have seen were it the same from everywhere, so that an untrained network
 already predicts something sane; the network learns the rest in log radiance. Scaling a photo scales s and c alike,
 and with them c_p, exactly.
+
+The paper names the inputs alone, c_p = MLP(c, k_d, k_s, n, r, w_o): `NetworkForm.PLAIN`, with a softplus at the end.
 """
 
 import itertools
@@ -16,34 +18,46 @@ import math
 import torch
 from torch import Tensor, nn
 
+from lightprobe.core.config_distill import NetworkForm
 from lightprobe.core.device import generator
 from lightprobe.distill.probe_pixels import ProbePixels
 
 _BLACK = 0.02
 _LOG_RANGE = 8.0
+_PLAIN_INPUTS = 16
 
 
 class IlluminationMlp(nn.Module):
     """Maps N pixels to N probe colours >= 0, linear and unbounded above."""
 
-    def __init__(self, width: int, depth: int, frequencies: int, seed: int = 0):
+    def __init__(
+        self, width: int, depth: int, frequencies: int, seed: int = 0, form: NetworkForm = NetworkForm.RELATIVE
+    ):
         super().__init__()
-        self.frequencies = frequencies
-        inputs = 14 + 9 * (1 + 2 * frequencies)
+        self.frequencies, self.form = frequencies, form
+        inputs = 14 + 9 * (1 + 2 * frequencies) if form is NetworkForm.RELATIVE else _PLAIN_INPUTS
         sizes = [inputs] + [width] * depth + [3]
         self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(sizes))
         self._initialise(seed)
 
     def forward(self, pixels: ProbePixels, light_level: Tensor) -> Tensor:
         """Return probe colours (N, 3) of the pixels of a photo with `light_level` ()."""
+        if self.form is NetworkForm.PLAIN:
+            surface = [pixels.color, pixels.base_color, pixels.specular, pixels.normal, pixels.roughness[:, None]]
+            return torch.nn.functional.softplus(self._answer(torch.cat([*surface, pixels.view], -1)))
         relative = pixels.color / light_level + _BLACK
         start = relative / (pixels.furnace + _BLACK)
-        hidden = self._encode(pixels, relative.log(), start.log())
+        answer = self._answer(self._encode(pixels, relative.log(), start.log()))
+        correction = _LOG_RANGE * torch.tanh(answer / _LOG_RANGE)
+        return light_level * start * correction.exp()
+
+    def _answer(self, hidden: Tensor) -> Tensor:
+        """Return the last layer's output (N, 3) for inputs (N, I)."""
         *inner, last = self._linear()
         for layer in inner:
             hidden = torch.relu(layer(hidden))
-        correction = _LOG_RANGE * torch.tanh(last(hidden).float() / _LOG_RANGE)  # float: in mixed precision, too
-        return light_level * start * correction.exp()
+        answer: Tensor = last(hidden)
+        return answer.float()  # in mixed precision, too
 
     def _encode(self, pixels: ProbePixels, log_color: Tensor, log_start: Tensor) -> Tensor:
         cosine = (pixels.normal * pixels.view).sum(-1, keepdim=True)

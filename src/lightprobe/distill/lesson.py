@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.distill.probe_distribution import mean_distribution
+from lightprobe.distill.probe_distribution import total_distribution
 from lightprobe.distill.probe_maps import SOLVED_PIXELS, evidence
 from lightprobe.distill.probe_pixels import ProbePixels, probe_pixels
 from lightprobe.light import cubemap
@@ -23,7 +23,7 @@ class Lesson:
     pixels: ProbePixels  # N pixels, linear colour in the photo's own exposure
     clipped: Tensor  # (N, 3) bool
     light_level: Tensor  # () radiance
-    distribution: Tensor  # (M,) mean distribution of all pixels
+    distribution: Tensor  # (M,) distribution of all pixels, the divisor of the sample weight
     solved: Tensor  # (2, 384, 3) from `probe_maps.evidence`
     up: Tensor  # (3,) unit, for most of the cameras
     teacher: Tensor  # (M, 3) radiance / light_level
@@ -42,7 +42,9 @@ class Desk:
         rows = torch.arange(len(gbuffer.pixel), device=gbuffer.pixel.device)
         self._pixels = probe_pixels(gbuffer, rows, torch.zeros_like(gbuffer.base_color))
         directions = cubemap.directions(config.light_resolution, rows.device).reshape(-1, 3)
-        self._distribution = mean_distribution(self._pixels, directions, config.alpha_rule)
+        self._distribution = total_distribution(
+            self._pixels, directions, config.alpha_rule, config.total_distribution, config.samples
+        )
 
     def lesson(
         self, name: str, color: Tensor, clipped: Tensor, light: Tensor, exposure: Tensor | float = 1.0

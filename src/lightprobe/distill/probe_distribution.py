@@ -10,13 +10,15 @@ equation has w_i.n; the density is meant. It also prints r^2 for alpha^2, where 
 is r^4: the lobe that mirrors the renderer's is the default, the printed one an option.
 """
 
+import torch
 from torch import Tensor
 
 from lightprobe import kernels
-from lightprobe.core.config_distill import AlphaRule
+from lightprobe.core.config_distill import AlphaRule, TotalDistribution
 from lightprobe.distill.probe_pixels import ProbePixels
 from lightprobe.light.culled_stacking import stack_on_cubemap
 
+_CHUNK = 2048  # pixels
 _LEAST_ROUGHNESS = 0.08  # the renderer's own floor; below it a lobe is narrower than any texel
 
 
@@ -30,6 +32,19 @@ def mean_distribution(pixels: ProbePixels, directions: Tensor, rule: AlphaRule) 
     """Return the mean of D_p over the pixels in each of `directions` (M, 3): (M,), per steradian."""
     total = kernels.probe_weight(pixels.normal, pixels.view, alpha2(pixels.roughness, rule), directions)
     return total / max(len(pixels), 1)
+
+
+def total_distribution(
+    pixels: ProbePixels, directions: Tensor, rule: AlphaRule, total: TotalDistribution, samples: int
+) -> Tensor:
+    """Return D_total of Equation 6 in `directions` (M, 3): (M,), to divide the mean of D over `samples` pixels by."""
+    mean = mean_distribution(pixels, directions, rule)
+    if total is TotalDistribution.SUM:
+        return mean * (len(pixels) / min(samples, len(pixels)))
+    if total is TotalDistribution.PER_DIRECTION:
+        facing = sum(((normal @ directions.T) > 0).sum(0) for normal in pixels.normal.split(_CHUNK))
+        return mean * len(pixels) / torch.as_tensor(facing, device=mean.device).clamp(min=1)
+    return mean
 
 
 def stack(pixels: ProbePixels, colors: Tensor, directions: Tensor, rule: AlphaRule) -> tuple[Tensor, Tensor]:

@@ -113,7 +113,7 @@ def _filled(network: Network, weights: dict[str, Tensor], path: Path, remedy: st
 
 def new_network(config: DistillConfig, seed: int = 0) -> IlluminationMlp:
     """Return an untrained network of the configured size."""
-    return IlluminationMlp(config.width, config.depth, config.frequencies, seed)
+    return IlluminationMlp(config.width, config.depth, config.frequencies, seed, config.network)
 
 
 def new_sphere(config: DistillConfig, seed: int = 0) -> SphereNet:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.checkpoint import Checkpoints, stored_like
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config_distill import DistillConfig, RadianceUnit
 from lightprobe.core.device import full_precision, generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.core.losses import LossReader
@@ -118,13 +118,17 @@ def lesson_loss(
     """Return Equation 6 () of the illumination MLP for one photo, `given` as `lesson_tensors`."""
     *fields, light_level, distribution, teacher = given
     pixels = ProbePixels(*fields)
-    colors = network(pixels, light_level) / light_level
+    colors = network(pixels, light_level)
+    if config.radiance_unit is RadianceUnit.LEVEL:
+        colors = colors / light_level
+    else:
+        teacher = teacher * light_level
     predicted, sampled = stack(pixels, colors, directions, config.alpha_rule)
     weight = torch.ones_like(sampled)
     if config.sample_weight:
         weight = weight * sample_weight(sampled, distribution)
     if config.intensity_weight:
-        weight = weight * intensity_weight(teacher)
+        weight = weight * intensity_weight(teacher, config.radiance_unit)
     return weighted_l2(predicted, teacher, weight, solid_angles, config.loss_space)
 
 
@@ -196,6 +200,8 @@ class _Course:
         self.sphere: SphereNet = new_sphere(config, seed).to(device)
         directions = cubemap.directions(config.light_resolution, device).reshape(-1, 3)
         solid_angles = cubemap.solid_angles(config.light_resolution).to(device).reshape(-1)
+        if not config.solid_angle_weight:
+            solid_angles = torch.full_like(solid_angles, 4 * math.pi / len(solid_angles))
 
         network, sphere = (_mixed(module, device) for module in (self.network, self.sphere))
 

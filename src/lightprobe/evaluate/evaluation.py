@@ -23,7 +23,7 @@ from lightprobe.evaluate.prediction_files import write_prediction
 from lightprobe.evaluate.stand_in import StandIn
 from lightprobe.evaluate.true_light import ConfidenceBins, TrueLight, falls
 from lightprobe.evaluate.views import TestView, halves
-from lightprobe.predict import Method, Prediction, Predictor, methods_for
+from lightprobe.predict import Method, PredictConfig, Prediction, Predictor, methods_for
 from lightprobe.scene.photo import Photo, Scene
 
 OnPhoto = Callable[[int, int], None]  # (photos done, photos in all)
@@ -108,27 +108,31 @@ def evaluate(
     run: RunFolder | None = None,
     protocols: Protocols | None = None,
     true_object: Decomposition | None = None,
+    prediction: PredictConfig | None = None,
     on_photo: OnPhoto | None = None,
     on_view: OnView | None = None,
 ) -> Evaluation:
     """Score `methods`, the first being the default, on the scene's test photos; by default those of `methods_for`.
 
-    With `run`, predictions are written to its folder, each method's to one of its own; those of `methods_for(model)[0]`
-    also to the place without a name, where no other method's ever go. `true_object` is relit with the predicted lights
-    in place of the decomposition's own object. `on_view` receives the default method's result for every photo.
+    With `run`, predictions are written to its folder, each method's to one of its own; those of the first that
+    `methods_for` names also to the place without a name, where no other method's ever go. `true_object` is relit with
+    the predicted lights in place of the decomposition's own object. `prediction`: how lights are predicted, by default
+    as after the preset `quick`. `on_view` receives the default method's result for every photo.
     A photo that cannot be scored is left out and named in `Evaluation.skipped`. Raises `InputError` when no test photo
     is left.
     """
     if not scene.test:
         raise InputError(f"{scene.root} has no test photos to evaluate on; add some, or use more than one photo.")
-    methods, device = methods or methods_for(model), device or torch.device("cpu")
+    own, device = methods_for(model, prediction), device or torch.device("cpu")
+    methods = methods or own
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
-    judge = _Judge.of(decomposition, model, scene, protocols or Protocols(), device, true_object)
+    predictor = Predictor(decomposition, model, device, config=prediction)
+    judge = _Judge.of(decomposition, predictor, scene, protocols or Protocols(), device, true_object)
     result, bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
     materials = truth.MaterialScores()
     for done, photo in enumerate(scene.test):
         try:
-            view = TestView.load(photo, decomposition, judge.predictor.light_resolution, device)
+            view = TestView.load(photo, decomposition, judge.predictor.config.light_resolution, device)
             light = judge.true_light(photo)
             first = judge.score(view, light, methods[0])
         except InputError as error:  # one photo that cannot serve must not cost the numbers of the others
@@ -144,7 +148,7 @@ def evaluate(
             if light is not None:
                 bins[method].add(seen.prediction, light.cube)
             if run is not None:
-                _write(seen.prediction, run, photo, method, default=method is methods_for(model)[0])
+                _write(seen.prediction, run, photo, method, default=method is own[0])
             if on_view is not None and method is methods[0]:
                 on_view(seen)
         if on_photo is not None:
@@ -178,7 +182,7 @@ class _Judge:
     @staticmethod
     def of(
         decomposition: Decomposition,
-        model: ProbeModel | None,
+        predictor: Predictor,
         scene: Scene,
         protocols: Protocols,
         device: torch.device,
@@ -186,13 +190,13 @@ class _Judge:
     ) -> "_Judge":
         known = any(photo.truth.environment is not None for photo in scene.test)
         stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
-        return _Judge(decomposition, Predictor(decomposition, model, device), stand_in, protocols, device)
+        return _Judge(decomposition, predictor, stand_in, protocols, device)
 
     def true_light(self, photo: Photo) -> TrueLight | None:
         path, center = photo.truth.environment, self.decomposition.similarity.center
         if path is None:
             return None
-        return TrueLight.load(path, photo.camera, center, self.predictor.light_resolution, self.device)
+        return TrueLight.load(path, photo.camera, center, self.predictor.config.light_resolution, self.device)
 
     def too_slow(self, method: Method, done: int) -> bool:
         slow = self.slowest.get(method, 0) > self.protocols.slow_seconds

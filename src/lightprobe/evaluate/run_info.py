@@ -4,15 +4,16 @@ SCENE, RUN and HDRI stand for folders in the commands, which are the same wherev
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
+from lightprobe.core.config import DecomposeConfig, Preset, distill_preset, predict_preset
 from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
 
@@ -30,6 +31,11 @@ _SECOND: dict[str, Callable[[], Config]] = {
     _DEMO: config_distill.demo,
 }
 
+_PREDICTION: dict[str, Callable[[], PredictConfig]] = {
+    **{preset.value: partial(predict_preset, preset) for preset in Preset},
+    _DEMO: PredictConfig,
+}
+
 
 @dataclass(frozen=True)
 class Phase:
@@ -40,11 +46,12 @@ class Phase:
     presets: dict[str, Callable[[], Config]]
     seed: int
     hdri: bool = False
+    prediction: PredictConfig | None = None  # how the run predicts, kept with the second phase
 
     @property
     def preset(self) -> str | None:
         """The preset that has these very settings, or None."""
-        return next((name for name, make in self.presets.items() if make() == self.config), None)
+        return next((name for name in self.presets if not self.options(name)), None)
 
     @property
     def steps(self) -> str:
@@ -61,9 +68,10 @@ class Phase:
 
     def options(self, preset: str) -> list[str]:
         """Return the options that turn a preset into these settings."""
-        usual = self.presets[preset]()
-        changed = [f.name for f in fields(usual) if getattr(usual, f.name) != getattr(self.config, f.name)]
-        return [_option(self.section, name, getattr(self.config, name)) for name in changed]
+        options = _changed(self.section, self.presets[preset](), self.config)
+        if self.prediction is not None:
+            options += _changed("predict", _PREDICTION[preset](), self.prediction)
+        return options
 
 
 def read_phases(run: RunFolder) -> list[Phase]:
@@ -74,7 +82,7 @@ def read_phases(run: RunFolder) -> list[Phase]:
     try:
         phases = [_phase("decompose", run.config("decompose"), DecomposeConfig.from_json, _FIRST)]
         if "distill" in stored:
-            phases.append(_phase("distill", run.config("distill"), DistillConfig.from_json, _SECOND))
+            phases.append(_second_phase(run))
     except ConfigError:
         return []
     return phases
@@ -124,6 +132,17 @@ def _phase(
     if settings.keys() != {f.name for f in fields(parsed)} or type(seed) is not int:  # what is missing would be guessed
         raise ConfigError(f"The stored settings of '{section}' are of another version.")
     return Phase(section, parsed, presets, seed, stored.get("hdri") is not None)
+
+
+def _second_phase(run: RunFolder) -> Phase:
+    prediction = PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else None
+    return replace(_phase("distill", run.config("distill"), DistillConfig.from_json, _SECOND), prediction=prediction)
+
+
+def _changed(section: str, usual: Config | PredictConfig, config: Config | PredictConfig) -> list[str]:
+    """Return the options that turn `usual` settings of a section into those of `config`."""
+    names = [field.name for field in fields(usual) if getattr(usual, field.name) != getattr(config, field.name)]
+    return [_option(section, name, getattr(config, name)) for name in names]
 
 
 def _option(section: str, name: str, value: Any) -> str:

@@ -37,12 +37,14 @@ class MaterialField(nn.Module):
     """Hash grid and MLP (two hidden layers of 32) from points to materials."""
 
     def __init__(
-        self, *, levels: int, features: int, log2_size: int, finest: int, extent: float, generator: torch.Generator
-    ) -> None:
+        self, *, levels: int, features: int, log2_size: int, finest: int, extent: float, generator: torch.Generator,
+        coarsest: int = 12,
+    ) -> None:  # fmt: skip
         """`extent`: half edge of the cube around the origin that the grid covers, in normalised units."""
         super().__init__()
         self.extent = extent
-        self.resolutions = level_resolutions(levels, 12, finest)  # no buffer: its values are read, which a GPU delays
+        # No buffer: its values are read, which a GPU delays.
+        self.resolutions = level_resolutions(levels, coarsest, finest)
         self.table = nn.Parameter(torch.rand(levels, 2**log2_size, features, generator=generator) * 2e-4 - 1e-4)
         widths = (levels * features + 3, 32, 32, CHANNELS)
         self.weights = nn.ParameterList(

@@ -1,6 +1,7 @@
 """One photo, camera and mask in, an environment map with a confidence for every direction out."""
 
+from lightprobe.core.config_predict import Method, PredictConfig
 from lightprobe.predict.prediction import Prediction, check_names
-from lightprobe.predict.predictor import Method, Predictor, methods_for
+from lightprobe.predict.predictor import Predictor, methods_for, recorded_config
 
-__all__ = ["Method", "Prediction", "Predictor", "check_names", "methods_for"]
+__all__ = ["Method", "PredictConfig", "Prediction", "Predictor", "check_names", "methods_for", "recorded_config"]

@@ -2,19 +2,20 @@
 
     photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo -> Prediction
 
-Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance.
+Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's plain
+network (`NetworkForm.PLAIN`) does not know that.
 """
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from lightprobe.core.config_predict import Method, PredictConfig
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
@@ -30,35 +31,23 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
 
-class Method(StrEnum):
-    """How the light is found."""
+def methods_for(model: ProbeModel | None, config: PredictConfig | None = None) -> tuple[Method, ...]:
+    """Return the methods that a run with this model can compare in seconds a photo, the one to be used first.
 
-    CONSTANT = "constant"
-    """A grey map at the photo's light level: the floor."""
-    PROBE_MLP = "probe-mlp"
-    """The paper's method: the illumination MLP's probes, stacked."""
-    PROBE_NET = "probe-net"
-    """The sphere network on stacked probes and coarse least-squares lights."""
-    OPTIMIZE = "optimize"
-    """Gradient descent on every texel for this one photo, as inverse renderers do: 15 s to minutes."""
-    PROBE_NET_OPTIMIZE = "probe-net+optimize"
-    """A few steps of the same descent from the sphere network's map."""
-    SOLVE = "solve"
-    """Least squares against the photo, towards the grey map."""
-    PROBE_MLP_SOLVE = "probe-mlp+solve"
-    """Least squares against the photo, towards the paper's map."""
-    PROBE_NET_SOLVE = "probe-net+solve"
-    """Least squares against the photo, towards the sphere network's map."""
-
-
-def methods_for(model: ProbeModel | None) -> tuple[Method, ...]:
-    """Return the methods that a run with this model can compare in seconds a photo, the recommended one first."""
+    That is the configured one if there is one and the run has the model for it, else the best.
+    """
     if model is None:
         return (Method.SOLVE, Method.CONSTANT)
-    paper = (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
-    return (
-        paper if model.sphere is None else (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *paper)
-    )
+    every: tuple[Method, ...] = (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
+    if model.sphere is not None:
+        every = (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *every)
+    chosen = None if config is None else config.method
+    return every if chosen is None else (chosen, *(method for method in every if method is not chosen))
+
+
+def recorded_config(run: RunFolder) -> PredictConfig:
+    """Return the configuration that a run keeps for predictions; runs of before there was one get the usual one."""
+    return PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else PredictConfig()
 
 
 class Predictor:
@@ -70,53 +59,51 @@ class Predictor:
         model: ProbeModel | None = None,
         device: torch.device | None = None,
         *,
-        light_resolution: int = 32,
-        max_pixels: int = 65_536,
+        config: PredictConfig | None = None,
         solve: SolveConfig | None = None,
         optimize: OptimizeConfig | None = None,
         seed: int = 0,
     ):
-        """Move asset and model to `device` (default: the CPU).
-
-        light_resolution: texels along each edge of the predicted cubemaps, a power of two.
-        max_pixels: photos with more object pixels are reduced by area averaging.
-        """
+        """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset `quick`."""
         self.device = full_precision(device or torch.device("cpu"))
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         self.model = None if model is None else model.to(self.device)
-        self.light_resolution = light_resolution
-        self.max_pixels = max_pixels
+        self.config = config or PredictConfig()
         self.solve = solve or SolveConfig()
         self.optimize = optimize or OptimizeConfig()
         self.refine = brief()
         self.seed = seed
 
     @staticmethod
-    def load(run: Path | str, device: torch.device | None = None) -> "Predictor":
+    def load(run: Path | str, device: torch.device | None = None, config: PredictConfig | None = None) -> "Predictor":
         """Return the predictor of a run folder, with its model if Phase II has finished there.
+
+        Without `config` it predicts as the run is configured to.
 
         Raises `InputError` when `run` is no run folder or Phase I has not finished in it.
         """
         folder, where = RunFolder.open(Path(run)), device or torch.device("cpu")
         model = ProbeModel.load(folder.model_folder) if ProbeModel.exists(folder.model_folder) else None
-        return Predictor(Decomposition.load(folder, where), model, where)
+        return Predictor(
+            Decomposition.load(folder, where), model, where, config=config or recorded_config(folder)
+        )  # fmt: skip
 
     @torch.no_grad()
     def predict(self, pixels: Pixels, camera: Camera, method: Method | None = None) -> Prediction:
         """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
         On a CPU the same call gives the same bits.
-        method: by default the recommended one of `methods_for`.
+        method: by default the first of `methods_for`.
 
         Raises `InputError` when the camera does not fit the photo or the object is not in it, and `ConfigError` when a
         learned method is asked of a predictor without a model.
         """
-        method = method or methods_for(self.model)[0]
+        method = method or methods_for(self.model, self.config)[0]
         clock = _Clock(self.device)
         with clock.part("rasterise"):
             camera = camera.normalised(self.decomposition.similarity)
-            observation = observe(self.decomposition.asset, pixels, camera, self.device, self.max_pixels)
-            chosen = sampled_probes(observation, self.seed)
+            observation = observe(self.decomposition.asset, pixels, camera, self.device, self.config.max_pixels)
+            chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
         environment = _PRIORS[method](self, observation, chosen, clock)
         if method in _FITTED:
             with clock.part("solve"):
@@ -126,19 +113,19 @@ class Predictor:
         return Prediction(environment, trust, clock.finish(), observation.overlap)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
-        return constant_light(observation, self.light_resolution)
+        return constant_light(observation, self.config.light_resolution)
 
     def _stacked(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         model, level, probes = self._trained(), observation.light_level, observation.pixels.take(chosen)
         with clock.part("network"):
             colors = model.network(probes, level)
         with clock.part("stack"):
-            return stacked_light(model, colors, probes, level, self.light_resolution)
+            return stacked_light(model, colors, probes, level, self.config)
 
     def _network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         model, probes = self._trained(), observation.pixels.take(chosen)
         with clock.part("network"):
-            return network_light(model, observation, probes, chosen, self.light_resolution, self.seed)
+            return network_light(model, observation, probes, chosen, self.config.light_resolution, self.seed)
 
     def _calmed_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return calmed(self._network(observation, chosen, clock), observation.light_level)

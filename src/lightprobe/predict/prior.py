@@ -9,6 +9,7 @@ import math
 import torch
 from torch import Tensor
 
+from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.distill.probe_distribution import stack_everywhere
@@ -22,16 +23,15 @@ from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport
 
-_USUAL_SHARE = 0.02
 _TURNS = 6  # of the maps that the network answers; the mean of 24 is no better
 _HUE_KEPT = 0.25
 _CALM_DARK = 0.01  # relative to the light level: darker has no hue
 
 
-def sampled_probes(observation: Observation, seed: int) -> Tensor:
-    """Return the indices (N,) of a quarter of the trusted pixels, in order, smooth ones preferred (section 3.2.3)."""
-    quarter = -(-len(observation.pixels) // 4)
-    return sample_pixels(observation.pixels.roughness, quarter, seed=seed, stream="predict-pixels").sort().values
+def sampled_probes(observation: Observation, share: float, seed: int) -> Tensor:
+    """Return the indices (N,) of a share of the trusted pixels, in order, smooth ones preferred (section 3.2.3)."""
+    count = math.ceil(share * len(observation.pixels))
+    return sample_pixels(observation.pixels.roughness, count, seed=seed, stream="predict-pixels").sort().values
 
 
 def constant_light(observation: Observation, resolution: int) -> Tensor:
@@ -40,16 +40,18 @@ def constant_light(observation: Observation, resolution: int) -> Tensor:
 
 
 def stacked_light(
-    model: ProbeModel, colors: Tensor, probes: ProbePixels, light_level: Tensor, resolution: int
+    model: ProbeModel, colors: Tensor, probes: ProbePixels, light_level: Tensor, config: PredictConfig
 ) -> Tensor:
     """Return the map (6, R, R, 3) of the network's probe `colors` (N, 3).
 
     Directions at which hardly a pixel looks take over the light that is usual there:
-    E = (W P + e Wbar s E_m) / (W + e Wbar), e = 0.02.
+    E = (W P + e Wbar s E_m) / (W + e Wbar), e = `unseen_share`; with e = 0 the map is P (the paper).
     """
-    stacked, weight = stack_everywhere(probes, colors, resolution, model.config.alpha_rule)
-    usual = light_level * resize_light(model.mean_light, resolution)
-    share = (_USUAL_SHARE * _sphere_mean(weight)).clamp_min(1e-12)
+    stacked, weight = stack_everywhere(probes, colors, config.light_resolution, model.config.alpha_rule)
+    if config.unseen_share == 0:
+        return stacked
+    usual = light_level * resize_light(model.mean_light, config.light_resolution)
+    share = (config.unseen_share * _sphere_mean(weight)).clamp_min(1e-12)
     seen = weight[..., None]
     return (seen * stacked + share * usual) / (seen + share)
 

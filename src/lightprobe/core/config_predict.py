@@ -1,0 +1,81 @@
+"""Configuration of predictions and its presets; a run keeps it with its model, the command line can change it."""
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from lightprobe.core.config_distill import LIGHT_RESOLUTIONS
+from lightprobe.core.config_json import config_from_json
+from lightprobe.core.errors import ConfigError
+
+
+class Method(StrEnum):
+    """How the light is found."""
+
+    CONSTANT = "constant"
+    """A grey map at the photo's light level: the floor."""
+    PROBE_MLP = "probe-mlp"
+    """The paper's method: the illumination MLP's probes, stacked."""
+    PROBE_NET = "probe-net"
+    """The sphere network on stacked probes and coarse least-squares lights."""
+    OPTIMIZE = "optimize"
+    """Gradient descent on every texel for this one photo, as inverse renderers do: 15 s to minutes."""
+    PROBE_NET_OPTIMIZE = "probe-net+optimize"
+    """A few steps of the same descent from the sphere network's map."""
+    SOLVE = "solve"
+    """Least squares against the photo, towards the grey map."""
+    PROBE_MLP_SOLVE = "probe-mlp+solve"
+    """Least squares against the photo, towards the paper's map."""
+    PROBE_NET_SOLVE = "probe-net+solve"
+    """Least squares against the photo, towards the sphere network's map."""
+
+
+@dataclass(frozen=True)
+class PredictConfig:
+    """How the light of a new photo is predicted."""
+
+    method: Method | None = None
+    """The method used where none is asked for; none is the best that the run is trained for."""
+    light_resolution: int = 32
+    """Texels along each cubemap edge of the predicted maps."""
+    max_pixels: int = 65_536
+    """Photos with more object pixels are reduced by area averaging."""
+    sampled_share: float = 0.25
+    """Share of the object's pixels that become light probes."""
+    unseen_share: float = 0.02
+    """Weight of the lessons' mean light in the stacked map, relative to the mean weight of the probes; it fills in
+    directions at which hardly a pixel looks, and 0 leaves them as they are, black where no probe reaches."""
+
+    def __post_init__(self) -> None:
+        """Refuse values no prediction could use."""
+        if self.light_resolution not in LIGHT_RESOLUTIONS:
+            raise ConfigError(f"light_resolution must be a power of two from 8 to 256, not {self.light_resolution}.")
+        if self.max_pixels < 1:
+            raise ConfigError(f"max_pixels must be at least 1, not {self.max_pixels}.")
+        if not 0 < self.sampled_share <= 1:
+            raise ConfigError(f"sampled_share must be above 0 and at most 1, not {self.sampled_share}.")
+        if not 0 <= self.unseen_share < math.inf:
+            raise ConfigError(f"unseen_share must be 0 or more and finite, not {self.unseen_share}.")
+
+    @staticmethod
+    def from_json(value: dict[str, Any]) -> "PredictConfig":
+        """Return the configuration written as JSON."""
+        return config_from_json(PredictConfig, value, "configuration of predictions")
+
+
+def quick() -> PredictConfig:
+    """Well under a second on two CPU cores."""
+    return PredictConfig()
+
+
+def standard() -> PredictConfig:
+    """The same: its lights hold no more detail."""
+    return quick()
+
+
+def paper() -> PredictConfig:
+    """The paper's single step (sections 3.2.3 and 4.2): probes alone, on 6x128x128 texels, nothing filled in."""
+    return replace(
+        quick(), method=Method.PROBE_MLP, light_resolution=128, max_pixels=1_048_576, unseen_share=0.0
+    )  # fmt: skip
