@@ -8,6 +8,7 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import write_exr
 from lightprobe.light.files import check_map_name, panorama, write_map
+from lightprobe.predict.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -16,8 +17,10 @@ class Prediction:
 
     environment: Tensor  # (6, R, R, 3) linear radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
     confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
-    seconds: dict[str, float]  # wall time of "rasterise", "network", "stack", "solve", "confidence" and "total"
-    overlap: float  # of the photo's mask and the object as the camera sees it, intersection over union in [0, 1]
+    seconds: dict[
+        str, float
+    ]  # wall time of "rasterise", "verdict", "network", "stack", "solve", "confidence" and "total"
+    verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
 
     def save(self, path: Path | str, confidence: Path | str | None = None) -> None:
         """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has a path.

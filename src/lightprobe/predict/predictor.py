@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.probe_model import ProbeModel
@@ -25,6 +25,7 @@ from lightprobe.predict.optimize import OptimizeConfig, brief, optimize_environm
 from lightprobe.predict.prediction import Prediction
 from lightprobe.predict.prior import calmed, constant_light, network_light, sampled_probes, stacked_light
 from lightprobe.predict.solve import SolveConfig, solve_environment
+from lightprobe.predict.verdict import Status, judge
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
@@ -106,8 +107,8 @@ class Predictor:
 
         method: by default the recommended one of `methods_for`.
 
-        Raises `InputError` when the camera does not fit the photo or the object is not in it, and `ConfigError` when a
-        learned method is asked of a predictor without a model.
+        Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
+        `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
         """
         method = method or methods_for(self.model)[0]
         clock = _Clock(self.device)
@@ -115,13 +116,17 @@ class Predictor:
             camera = camera.normalised(self.decomposition.similarity)
             observation = observe(self.decomposition.asset, pixels, camera, self.device, self.max_pixels)
             chosen = sampled_probes(observation, self.seed)
+        with clock.part("verdict"):
+            verdict = judge(observation, self.seed)
+        if verdict.status is Status.REFUSED:
+            raise InputError(" ".join(verdict.sentences))
         environment = _PRIORS[method](self, observation, chosen, clock)
         if method in _FITTED:
             with clock.part("solve"):
                 environment = _FITTED[method](self, observation, environment)
         with clock.part("confidence"):
-            trust = confidence(observation, environment, fitted=method in _FITTED, seed=self.seed)
-        return Prediction(environment, trust, clock.finish(), observation.overlap)
+            trust = confidence(observation, environment, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+        return Prediction(environment, trust, clock.finish(), verdict)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return constant_light(observation, self.light_resolution)
@@ -181,7 +186,14 @@ class _Clock:
     def __init__(self, device: torch.device) -> None:
         self._device = device
         self._begin = time.perf_counter()
-        self._seconds = {"rasterise": 0.0, "network": 0.0, "stack": 0.0, "solve": 0.0, "confidence": 0.0}
+        self._seconds = {
+            "rasterise": 0.0,
+            "verdict": 0.0,
+            "network": 0.0,
+            "stack": 0.0,
+            "solve": 0.0,
+            "confidence": 0.0,
+        }
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
