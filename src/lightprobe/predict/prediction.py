@@ -17,9 +17,7 @@ class Prediction:
 
     environment: Tensor  # (6, R, R, 3) linear radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
     confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
-    seconds: dict[
-        str, float
-    ]  # wall time of "rasterise", "verdict", "network", "stack", "solve", "confidence" and "total"
+    seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
     verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
 
     def save(self, path: Path | str, confidence: Path | str | None = None) -> None:

@@ -186,14 +186,7 @@ class _Clock:
     def __init__(self, device: torch.device) -> None:
         self._device = device
         self._begin = time.perf_counter()
-        self._seconds = {
-            "rasterise": 0.0,
-            "verdict": 0.0,
-            "network": 0.0,
-            "stack": 0.0,
-            "solve": 0.0,
-            "confidence": 0.0,
-        }
+        self._seconds = dict.fromkeys(("rasterise", "verdict", "network", "stack", "solve", "confidence"), 0.0)
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:

@@ -1,17 +1,18 @@
 """Whether a photo can be what it is taken for: this object, seen by this camera, under one light.
 
-Every photo gets a map, and a fit to nonsense is as sure of itself as any. With object and camera known the photo is
-linear in its light, so nonsense shows: no light explains it. A light E >= 0 of 6 x 4 x 4 texels is fitted to the photo's
-pixels in the white squares of a chess board laid over it and judged on those in the black squares, and the other way
-round:
+A map can be fitted to any photo, and one fitted to nonsense looks as sure as another. But with object and camera known
+the photo is linear in its light, and no light explains nonsense. A light E >= 0 of 6 x 4 x 4 texels is fitted to the
+photo's pixels in the white squares of a chess board laid over it and judged on those in the black ones, and the other
+way round:
 
     residual    root mean square of t(A E) - t(I) on the pixels that E was not fitted to
     explained   1 - residual^2 / (contrast^2 + noise^2),  contrast^2 = variance of t(I), per channel
 
-A is the photo's coarse transport (`render.coarse_transport`), I its colours at a usual exposure, t(x) = sRGB(log(1 + x))
-as in Phase I: differences in displayed units. 1 says that all the photo shows is this object under some light, 0 that
-one colour all over would have done as well. Clipped pixels are one-sided. What mask and rasterised object differ by
-tells a wrong pose even of an object that looks alike from everywhere: `overlap` and `offset` (`Observation`).
+A is the photo's coarse transport (`render.coarse_transport`), I its colours at a usual exposure, t(x) =
+sRGB(log(1 + x)) as in Phase I, so that differences are displayed ones. 1 says that all the photo shows is this object
+under some light, 0 that one colour all over would have done as well. Clipped pixels are one-sided. The same of t(I) less its grey tells colours
+in a wrong order, which tinted light explains in part. Mask and rasterised object tell a wrong pose even of an object
+that looks alike from everywhere: `overlap` and `offset` (`Observation`).
 
 The verdict is about the photo, not about the method that predicts its light: every method gets the same.
 """
