@@ -10,9 +10,9 @@ way round:
 
 A is the photo's coarse transport (`render.coarse_transport`), I its colours at a usual exposure, t(x) =
 sRGB(log(1 + x)) as in Phase I, so that differences are displayed ones. 1 says that all the photo shows is this object
-under some light, 0 that one colour all over would have done as well. Clipped pixels are one-sided. The same of t(I) less its grey tells colours
-in a wrong order, which tinted light explains in part. Mask and rasterised object tell a wrong pose even of an object
-that looks alike from everywhere: `overlap` and `offset` (`Observation`).
+under some light, 0 that one colour all over would have done as well. Clipped pixels are one-sided. The same of t(I)
+less its grey tells colours in a wrong order, which tinted light explains in part. Mask and rasterised object tell a
+wrong pose even of an object that looks alike from everywhere: `overlap` and `offset` (`Observation`).
 
 The verdict is about the photo, not about the method that predicts its light: every method gets the same.
 """
