@@ -147,6 +147,21 @@ def test_a_camera_of_another_photo_is_noticed(trained, tmp_path, capsys):
     assert "overlap by only" in capsys.readouterr().err
 
 
+def test_a_photo_that_shows_nothing_of_the_object_is_refused_and_costs_no_other_its_map(trained, tmp_path, capsys):
+    scene, run = trained
+    good = scene / "test" / "test_00.png"
+    color, alpha = read_ldr(good)
+    noise, out = tmp_path / "test_01.png", tmp_path / "lights"
+    write_png(noise, np.random.default_rng(0).random(color.shape), alpha)
+    assert main(["predict", str(run.path), str(noise), str(good), "-o", str(out)]) == 2
+    printed = capsys.readouterr()
+    assert f"{noise} gets no map. No light makes this object look like this photo" in printed.err
+    assert [path.name for path in out.iterdir()] == ["test_00.exr"]
+    alone = tmp_path / "alone" / "light.exr"
+    assert main(["predict", str(run.path), str(noise), "-o", str(alone)]) == 2
+    assert not alone.parent.exists()
+
+
 def test_maps_are_refused_under_names_that_hide_what_they_are(trained, tmp_path, capsys):
     scene, run = trained
     image, out = scene / "test" / "test_00.png", tmp_path / "light.exr"

@@ -145,7 +145,10 @@ def test_a_photo_that_cannot_be_scored_is_named_and_costs_no_other(known, tmp_pa
     result = evaluate(decomposition, None, both, methods=methods, device=CPU, protocols=quickly)
     assert result.photos.keys() == {"a"}
     assert result.skipped.keys() == {"bb"}
-    assert result.to_json()["skipped"] == result.skipped
+    metrics = result.to_json()
+    assert metrics["skipped"] == result.skipped
+    assert metrics["verdicts"]["doubtful"] == 0
+    assert metrics["verdicts"]["photos"]["a"]["status"] == "good"
     with pytest.raises(InputError, match="No test photo of"):
         evaluate(decomposition, None, dataclasses.replace(scene, test=(lost,)), methods=methods, device=CPU)
 

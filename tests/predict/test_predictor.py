@@ -98,7 +98,7 @@ def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, me
     assert float(prediction.environment.min()) >= 0
     assert prediction.confidence.shape == (6, 16, 16)
     assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
-    assert set(prediction.seconds) == {"rasterise", "network", "stack", "solve", "confidence", "total"}
+    assert set(prediction.seconds) == {"rasterise", "verdict", "network", "stack", "solve", "confidence", "total"}
     parts = sum(seconds for part, seconds in prediction.seconds.items() if part != "total")
     assert parts <= prediction.seconds["total"] * 1.001
 

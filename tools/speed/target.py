@@ -24,7 +24,7 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
 
 SIDE, TEXELS = 512, 128
-PARTS = ("rasterise", "network", "stack", "solve", "confidence", "total")
+PARTS = ("rasterise", "verdict", "network", "stack", "solve", "confidence", "total")
 
 
 @dataclass(frozen=True)

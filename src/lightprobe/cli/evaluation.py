@@ -133,12 +133,20 @@ def evaluate_run(
             photo_files={name: _photo_files(out, name, chosen[0]) for name in pictures},
         )  # fmt: skip
         write_report(page, report)
-    for photo, why in result.skipped.items():
-        print(f"lightprobe: warning: test photo {photo} is not scored. {why}", file=sys.stderr)
+    _warn(result)
     print(f"Report: {page}")
     if numbers != out.metrics_file:
         print(f"Numbers: {numbers} ({out.metrics_file} and its report keep those of {own.value})")
     return result
+
+
+def _warn(result: Evaluation) -> None:
+    """Print which photos are not scored or doubtful to standard error."""
+    for photo, why in result.skipped.items():
+        print(f"lightprobe: warning: test photo {photo} is not scored. {why}", file=sys.stderr)
+    for photo, verdict in result.verdicts.items():
+        for sentence in verdict.sentences:
+            print(f"lightprobe: warning: test photo {photo} is doubtful. {sentence}", file=sys.stderr)
 
 
 def default_first(methods: Sequence[Method], default: Method) -> tuple[Method, ...]:
@@ -203,10 +211,11 @@ def print_tables(evaluation: Evaluation) -> None:
         print("The object against ground truth; relighting is under known novel lights:")
     for heading, value in found.items():
         print(f"  {heading.name}: {heading.text(value)}")
+    print(f"Photos whose verdict is doubtful: {metrics['verdicts']['doubtful']} of {len(metrics['photos'])}")
     for method, checked in metrics["confidence"].items():
         errors = " ".join(f"{part['log_rmse_scaled']:.2f}" for part in checked["bins"])
-        verdict = "falls" if checked["falls"] else "does not fall throughout"
-        print(f"log-RMSE by confidence, {method}: {errors} ({verdict})")
+        trend = "falls" if checked["falls"] else "does not fall throughout"
+        print(f"log-RMSE by confidence, {method}: {errors} ({trend})")
 
 
 def _facts(scene: Scene, decomposition: Decomposition) -> dict[str, str]:

@@ -14,7 +14,7 @@ from lightprobe.cli import options
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.device import resolve_device
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
@@ -36,7 +36,6 @@ MethodArg = Annotated[
 
 _STEM_BYTES = 255 - len(".confidence.exr")  # of a photo's name that the names of its maps can hold
 _LARGEST_SIDE = 8192  # pixels of a picture's edge
-_SAME_PLACE = 0.8  # overlap of mask and object; right cameras have more than .94, also on photos from the internet
 
 
 def predict(
@@ -70,7 +69,7 @@ def predict(
     """Predict the environment around the object from one photo, or from several one by one.
 
     Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions. Photos of the run's
-    own scene need no --camera.
+    own scene need no --camera. A photo that no light explains gets a warning and a lower confidence, or no map at all.
 
     Examples:
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
@@ -91,18 +90,26 @@ def predict(
     chosen = method or methods_for(predictor.model, predictor.config)[0]
     if predictor.model is None and method is None:
         print(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
+    failures: list[str] = []
     for job, photo in zip(jobs, photos, strict=True):
-        prediction = predictor.predict(*load_pixels(photo), chosen)
+        try:
+            prediction = predictor.predict(*load_pixels(photo), chosen)
+        except InputError as error:  # one photo that cannot serve must not cost the maps of the others
+            failures.append(f"{job.image} gets no map. {error}")
+            continue
         job.write(prediction)
-        parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in prediction.seconds.items())
-        print(f"Environment: {job.output} ({chosen.value}; {parts})")
-        if prediction.overlap < _SAME_PLACE:
-            print(
-                f"lightprobe: warning: in {job.image} the mask and the object as this camera sees it overlap by only "
-                f"{100 * prediction.overlap:.0f} %. Unless the mask leaves part of the object out, the camera or the "
-                "object is another one, and the map is wrong.",
-                file=sys.stderr,
-            )
+        _tell(prediction, job, chosen)
+    if failures:
+        raise InputError("\n".join(failures))
+
+
+def _tell(prediction: Prediction, job: "_Job", method: Method) -> None:
+    """Print where a map is, what it cost and what its photo's verdict is; doubts go to standard error."""
+    verdict = prediction.verdict
+    parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in prediction.seconds.items())
+    print(f"Environment: {job.output} ({method.value}; {parts}; photo {verdict.status.value})")
+    for sentence in verdict.sentences:
+        print(f"lightprobe: warning: {job.image}: {sentence}", file=sys.stderr)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from lightprobe.evaluate.prediction_files import write_prediction
 from lightprobe.evaluate.stand_in import StandIn
 from lightprobe.evaluate.true_light import ConfidenceBins, TrueLight, falls
 from lightprobe.evaluate.views import TestView, halves
-from lightprobe.predict import Method, PredictConfig, Prediction, Predictor, methods_for
+from lightprobe.predict import Method, PredictConfig, Prediction, Predictor, Status, Verdict, methods_for
 from lightprobe.scene.photo import Photo, Scene
 
 OnPhoto = Callable[[int, int], None]  # (photos done, photos in all)
@@ -51,6 +51,7 @@ class Evaluation:
     truth: Scores = field(default_factory=dict)
     confidence: dict[Method, list[Scores]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)  # photo that could not be scored -> why
+    verdicts: dict[str, Verdict] = field(default_factory=dict)  # of the photos that are scored
 
     def values(self, method: Method) -> dict[str, list[float]]:
         """Return the finite values of every score of the method, over photos."""
@@ -82,6 +83,10 @@ class Evaluation:
                 method.value: {"bins": bins, "falls": falls(bins)} for method, bins in self.confidence.items() if bins
             },
             "photos": photos,
+            "verdicts": {
+                "doubtful": sum(verdict.status is Status.DOUBTFUL for verdict in self.verdicts.values()),
+                "photos": {name: verdict.to_json() for name, verdict in self.verdicts.items()},
+            },
             **({"skipped": self.skipped} if self.skipped else {}),
         }
 
@@ -140,6 +145,7 @@ def evaluate(
             continue
         materials.add(view)
         result.photos[photo.name] = {}
+        result.verdicts[photo.name] = first.prediction.verdict
         for method in methods:
             if method is not methods[0] and judge.too_slow(method, done):
                 continue

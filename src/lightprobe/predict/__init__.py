@@ -3,5 +3,9 @@
 from lightprobe.core.config_predict import Method, PredictConfig
 from lightprobe.predict.prediction import Prediction, check_names
 from lightprobe.predict.predictor import Predictor, methods_for, recorded_config
+from lightprobe.predict.verdict import Status, Verdict
 
-__all__ = ["Method", "PredictConfig", "Prediction", "Predictor", "check_names", "methods_for", "recorded_config"]
+__all__ = [
+    "Method", "PredictConfig", "Prediction", "Predictor", "Status", "Verdict", "check_names", "methods_for",
+    "recorded_config",
+]  # fmt: skip

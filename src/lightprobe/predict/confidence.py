@@ -54,13 +54,14 @@ FITTED = Weights(unseen=0.0, unpinned=0.15, bright=0.25, dark=0.20, rough=0.40, 
 ESTIMATED = Weights(unseen=0.0, unpinned=0.0, bright=0.39, dark=0.0, rough=0.64, least=0.80)
 
 
-def confidence(observation: Observation, environment: Tensor, *, fitted: bool, seed: int) -> Tensor:
+def confidence(observation: Observation, environment: Tensor, *, fitted: bool, seed: int, doubt: float = 0.0) -> Tensor:
     """Return the confidence (6, R, R) in (0, 1) of a map (6, R, R, 3) predicted from `observation`; deterministic.
 
     fitted: whether the map was fitted to the photo's pixels, which leaves errors of another kind.
+    doubt: what the photo's verdict adds to the error, >= 0 (`predict.verdict`); 0 for a good photo.
     """
     weights = FITTED if fitted else ESTIMATED
-    error = torch.full_like(environment[..., 0], weights.least)
+    error = torch.full_like(environment[..., 0], weights.least + doubt)
     for name, cause in error_causes(observation, environment, seed).items():
         error += getattr(weights, name) * cause
     return torch.exp(-error)

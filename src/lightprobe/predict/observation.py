@@ -8,6 +8,7 @@ camera would have seen.
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -33,6 +34,7 @@ class Observation:
     clipped: Tensor  # (K, 3) bool: the photo's white hides how bright the pixel was
     light_level: Tensor  # () radiance of the constant light that explains the photo's total luma
     overlap: float  # of the mask and the rasterised object, intersection over union
+    offset: float  # between the centres of both, in object radii at the object's distance
 
 
 def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, max_pixels: int) -> Observation:
@@ -60,13 +62,29 @@ def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, 
     at = gbuffer.pixel[rows]
     seen = probe_pixels(gbuffer, rows, torch.from_numpy(pixels.color).to(device).reshape(-1, 3)[at])
     hidden = torch.from_numpy(pixels.clipped).to(device).reshape(-1, 3)[at]
-    return Observation(gbuffer, rows, seen, hidden, seen.light_level(), _overlap(cover, covered))
+    overlap, offset = _overlap(cover, covered), _offset(cover >= _HALF, gbuffer.pixel, camera)
+    return Observation(gbuffer, rows, seen, hidden, seen.light_level(), overlap, offset)
 
 
 def _overlap(cover: Tensor, covered: Tensor) -> float:
     """Return the intersection over union of a mask (N,) and the object's pixels, where the mask is `covered` (P,)."""
     both = int((covered >= _HALF).sum())
     return both / (int((cover >= _HALF).sum()) + len(covered) - both)
+
+
+def _offset(mask: Tensor, pixel: Tensor, camera: Camera) -> float:
+    """Return how far the centre of a mask (N,) bool lies from that of the object's pixels (P,), in normalised units.
+
+    It is the move, across the view, of an object or a camera that would bring one to the other.
+    """
+    away = [_center(at, camera) for at in (mask.nonzero()[:, 0], pixel)]
+    return float(np.linalg.norm(away[0] - away[1]) * np.linalg.norm(camera.position))
+
+
+def _center(pixel: Tensor, camera: Camera) -> np.ndarray:
+    """Return the mean (2,) of the pixels' places on the image plane at distance 1."""
+    column, row = pixel % camera.width, torch.div(pixel, camera.width, rounding_mode="floor")
+    return np.array([float(column.double().mean()) / camera.fx, float(row.double().mean()) / camera.fy])
 
 
 def _reduced(pixels: Pixels, max_pixels: int) -> Pixels:

@@ -8,6 +8,7 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.imaging import write_exr
 from lightprobe.light.files import check_map_name, panorama, write_map
+from lightprobe.predict.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -16,8 +17,8 @@ class Prediction:
 
     environment: Tensor  # (6, R, R, 3) linear radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
     confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
-    seconds: dict[str, float]  # wall time of "rasterise", "network", "stack", "solve", "confidence" and "total"
-    overlap: float  # of the photo's mask and the object as the camera sees it, intersection over union in [0, 1]
+    seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
+    verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
 
     def __post_init__(self) -> None:
         """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no further."""

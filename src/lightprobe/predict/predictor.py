@@ -17,7 +17,7 @@ from torch import Tensor
 
 from lightprobe.core.config_predict import Method, PredictConfig
 from lightprobe.core.device import full_precision
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill.probe_model import ProbeModel
@@ -27,6 +27,7 @@ from lightprobe.predict.optimize import OptimizeConfig, brief, optimize_environm
 from lightprobe.predict.prediction import Prediction
 from lightprobe.predict.prior import calmed, constant_light, network_light, sampled_probes, stacked_light
 from lightprobe.predict.solve import SolveConfig, solve_environment
+from lightprobe.predict.verdict import Status, judge
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
@@ -95,8 +96,8 @@ class Predictor:
         On a CPU the same call gives the same bits.
         method: by default the first of `methods_for`.
 
-        Raises `InputError` when the camera does not fit the photo or the object is not in it, and `ConfigError` when a
-        learned method is asked of a predictor without a model.
+        Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
+        `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
         """
         method = method or methods_for(self.model, self.config)[0]
         clock = _Clock(self.device)
@@ -104,13 +105,17 @@ class Predictor:
             camera = camera.normalised(self.decomposition.similarity)
             observation = observe(self.decomposition.asset, pixels, camera, self.device, self.config.max_pixels)
             chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
+        with clock.part("verdict"):
+            verdict = judge(observation, self.seed)
+        if verdict.status is Status.REFUSED:
+            raise InputError(" ".join(verdict.sentences))
         environment = _PRIORS[method](self, observation, chosen, clock)
         if method in _FITTED:
             with clock.part("solve"):
                 environment = _FITTED[method](self, observation, environment)
         with clock.part("confidence"):
-            trust = confidence(observation, environment, fitted=method in _FITTED, seed=self.seed)
-        return Prediction(environment, trust, clock.finish(), observation.overlap)
+            trust = confidence(observation, environment, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+        return Prediction(environment, trust, clock.finish(), verdict)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return constant_light(observation, self.config.light_resolution)
@@ -170,7 +175,7 @@ class _Clock:
     def __init__(self, device: torch.device) -> None:
         self._device = device
         self._begin = time.perf_counter()
-        self._seconds = {"rasterise": 0.0, "network": 0.0, "stack": 0.0, "solve": 0.0, "confidence": 0.0}
+        self._seconds = dict.fromkeys(("rasterise", "verdict", "network", "stack", "solve", "confidence"), 0.0)
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
