@@ -1,14 +1,17 @@
 """The scene that is shipped: complete, small, and true to its README."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import demo_scene
 import lightprobe
 from demo_scene.check import correlation, direct_light, free_pixels
-from demo_scene.files import read_exr, read_obj, read_png, srgb_decode
+from demo_scene.files import read_exr, read_obj, read_png, srgb_decode, write_obj
+from demo_scene.lights import LARGEST, PHOTOGRAPHED, photographed_light
 
 ROOT = Path(lightprobe.__path__[0]) / "assets" / "demo"
 SPLITS = {name: json.loads((ROOT / f"transforms_{name}.json").read_text()) for name in ("train", "test", "relight")}
@@ -21,9 +24,39 @@ def test_it_is_small():
 def test_there_are_enough_photos_each_under_its_own_light():
     assert len(SPLITS["train"]["frames"]) >= 48
     assert len(SPLITS["test"]["frames"]) >= 8
-    lights = [frame["hdri"] for name in ("train", "test") for frame in SPLITS[name]["frames"]]
+    lights = [
+        (frame["hdri"], frame["hdri_shift_deg"]) for name in ("train", "test") for frame in SPLITS[name]["frames"]
+    ]
     assert len(set(lights)) == len(lights)
-    assert not set(lights) & {frame["hdri"] for frame in SPLITS["relight"]["frames"]}
+    names = {name: {frame["hdri"] for frame in scene["frames"]} for name, scene in SPLITS.items()}
+    assert not names["train"] & names["test"]
+    assert not names["relight"] & (names["train"] | names["test"])
+
+
+def test_every_test_light_is_a_photographed_one():
+    frames = SPLITS["test"]["frames"]
+    assert {frame["hdri"] for frame in frames} == set(PHOTOGRAPHED)
+    assert len(PHOTOGRAPHED) >= 2
+    for index, frame in enumerate(frames):
+        light = photographed_light(frame["hdri"], 7, 1000 + index)
+        assert frame["hdri_shift_deg"] == light.shift_degrees
+        np.testing.assert_allclose(
+            read_exr(ROOT / frame["env_path"], "RGB"),
+            np.minimum(light.radiance * frame["exposure"], LARGEST),
+            rtol=1.05 * 2 ** -(light.bits + 1),  # rounded twice: to half, then to its bits
+        )
+
+
+def test_its_readme_is_the_generators():
+    template = (Path(demo_scene.__path__[0]) / "scene_readme.md").read_text()
+    assert (ROOT / "README.md").read_text().splitlines()[-40:] == template.splitlines()[-40:]
+
+
+def test_readmes_name_the_photographed_lights_and_their_licence():
+    for text in ((ROOT / "README.md").read_text(), (ROOT.parents[3] / "README.md").read_text()):
+        assert all(name in text for name in PHOTOGRAPHED)
+        assert "Poly Haven" in text
+        assert "CC0" in text
 
 
 def test_every_named_file_is_there_and_no_other():
@@ -79,3 +112,14 @@ def test_direct_light_over_the_environment_is_the_render():
     assert correlation(right, truth) > 0.99
     assert np.median(right / truth) == pytest.approx(1.0, abs=0.02)
     assert correlation(wrong, truth) < 0.9
+
+
+def test_a_photo_whose_pixels_all_see_the_object_gives_no_samples(tmp_path):
+    vertices, faces = read_obj(ROOT / "mesh.obj")
+    box = 20.0 * np.array([[-1, -1, -1], [1, -1, -1], [0, 1, -1], [0, 0, 1]])  # a tetrahedron around everything
+    around = np.array([[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]]) + len(vertices)
+    write_obj(tmp_path / "mesh.obj", np.concatenate([vertices, box]), np.concatenate([faces, around]))
+    shutil.copytree(ROOT / "test", tmp_path / "test")
+    samples = free_pixels(tmp_path, SPLITS["test"], SPLITS["test"]["frames"][0], 1, np.random.default_rng(0), rays=50)
+    assert len(samples.rendered) == 0
+    assert samples.view.shape == (0, 3)

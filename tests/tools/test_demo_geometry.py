@@ -2,18 +2,21 @@ import numpy as np
 import pytest
 
 from demo_scene.check import first_hit
-from demo_scene.geometry import coffee_pot, weld
+from demo_scene.dark_shapes import camera, lantern, toy_car
+from demo_scene.geometry import coffee_pot, rounded_curve, turned, weld
 
 PARTS = coffee_pot()
+ALL_PARTS = [(make.__name__, part) for make in (coffee_pot, toy_car, camera, lantern) for part in make()]
 
 
-def test_the_pot_is_centred_and_its_farthest_vertex_lies_at_one():
-    points = np.concatenate([part.vertices for part in PARTS])
+@pytest.mark.parametrize("make", [coffee_pot, toy_car, camera, lantern])
+def test_an_object_is_centred_and_its_farthest_vertex_lies_at_one(make):
+    points = np.concatenate([part.vertices for part in make()])
     np.testing.assert_allclose((points.min(axis=0) + points.max(axis=0)) / 2, 0, atol=1e-12)
     assert np.linalg.norm(points, axis=1).max() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+@pytest.mark.parametrize("part", [part for _, part in ALL_PARTS], ids=[f"{of}-{part.name}" for of, part in ALL_PARTS])
 def test_normals_are_unit_and_agree_with_the_faces(part):
     a, b, c = (part.vertices[part.faces[:, k]] for k in range(3))
     flat = np.cross(b - a, c - a)
@@ -47,3 +50,23 @@ def test_weld_merges_equal_vertices_and_drops_what_vanishes():
     welded, triangles = weld(vertices, faces)
     assert len(welded) == 4
     assert len(triangles) == 2
+
+
+@pytest.mark.parametrize("make", [toy_car, camera, lantern])
+def test_closed_parts_hold_space_and_so_face_outwards(make):
+    for part in make():
+        a, b, c = (part.vertices[part.faces[:, k]] - part.vertices.mean(axis=0) for k in range(3))
+        assert np.einsum("fk,fk->", a, np.cross(b, c)) > 0, part.name
+
+
+def test_a_rounded_curve_lies_on_its_equation_and_is_closed():
+    curve = rounded_curve(4.0, 40)
+    assert np.array_equal(curve[0], curve[-1])
+    np.testing.assert_allclose((np.abs(curve) ** 4).sum(axis=1), 1, atol=2e-3)
+    assert np.linalg.norm(np.diff(curve, axis=0), axis=1).max() < 0.4
+
+
+def test_a_turn_is_counter_clockwise():
+    np.testing.assert_allclose(turned("z", 90) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(turned("x", 90) @ [0, 1, 0], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(turned("y", 90) @ [0, 0, 1], [1, 0, 0], atol=1e-12)

@@ -1,7 +1,17 @@
 import numpy as np
 import pytest
 
-from demo_scene.lights import HEIGHT, Kind, directions, luminance, make_light, reduce_area, solid_angles
+from demo_scene.lights import (
+    HEIGHT,
+    PHOTOGRAPHED,
+    Kind,
+    directions,
+    luminance,
+    make_light,
+    photographed_light,
+    reduce_area,
+    solid_angles,
+)
 from demo_scene.sky import sun_color
 from demo_scene.studio import softbox
 
@@ -53,3 +63,15 @@ def test_a_softbox_stands_where_it_is_put():
     lamp = softbox(directions(128), toward, 0.3, (0.2, 0.2), False)
     center = (directions(128) * (lamp * solid_angles(128))[..., None]).sum(axis=(0, 1))
     np.testing.assert_allclose(center / np.linalg.norm(center), toward, atol=0.01)
+
+
+@pytest.mark.parametrize("name", PHOTOGRAPHED)
+def test_photographed_lights_are_turns_of_one_map(name):
+    one, again, other = (photographed_light(name, 1, index) for index in (0, 0, 2))
+    assert one.radiance.shape == (HEIGHT, 2 * HEIGHT, 3)
+    assert np.isfinite(one.radiance).all()
+    assert one.radiance.min() >= 0
+    assert np.array_equal(one.radiance, again.radiance)
+    turn = round((other.shift_degrees - one.shift_degrees) * HEIGHT / 180)
+    assert turn != 0
+    np.testing.assert_array_equal(np.roll(one.radiance, turn, axis=1), other.radiance)

@@ -13,6 +13,7 @@ import numpy as np
 from .files import read_exr, read_obj, read_png, srgb_decode, srgb_encode
 from .lights import directions, solid_angles
 
+_TRIES = 20  # pixels looked at for each one wanted: some photos show none whose hemisphere is free
 _FINE = 192  # rows of the quadrature: narrow highlights need more than the map's 64
 
 
@@ -85,7 +86,7 @@ def blocked(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) ->
 
 
 def free_pixels(root: Path, scene: dict, frame: dict, count: int, rng: np.random.Generator, rays: int = 500) -> Samples:
-    """Return up to `count` pixels of a photo with an even surface whose hemisphere is unobstructed."""
+    """Return up to `count` pixels of a photo with an even surface whose hemisphere is unobstructed, maybe none."""
     linear, normal = read_exr(root / frame["hdr_path"], "RGBA"), read_exr(root / frame["normal_path"], "XYZ")
     base, orm = srgb_decode(read_png(root / frame["basecolor_path"])), read_png(root / frame["orm_path"])
     vertices, faces = read_obj(root / "mesh.obj")
@@ -95,7 +96,7 @@ def free_pixels(root: Path, scene: dict, frame: dict, count: int, rng: np.random
     rows, columns = np.nonzero(even & (linear[..., 3] > 0.999))
     triangles, chosen, towards = vertices[faces], [], []
     spread = _fibonacci(rays)
-    for pick in rng.permutation(len(rows)):
+    for pick in rng.permutation(len(rows))[: _TRIES * count]:
         i, j = rows[pick], columns[pick]
         ray = pose[:3, :3] @ [(j + 0.5 - side / 2) / focal, -(i + 0.5 - side / 2) / focal, -1.0]
         n = normal[i, j] / np.linalg.norm(normal[i, j])
@@ -107,9 +108,9 @@ def free_pixels(root: Path, scene: dict, frame: dict, count: int, rng: np.random
             towards.append(-ray / np.linalg.norm(ray))
         if len(chosen) == count:
             break
-    i, j = np.array(chosen).T
+    i, j = np.array(chosen, int).reshape(-1, 2).T
     unit = normal[i, j] / np.linalg.norm(normal[i, j], axis=1, keepdims=True)
-    return Samples(linear[i, j, :3], base[i, j], orm[i, j, 1], orm[i, j, 2], unit, np.array(towards))
+    return Samples(linear[i, j, :3], base[i, j], orm[i, j, 1], orm[i, j, 2], unit, np.reshape(towards, (-1, 3)))
 
 
 def _even(values: np.ndarray, tolerance: float) -> np.ndarray:
@@ -143,10 +144,11 @@ def correlation(predicted: np.ndarray, rendered: np.ndarray) -> float:
 def noise(root: Path, scene: dict, frame: dict) -> float:
     """PSNR in dB, sRGB inside the mask, of a delivered photo against the mean of eight further ones."""
     from .dataset import Settings, Writer  # starts Mitsuba, which the rest does without
+    from .models import Subject
     from .render import View
 
     made = json.loads((root / "generation.json").read_text())
-    studio = Writer(root, Settings(seed=made["seed"])).studio
+    studio = Writer(root, Settings(object=Subject(made["object"]), seed=made["seed"])).studio
     studio.set_environment(read_exr(root / frame["env_path"], "RGB").astype(np.float32))
     view = View(np.array(frame["transform_matrix"]), scene["camera_angle_x"])
     # One by one, because a single render of as many samples needs several gigabytes.
@@ -165,14 +167,17 @@ def report(root: Path, pixels: int = 24) -> str:
     rendered, lines = [], []
     for frame in scene["frames"]:
         samples = free_pixels(root, scene, frame, pixels, rng)
+        if not len(samples.rendered):
+            lines.append(f"{frame['file_path']} {frame['hdri']}: no pixel sees a free hemisphere")
+            continue
         environment = read_exr(root / frame["env_path"], "RGB")
         for name, case in cases.items():
             found[name].append(direct_light(samples, environment, **case))
         ratio = np.median(found["as written"][-1] / samples.rendered)
         rendered.append(samples.rendered)
         lines.append(f"{frame['file_path']} {frame['hdri']}: {len(samples.rendered)} pixels, median ratio {ratio:.3f}")
-    truth = np.concatenate(rendered)
-    for name, values in found.items():
+    truth = np.concatenate(rendered) if rendered else np.empty((0, 3))
+    for name, values in found.items() if rendered else ():
         together = np.concatenate(values)
         ratio = together / truth
         lines.append(

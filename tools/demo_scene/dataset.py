@@ -1,7 +1,6 @@
 """The scene folder: which cameras and lights there are, and the files of every photo."""
 
 import json
-import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -9,10 +8,10 @@ import mitsuba as mi
 import numpy as np
 
 from .files import round_half, srgb_encode, write_exr, write_obj, write_png
-from .geometry import Part, coffee_pot, weld
-from .lights import HEIGHT, LARGEST, Kind, Light, luminance, make_light, reduce_area
+from .geometry import Part, weld
+from .lights import HEIGHT, LARGEST, PHOTOGRAPHED, Kind, Light, luminance, make_light, photographed_light, reduce_area
+from .models import DESCRIPTIONS, Subject, make_model
 from .render import Studio, View
-from .textures import paint
 
 ANGLE = 2 * float(np.arctan(0.36))  # field of view: the unit sphere fits into the picture from a distance of 3
 _KEY = 0.22  # mean luminance a photo is exposed for
@@ -24,6 +23,7 @@ _RELIGHT_KINDS = (Kind.OUTDOORS, Kind.ROOM)
 class Settings:
     """What a scene is made of; equal settings make equal scenes."""
 
+    object: Subject = Subject.COFFEE_POT
     seed: int = 7
     side: int = 160
     samples: int = 512  # per pixel of a photo
@@ -83,8 +83,8 @@ class Writer:
 
     def __init__(self, root: Path, settings: Settings):
         self.root, self.settings = root, settings
-        self.parts = coffee_pot()
-        self.studio = Studio(self.parts, paint(self.parts, settings.seed), HEIGHT)
+        self.model = make_model(settings.object, settings.seed)
+        self.studio = Studio(self.model, HEIGHT)
 
     def expose(self, light: Light, view: View) -> float:
         """Return the factor that makes this view of this light a well exposed photo."""
@@ -98,7 +98,7 @@ class Writer:
         self, name: str, light: Light, view: View, exposure: float, seed: int
     ) -> tuple[dict, np.ndarray, np.ndarray]:
         """Render and write the photo `name`; return its frame, its premultiplied linear RGBA and its environment."""
-        environment = round_half(light.radiance * exposure, LARGEST)
+        environment = round_half(light.radiance * exposure, LARGEST, bits=light.bits)
         self.studio.set_environment(environment.astype(np.float32))
         image = self.studio.photograph(view, self.settings.side, self.settings.samples, seed)
         alpha = np.clip(image[..., 3:], 0.0, 1.0)
@@ -140,15 +140,23 @@ class Writer:
         (self.root / f"transforms_{split}.json").write_text(json.dumps(value, separators=(",", ":")) + "\n")
 
 
+def split_lights(settings: Settings, split: str, first_light: int, rng: np.random.Generator) -> list[Light]:
+    """Return a light for every photo: computed ones for training, turns of the photographed ones for testing."""
+    if split == "test":
+        slots = rng.permutation(settings.test) % len(PHOTOGRAPHED)
+        return [photographed_light(PHOTOGRAPHED[slot], settings.seed, first_light + k) for k, slot in enumerate(slots)]
+    kinds = draw_kinds(settings.train, settings.mix, rng)
+    return [make_light(kind, settings.seed, first_light + k) for k, kind in enumerate(kinds)]
+
+
 def write_split(writer: Writer, split: str, count: int, first_light: int) -> None:
     """Photograph the training or test split, every photo under a light of its own."""
     settings = writer.settings
     rng = np.random.default_rng([settings.seed, first_light])
-    kinds = draw_kinds(count, settings.mix, rng)
+    lights = split_lights(settings, split, first_light, rng)
     frames: list[dict] = []
-    for index, (view, kind) in enumerate(zip(camera_views(count, rng), kinds, strict=True)):
+    for index, (view, light) in enumerate(zip(camera_views(count, rng), lights, strict=True)):
         name = f"{split}/r_{index:03d}"
-        light = make_light(kind, settings.seed, first_light + index)
         jitter = float(np.exp2(rng.uniform(-0.5, 0.5)))
         exposure = writer.expose(light, view) * jitter
         frame, image, environment = writer.photograph(name, light, view, exposure, first_light + index)
@@ -163,7 +171,7 @@ def write_split(writer: Writer, split: str, count: int, first_light: int) -> Non
 
 
 def write_relight(writer: Writer, first_light: int) -> None:
-    """Photograph the pot from the same new views under each of two more lights, one exposure for each light."""
+    """Photograph the object from the same new views under each of two more lights, one exposure for each light."""
     settings = writer.settings
     views = camera_views(_RELIGHT_VIEWS, np.random.default_rng([settings.seed, first_light]))
     frames: list[dict] = []
@@ -178,14 +186,21 @@ def write_relight(writer: Writer, first_light: int) -> None:
     writer.write_frames("relight", frames)
 
 
+def readme(subject: Subject) -> str:
+    """Return what a scene's README says about it."""
+    text = Path(__file__).with_name("scene_readme.md").read_text()
+    description = DESCRIPTIONS[subject]
+    return text.replace("OBJECT", subject.value.replace("-", " ")).replace("DESCRIPTION", description)
+
+
 def write_scene(root: Path, settings: Settings) -> None:
     """Make the whole scene in the folder `root`, which exists."""
     writer = Writer(root, settings)
     write_split(writer, "train", settings.train, first_light=0)
     write_split(writer, "test", settings.test, first_light=1000)
     write_relight(writer, first_light=2000)
-    vertices, faces = visible_faces(writer.studio, writer.parts, np.random.default_rng(settings.seed))
+    vertices, faces = visible_faces(writer.studio, writer.model.parts, np.random.default_rng(settings.seed))
     write_obj(root / "mesh.obj", vertices, faces)
     record = asdict(settings) | {"mitsuba": mi.__version__, "variant": mi.variant(), "key": _KEY}
     (root / "generation.json").write_text(json.dumps(record, indent=1) + "\n")
-    shutil.copy(Path(__file__).with_name("scene_readme.md"), root / "README.md")
+    (root / "README.md").write_text(readme(settings.object))

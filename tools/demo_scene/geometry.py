@@ -1,14 +1,16 @@
-"""The coffee pot's surface: solids of revolution and tubes swept along curves, z up.
+"""Surfaces by formula, z up: solids of revolution, tubes swept along curves, rounded boxes; and the coffee pot.
 
 Notation: u in [0, 1] runs around (periodic, with a doubled seam), v in [0, 1] along the profile or path by arc length.
 Lengths are in the modeller's units (the pot is about 2.1 tall) until `normalise`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+
+Shaper = Callable[[np.ndarray], np.ndarray]  # points (N, 3) to points (N, 3)
 
 
 @dataclass(frozen=True)
@@ -20,23 +22,24 @@ class Part:
     normals: np.ndarray  # (V, 3) float64, unit
     uv: np.ndarray  # (V, 2) float64 in [0, 1]
     faces: np.ndarray  # (F, 3) int64
-    path: np.ndarray  # (R, 2) float64: v and height before normalisation; what the textures are painted by
+    path: np.ndarray  # (R, 2) float64: v and place along the part's axis, not normalised; what textures are painted by
 
 
-def _smooth(points: Sequence[tuple[float, ...]], count: int) -> np.ndarray:
+def smooth(points: Sequence[tuple[float, ...]], count: int) -> np.ndarray:
     """Sample a cubic spline through `points` at `count` places evenly spaced by chord length."""
     array = np.asarray(points, float)
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(array, axis=0), axis=1))])
     return CubicSpline(knots, array)(np.linspace(0.0, knots[-1], count))
 
 
-def _arc_length(points: np.ndarray) -> np.ndarray:
+def arc_length(points: np.ndarray) -> np.ndarray:
+    """Return how far along the polyline (n, D) every point lies, as a share of its length, (n,)."""
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return length / length[-1]
 
 
 def _grid_faces(rows: int, columns: int) -> np.ndarray:
-    """Triangles of a grid of rows x (columns + 1) vertices, outwards when v x u points outwards."""
+    """Triangles of a grid of rows x (columns + 1) vertices, outwards when u x v points outwards."""
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
     a = (i * (columns + 1) + j).ravel()
     b, c, d = a + 1, a + columns + 2, a + columns + 1
@@ -64,7 +67,7 @@ def _grid_normals(grid: np.ndarray) -> np.ndarray:
     return total / np.linalg.norm(total, axis=2, keepdims=True)
 
 
-def _grid_part(name: str, runs: list[np.ndarray], values: list[np.ndarray], path: np.ndarray) -> Part:
+def grid_part(name: str, runs: list[np.ndarray], values: list[np.ndarray], path: np.ndarray) -> Part:
     """Join smooth grids (rows, columns + 1, 3) into one part; between two of them stays a crease."""
     vertices, normals, uvs, faces, offset = [], [], [], [], 0
     for grid, v in zip(runs, values, strict=True):
@@ -83,7 +86,7 @@ def _grid_part(name: str, runs: list[np.ndarray], values: list[np.ndarray], path
 def revolve(name: str, runs: list[np.ndarray], segments: int) -> Part:
     """Turn profile runs, each (n, 2) of (radius, height), around the z axis; profiles run upwards on the outside."""
     profile = np.concatenate(runs)
-    v = _arc_length(profile)
+    v = arc_length(profile)
     angle = np.linspace(0.0, 2 * np.pi, segments + 1)
     around = np.stack([np.cos(angle), np.sin(angle)], 1)
     around[-1] = around[0]
@@ -94,7 +97,7 @@ def revolve(name: str, runs: list[np.ndarray], segments: int) -> Part:
         for run in runs
     ]
     ends = np.cumsum([len(run) for run in runs])[:-1]
-    return _grid_part(name, grids, np.split(v, ends), np.column_stack([v, profile[:, 1]]))
+    return grid_part(name, grids, np.split(v, ends), np.column_stack([v, profile[:, 1]]))
 
 
 def sweep(name: str, path: np.ndarray, radii: np.ndarray, segments: int, tangent: np.ndarray | None = None) -> Part:
@@ -110,38 +113,95 @@ def sweep(name: str, path: np.ndarray, radii: np.ndarray, segments: int, tangent
     in_plane = radii[:, None, :1] * np.cos(angle)[None, :, None] * normal[:, None]
     grid = path[:, None] + in_plane + radii[:, None, 1:] * np.sin(angle)[None, :, None] * side
     grid[:, -1] = grid[:, 0]
-    v = _arc_length(np.column_stack([path, radii]))
-    return _grid_part(name, [grid], [v], np.column_stack([v, path[:, 2]]))
+    v = arc_length(np.column_stack([path, radii]))
+    return grid_part(name, [grid], [v], np.column_stack([v, path[:, 2]]))
+
+
+def rounded_curve(exponent: float, count: int) -> np.ndarray:
+    """Return the closed curve |x|^e + |y|^e = 1 as (count + 1, 2), from (1, 0) over (0, 1), denser where it bends."""
+    angle = np.linspace(0.0, 2 * np.pi, 8001)
+    circle = np.stack([np.cos(angle), np.sin(angle)], 1)
+    fine = np.sign(circle) * np.abs(circle) ** (2 / exponent)
+    along = np.diff(fine, axis=0)
+    bend = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    bend = np.interp(np.arange(8001), np.arange(8000) + 0.5, bend)
+    place = 0.5 * arc_length(fine) + 0.5 * (bend - bend[0]) / (bend[-1] - bend[0])
+    even = np.linspace(0.0, 1.0, count + 1)
+    curve = np.stack([np.interp(even, place, fine[:, k]) for k in (0, 1)], 1)
+    curve[-1] = curve[0]
+    return curve
+
+
+def rounded_box(name: str, exponent: float, counts: tuple[int, int], shape: Shaper) -> Part:
+    """Bend the solid |x|^e + |y|^e + |z|^e ~ 1 into a part; u runs around the x axis, v from -x to +x.
+
+    `counts` are the steps along x and around it; `shape` maps points (N, 3) of [-1, 1]^3 to the modeller's space and
+    has to keep its handedness.
+    """
+    profile = rounded_curve(exponent, 2 * counts[0])[counts[0] :: -1]  # from (-1, 0) over (0, 1) to (1, 0)
+    around = rounded_curve(exponent, counts[1])
+    along = np.broadcast_to(profile[:, None, :1], (len(profile), len(around), 1))
+    grid = np.concatenate([along, np.maximum(profile[:, None, 1:], 0.0) * around[None]], axis=2)
+    grid[[0, -1], :, 1:] = 0.0
+    v = (profile[:, 0] + 1) / 2
+    bent = shape(grid.reshape(-1, 3)).reshape(grid.shape)
+    return grid_part(name, [bent], [v], np.column_stack([v, profile[:, 0]]))
+
+
+def placed(part: Part, rotation: np.ndarray, offset: tuple[float, float, float]) -> Part:
+    """Return the part turned by a rotation (3, 3) and then moved."""
+    return replace(part, vertices=part.vertices @ rotation.T + offset, normals=part.normals @ rotation.T)
+
+
+def turned(axis: str, degrees: float) -> np.ndarray:
+    """Return the rotation (3, 3) about a coordinate axis, counter-clockwise seen from its tip."""
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    rotation = np.eye(3)
+    rotation[i, i], rotation[i, j], rotation[j, i], rotation[j, j] = cos, -sin, sin, cos
+    return rotation
+
+
+def joined(copies: list[Part]) -> Part:
+    """Return copies of one part, made by `placed`, as one part whose copies share its texture square."""
+    offsets = np.cumsum([0] + [len(part.vertices) for part in copies])
+    return replace(
+        copies[0],
+        vertices=np.concatenate([part.vertices for part in copies]),
+        normals=np.concatenate([part.normals for part in copies]),
+        uv=np.concatenate([part.uv for part in copies]),
+        faces=np.concatenate([part.faces + start for part, start in zip(copies, offsets, strict=False)]),
+    )
 
 
 def _body() -> Part:
     foot = [np.array([[0.0, 0.055], [0.18, 0.055], [0.345, 0.05]]), np.array([[0.345, 0.05], [0.365, 0.0]])]
-    ring = _smooth([(0.365, 0.0), (0.40, -0.006), (0.445, 0.0), (0.468, 0.03)], 5)
-    wall = _smooth(
+    ring = smooth([(0.365, 0.0), (0.40, -0.006), (0.445, 0.0), (0.468, 0.03)], 5)
+    wall = smooth(
         [
             (0.462, 0.035), (0.53, 0.13), (0.625, 0.32), (0.68, 0.58), (0.655, 0.86), (0.56, 1.12),
             (0.43, 1.34), (0.365, 1.50), (0.36, 1.60), (0.392, 1.665),
         ],
         25,
     )  # fmt: skip
-    lip = _smooth([(0.392, 1.665), (0.388, 1.684), (0.368, 1.684), (0.356, 1.655)], 5)
+    lip = smooth([(0.392, 1.665), (0.388, 1.684), (0.368, 1.684), (0.356, 1.655)], 5)
     return revolve("body", [*foot, ring, wall, lip], 52)
 
 
 def _lid() -> Part:
-    edge = _smooth([(0.356, 1.655), (0.352, 1.69), (0.338, 1.712)], 3)
-    dome = _smooth([(0.338, 1.712), (0.29, 1.738), (0.20, 1.79), (0.115, 1.836), (0.06, 1.86)], 9)
+    edge = smooth([(0.356, 1.655), (0.352, 1.69), (0.338, 1.712)], 3)
+    dome = smooth([(0.338, 1.712), (0.29, 1.738), (0.20, 1.79), (0.115, 1.836), (0.06, 1.86)], 9)
     return revolve("lid", [edge, dome], 44)
 
 
 def _neck_band() -> Part:
     return revolve(
-        "band", [_smooth([(0.372, 1.425), (0.408, 1.437), (0.416, 1.475), (0.408, 1.513), (0.36, 1.525)], 8)], 52
+        "band", [smooth([(0.372, 1.425), (0.408, 1.437), (0.416, 1.475), (0.408, 1.513), (0.36, 1.525)], 8)], 52
     )
 
 
 def _knob() -> Part:
-    profile = _smooth(
+    profile = smooth(
         [
             (0.085, 1.845), (0.07, 1.872), (0.048, 1.90), (0.052, 1.93), (0.085, 1.962), (0.103, 2.005),
             (0.092, 2.052), (0.052, 2.086), (0.0, 2.097),
@@ -156,8 +216,8 @@ def _handle() -> Part:
         (-0.33, 0, 1.475), (-0.52, 0, 1.53), (-0.80, 0, 1.545), (-1.03, 0, 1.40), (-1.09, 0, 1.14),
         (-1.00, 0, 0.86), (-0.82, 0, 0.66), (-0.62, 0, 0.545),
     ]  # fmt: skip
-    path = _smooth(knots, 37)
-    v = _arc_length(path)
+    path = smooth(knots, 37)
+    v = arc_length(path)
     swell = 0.058 + 0.014 * np.sin(np.pi * v) ** 2
     ferrule = 0.016 * ((v < 0.16) | (v > 0.88))
     bead = 0.010 * (np.exp(-(((v - 0.165) / 0.014) ** 2)) + np.exp(-(((v - 0.875) / 0.014) ** 2)))
@@ -168,8 +228,8 @@ def _handle() -> Part:
 def _spout() -> Part:
     """The tube turns over its lip and runs back down to a closed end, so the mouth is a real, dark hollow."""
     knots = [(0.50, 0, 0.42), (0.72, 0, 0.60), (0.87, 0, 0.90), (0.98, 0, 1.22), (1.17, 0, 1.455)]
-    outside = _smooth(knots, 25)
-    t = _arc_length(outside)
+    outside = smooth(knots, 25)
+    t = arc_length(outside)
     radius = 0.068 + 0.135 * (1 - t) ** 1.4 + 0.016 * np.exp(-(((t - 0.97) / 0.04) ** 2))
     tangent = np.gradient(outside, axis=0)
     back = slice(None, 13, -1)

@@ -1,4 +1,4 @@
-"""High-dynamic-range environments computed from scratch: which kinds there are, and how one becomes a map of texels.
+"""High-dynamic-range environments: kinds computed from scratch, and the few photographed ones of the folder `hdri`.
 
 Notation: an environment is radiance (H, 2H, 3), linear, any unit; row 0 is straight up (+z), the centre column looks
 along +x, azimuth grows to the left: u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi.
@@ -7,9 +7,11 @@ along +x, azimuth grows to the left: u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) /
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 import numpy as np
 
+from .files import read_exr
 from .rooms import room
 from .sky import evening, outdoors
 from .studio import studio
@@ -17,6 +19,7 @@ from .studio import studio
 HEIGHT = 64
 _OVERSAMPLING = 4  # every texel is the mean of 4x4 directions, so a lamp smaller than a texel keeps its power
 LARGEST = 60000.0  # the largest value stored: half floats end at 65504
+PHOTOGRAPHED = tuple(sorted(path.stem for path in Path(__file__).with_name("hdri").glob("*.exr")))
 
 
 class Kind(StrEnum):
@@ -42,7 +45,8 @@ class Light:
 
     name: str
     shift_degrees: float  # the map's columns were rolled to the right by this angle
-    radiance: np.ndarray  # (64, 128, 3) float64 > 0
+    radiance: np.ndarray  # (64, 128, 3) float64 >= 0
+    bits: int = 8  # mantissa bits it is rounded to before it lights anything
 
 
 def directions(height: int) -> np.ndarray:
@@ -86,3 +90,11 @@ def make_light(kind: Kind, seed: int, index: int) -> Light:
     strength = np.exp2(rng.uniform(-2.0, 2.0))
     turned = np.roll(radiance, turn, axis=1) * balance * tint * strength
     return Light(f"{kind.value}_{index:04d}", turn * 180.0 / HEIGHT, turned)
+
+
+def photographed_light(name: str, seed: int, index: int) -> Light:
+    """Return a photographed environment, `name` one of `PHOTOGRAPHED`, at a turn drawn from `seed` and `index`."""
+    radiance = read_exr(Path(__file__).with_name("hdri") / f"{name}.exr", "RGB")
+    turn = int(np.random.default_rng([seed, len(Kind), index]).integers(2 * HEIGHT))
+    # A photograph's noise does not compress; a light rounded to 1.6 % is as real, and the scene stays small.
+    return Light(name, turn * 180.0 / HEIGHT, np.roll(radiance, turn, axis=1), bits=5)

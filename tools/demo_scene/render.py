@@ -1,4 +1,4 @@
-"""The path tracer's side: the pot as a Mitsuba scene with the glTF reflectance model, and pictures of it.
+"""The path tracer's side: the object as a Mitsuba scene with the glTF reflectance model, and pictures of it.
 
 Mitsuba is used as an independent implementation: nothing here imports the product's renderer. The variant is
 `llvm_ad_rgb`, which needs an LLVM shared library (19 works, 15 does not).
@@ -13,8 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .geometry import Part
-from .textures import Material, atlas_uv
+from .models import Model
+from .textures import atlas_uv
 
 mi.set_variant("llvm_ad_rgb")
 
@@ -136,12 +136,13 @@ def _texture(array: np.ndarray) -> dict:
     return {"type": "bitmap", "bitmap": mi.Bitmap(np.float32(array)), "raw": True, "wrap_mode": "clamp"}
 
 
-def _shape(parts: list[Part]) -> mi.Mesh:
+def _shape(model: Model) -> mi.Mesh:
     """All parts as one mesh with the atlas coordinates; Mitsuba counts v down the rows of a bitmap made in memory."""
-    uv = np.concatenate([atlas_uv(part.name, part.uv) for part in parts])
+    parts = model.parts
+    uv = np.concatenate([atlas_uv(model.tiles[part.name], part.uv) for part in parts])
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
-    mesh = mi.Mesh("pot", int(offsets[-1]), len(faces), has_vertex_normals=True, has_vertex_texcoords=True)
+    mesh = mi.Mesh("object", int(offsets[-1]), len(faces), has_vertex_normals=True, has_vertex_texcoords=True)
     values = mi.traverse(mesh)
     values["vertex_positions"] = np.float32(np.concatenate([part.vertices for part in parts])).ravel()
     values["vertex_normals"] = np.float32(np.concatenate([part.normals for part in parts])).ravel()
@@ -165,13 +166,14 @@ def environment_rows(radiance: np.ndarray) -> np.ndarray:
 
 
 class Studio:
-    """The pot in Mitsuba, under one environment at a time."""
+    """The object in Mitsuba, under one environment at a time."""
 
-    def __init__(self, parts: list[Part], material: Material, environment_height: int):
+    def __init__(self, model: Model, environment_height: int):
+        material = model.material
         orm = np.stack([np.zeros_like(material.roughness), material.roughness, material.metallic], axis=-1)
         self._base, self._orm = mi.load_dict(_texture(material.base)), mi.load_dict(_texture(orm))
         bsdf = mi.load_dict({"type": "gltf_metallic_roughness", "base_color": self._base, "orm": self._orm})
-        mesh = _shape(parts)
+        mesh = _shape(model)
         mesh.set_bsdf(bsdf)
         empty = np.ones((2 * environment_height + 1, 2 * environment_height, 3), np.float32)
         environment = {
@@ -179,14 +181,14 @@ class Studio:
             "bitmap": mi.Bitmap(empty),
             "to_world": mi.ScalarTransform4f(_ENVIRONMENT_AXES),
         }
-        self.scene = mi.load_dict({"type": "scene", "pot": mesh, "light": environment})
+        self.scene = mi.load_dict({"type": "scene", "object": mesh, "light": environment})
         self._values = mi.traverse(self.scene)
         self._integrator = mi.load_dict(
             {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 64, "hide_emitters": True}
         )  # fmt: skip
 
     def set_environment(self, radiance: np.ndarray) -> None:
-        """Light the pot by radiance (H, 2H, 3) in the convention of `lights`."""
+        """Light the object by radiance (H, 2H, 3) in the convention of `lights`."""
         rows = environment_rows(radiance)
         self._values["light.data"] = mi.TensorXf(np.concatenate([rows[:, -1:], rows, rows[:, :1]], axis=1))
         self._values.update()

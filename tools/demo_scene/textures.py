@@ -1,4 +1,4 @@
-"""Painted glaze, fired clay, brass and wood: the pot's texture atlas, computed, never loaded.
+"""Texture atlases, computed, never loaded; and the pot's painted glaze, fired clay, brass and wood.
 
 Colours are linear. Every painter gets a `Canvas` of texel positions on one part and returns base colour, roughness
 and metallic there. Heights and widths are in the modeller's units of `geometry`, before normalisation.
@@ -14,8 +14,8 @@ from .noise import fractal_noise, mix, smoothstep, value_noise
 
 ATLAS = 1024
 _MARGIN = 2  # texels around each tile that carry its pattern on, for the bilinear look-up at seams
-# row, column, rows, columns of each part's tile
-TILES = {
+Tiles = dict[str, tuple[int, int, int, int]]  # row, column, rows, columns of each part's tile
+POT_TILES: Tiles = {
     "body": (0, 0, 512, 1024),
     "lid": (512, 0, 256, 512),
     "spout": (512, 512, 256, 512),
@@ -42,7 +42,7 @@ class Canvas:
 
     u: np.ndarray  # around, periodic
     v: np.ndarray  # along
-    height: np.ndarray
+    height: np.ndarray  # or the place along the part's own axis
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,9 @@ class Material:
             other.roughness + (self.roughness - other.roughness) * mask,
             other.metallic + (self.metallic - other.metallic) * mask,
         )
+
+
+Painters = dict[str, Callable[[Canvas, int], Material]]  # what each part is painted by, from its canvas and a seed
 
 
 def brass(c: Canvas, seed: int) -> Material:
@@ -194,7 +197,7 @@ def paint_handle(c: Canvas, seed: int) -> Material:
     return brass(c, seed + 3).over(wood, metal)
 
 
-PAINTERS: dict[str, Callable[[Canvas, int], Material]] = {
+POT_PAINTERS: Painters = {
     "body": paint_body,
     "lid": paint_lid,
     "spout": paint_spout,
@@ -204,29 +207,34 @@ PAINTERS: dict[str, Callable[[Canvas, int], Material]] = {
 }
 
 
-def atlas_uv(name: str, uv: np.ndarray) -> np.ndarray:
+def equal_tiles(parts: list[Part]) -> Tiles:
+    """Return tiles of 256 x 512 texels for up to eight parts."""
+    return {part.name: (256 * (k // 2), 512 * (k % 2), 256, 512) for k, part in enumerate(parts)}
+
+
+def atlas_uv(tile: tuple[int, int, int, int], uv: np.ndarray) -> np.ndarray:
     """Move a part's own (u, v), (V, 2), to atlas coordinates in [0, 1] with v down the rows of the array."""
-    row, column, rows, columns = TILES[name]
+    row, column, rows, columns = tile
     x = column + _MARGIN + uv[:, 0] * (columns - 2 * _MARGIN)
     y = row + _MARGIN + uv[:, 1] * (rows - 2 * _MARGIN)
     return np.stack([x, y], axis=1) / ATLAS
 
 
-def canvas(part: Part) -> Canvas:
+def canvas(part: Part, tile: tuple[int, int, int, int]) -> Canvas:
     """Return the texel positions of a part's tile."""
-    _, _, rows, columns = TILES[part.name]
+    _, _, rows, columns = tile
     u = (np.arange(columns) + 0.5 - _MARGIN) / (columns - 2 * _MARGIN)
     v = (np.arange(rows) + 0.5 - _MARGIN) / (rows - 2 * _MARGIN)
     u, v = np.meshgrid(u, v)
     return Canvas(u, v, np.interp(v, part.path[:, 0], part.path[:, 1]))
 
 
-def paint(parts: list[Part], seed: int) -> Material:
-    """Return the atlas of the whole pot: base colour (1024, 1024, 3), roughness and metallic (1024, 1024)."""
+def paint(parts: list[Part], tiles: Tiles, painters: Painters, seed: int) -> Material:
+    """Return the atlas of a whole object: base colour (1024, 1024, 3), roughness and metallic (1024, 1024)."""
     base, roughness, metallic = np.full((ATLAS, ATLAS, 3), 0.5), np.ones((ATLAS, ATLAS)), np.zeros((ATLAS, ATLAS))
     for index, part in enumerate(parts):
-        row, column, rows, columns = TILES[part.name]
+        row, column, rows, columns = tiles[part.name]
         tile = np.s_[row : row + rows, column : column + columns]
-        painted = PAINTERS[part.name](canvas(part), seed + 1000 * index)
+        painted = painters[part.name](canvas(part, tiles[part.name]), seed + 1000 * index)
         base[tile], roughness[tile], metallic[tile] = painted.base, painted.roughness, painted.metallic
     return Material(np.clip(base, 0.0, 1.0), np.clip(roughness, 0.06, 1.0), np.clip(metallic, 0.0, 1.0))
