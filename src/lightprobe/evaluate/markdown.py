@@ -6,7 +6,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from lightprobe.evaluate.metrics import interval
 
 NONE = "–"  # no value
-_TEXT = ("method", "lessons", "trained", "role", "what differs", "command", "ours", "commit")  # set to the left
+_TEXT = (
+    "method",
+    "lessons",
+    "trained",
+    "role",
+    "what differs",
+    "command",
+    "ours",
+    "what it shows",
+    "commit",
+)  # set to the left
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
