@@ -86,17 +86,19 @@ def bench(
     usual = Path("benchmarks") if Path("benchmarks").is_dir() else output
     pages = Pages(records or usual / "records", results or usual / "RESULTS.md", beside=results is not None)
     if tables_only:
-        if not pages.records.is_dir():
-            raise ConfigError(f"There is no folder {pages.records}; tell where the records are with --records DIR.")
-        pages.write(())
-        print(f"Results: {pages.results}\nThe paper's tables: {pages.paper}")
+        pages.write_alone()
         return
     _check(preset, steps, seeds, paper_iterations, hdri)
     benchmark = Benchmark(output, runs or output / "runs", pages.records, preset, seeds, slow_photos, data, hdri)
-    for piece in _pieces(benchmark, _found(scenes, data), steps, paper_iterations):
+    _make(benchmark, _pieces(benchmark, _found(scenes, data), steps, paper_iterations), pages, scenes)
+
+
+def _make(benchmark: Benchmark, pieces: Sequence[Callable[[], None]], pages: "Pages", scenes: Sequence[str]) -> None:
+    """Make the pieces, with new pages after each; raise `ResourceError` at the end if one failed."""
+    for piece in pieces:
         piece()
         pages.write(scenes)
-    print(f"Results: {pages.results}\nThe paper's tables: {pages.paper}")
+    pages.name()
     if benchmark.failed:
         raise ResourceError(f"These pieces failed, their messages stand above: {', '.join(benchmark.failed)}.")
 
@@ -143,6 +145,17 @@ class Pages:
         everything = BenchResults(found, missing)
         write_bytes(self.results, results_page(everything).encode())
         write_bytes(self.paper, paper_page(everything).encode())
+
+    def write_alone(self) -> None:
+        """Write both pages where nothing else is done; raise `ConfigError` where there are no records."""
+        if not self.records.is_dir():
+            raise ConfigError(f"There is no folder {self.records}; tell where the records are with --records DIR.")
+        self.write(())
+        self.name()
+
+    def name(self) -> None:
+        """Print where the pages are."""
+        print(f"Results: {self.results}\nThe paper's tables: {self.paper}")
 
 
 def _found(scenes: Sequence[str], data: Path) -> dict[str, Path]:
