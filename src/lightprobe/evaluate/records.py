@@ -64,8 +64,8 @@ class Record:
         """Write the record into `folder`, under its name."""
         about = {key: value for key, value in vars(self).items() if key != "metrics" and value not in ("", {})}
         content = {"format": _FORMAT, **about, **_packed(self.metrics)}
-        scores = ",\n".join(f"  {json.dumps(m)}: {json.dumps(s)}" for m, s in content.pop("scores").items())
-        lines = [f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in content.items()]
+        scores = ",\n".join(f"{json.dumps(m)}: {_line(s)}" for m, s in content.pop("scores").items())
+        lines = [f"{json.dumps(key)}: {_line(value)}" for key, value in content.items()]
         text = "{\n" + ",\n".join([*lines, f'"scores": {{\n{scores}\n}}']) + "\n}\n"
         write_bytes(folder / f"{self.name}.json", text.encode())
 
@@ -139,6 +139,10 @@ def _unpacked(stored: dict[str, Any]) -> Metrics:
         "photos": photos,
         **({"skipped": stored["skipped"]} if stored["skipped"] else {}),
     }
+
+
+def _line(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
 def _short(value: float | None) -> float | None:
