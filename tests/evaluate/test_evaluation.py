@@ -12,9 +12,10 @@ from PIL import Image
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
-from lightprobe.evaluate import Protocols, evaluate, load_environment, relight, view_pictures
+from lightprobe.evaluate import Evaluation, Protocols, evaluate, load_environment, relight, view_pictures
 from lightprobe.evaluate.color_scale import confidence_colors
 from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.evaluate.metrics import interval
 from lightprobe.evaluate.pictures import PICTURE_NOTES
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.material.textures import Textures
@@ -95,6 +96,8 @@ def evaluated(known, tmp_path_factory):
 def test_the_true_asset_has_no_error(evaluated):
     truth = evaluated[0].truth
     assert truth["base_color_psnr"] > 60
+    assert truth["base_color_ratio"] == pytest.approx(1, abs=1e-3)
+    assert truth["base_color_ratio_worst"] == pytest.approx(1, abs=1e-3)
     assert truth["roughness_mae"] < 1e-4
     assert truth["metallic_mae"] < 1e-4
     assert truth["normal_degrees"] < 0.05
@@ -177,6 +180,19 @@ def test_the_picture_of_the_confidence_has_the_colors_of_its_scale(evaluated):
     assert np.abs(picture - confidence_colors(np.array(0.5))).max() < 0.02
 
 
+def test_photos_under_one_light_are_one_piece_of_evidence():
+    scores = {"a": 1.0, "b": 2.0, "c": 4.0}
+    result = Evaluation(Method.SOLVE, {name: {Method.SOLVE: {"psnr": value}} for name, value in scores.items()})
+    apart = result.interval(Method.SOLVE)["psnr"]
+    result.lights = {"a": "sky", "b": "sky"}
+    metrics = result.to_json()
+    assert metrics["interval"]["solve"]["psnr"] == pytest.approx(interval([1.0, 2.0, 4.0], ["sky", "sky", "c"]))
+    assert metrics["interval"]["solve"]["psnr"] != pytest.approx(apart)
+    assert [photo.get("light") for photo in metrics["photos"].values()] == ["sky", "sky", None]
+    result.lights = dict.fromkeys(scores, "sky")
+    assert result.interval(Method.SOLVE) == {}
+
+
 def test_a_wrong_material_is_found_out(known):
     decomposition, scene = known
     t = decomposition.asset.textures
@@ -187,6 +203,8 @@ def test_a_wrong_material_is_found_out(known):
     ).truth
     assert truth["base_color_psnr"] < 20
     assert truth["base_color_psnr_scaled"] > 60
+    assert truth["base_color_ratio"] == pytest.approx(0.4 ** (1 / 3), rel=0.01)
+    assert truth["base_color_ratio_worst"] == pytest.approx(0.5, rel=0.01)
     assert truth["roughness_mae"] == pytest.approx(0.1, abs=0.001)
     assert truth["relight_psnr_scaled"] > truth["relight_psnr"] + 5
 

@@ -8,6 +8,7 @@ from scipy.ndimage import correlate1d
 from lightprobe.evaluate import metrics
 from lightprobe.evaluate.metrics import (
     aligned,
+    brightest,
     channel_scale,
     environment_log_rmse,
     image_scores,
@@ -15,6 +16,7 @@ from lightprobe.evaluate.metrics import (
     log_difference,
     mean_angle,
     on_white,
+    photo_interval,
     psnr,
 )
 from lightprobe.light import cubemap
@@ -134,3 +136,28 @@ def test_mean_angle_of_unnormalised_vectors():
     a = np.array([[2.0, 0, 0], [0, 0, 1]])
     b = np.array([[0, 3.0, 0], [0, 1, 1]])
     assert mean_angle(a, b) == pytest.approx((90 + 45) / 2)
+
+
+def test_the_brightest_texels_fill_their_share_of_the_sphere_and_no_map_is_without_them():
+    order = torch.rand(6, 32, 32, 1, generator=torch.Generator().manual_seed(1)).expand(-1, -1, -1, 3)
+    chosen, solid = brightest(order), cubemap.solid_angles(32)
+    assert float(solid[chosen].sum()) == pytest.approx(0.01 * 4 * math.pi, rel=0.03)
+    assert order[chosen].min() > order[~chosen].max()
+    assert int(brightest(torch.ones(6, 2, 2, 3)).sum()) == 1
+
+
+def test_values_of_one_group_are_one_piece_of_evidence():
+    """Every value twice, and each pair a group: the interval is that of the single values."""
+    single, twice = [1.0, 2.0, 4.0], [1.0, 1.0, 2.0, 2.0, 4.0, 4.0]
+    assert interval(twice, [str(int(v)) for v in twice]) == pytest.approx(interval(single))
+    assert interval(twice) < 0.7 * interval(single)
+    assert math.isnan(interval(twice, ["one"] * 6))
+    uneven = interval([1.0, 3.0, 3.0, 3.0], ["a", "b", "b", "b"])  # mean 2.5; shares -1.5 / 4 and +1.5 / 4
+    assert uneven == pytest.approx(12.7062 * 2 * 0.375, rel=1e-4)
+
+
+def test_photos_without_a_named_light_are_a_group_each():
+    values = {"a": 1.0, "b": 2.0, "c": 4.0}
+    assert photo_interval(values, {}) == pytest.approx(interval([1.0, 2.0, 4.0]))
+    assert photo_interval(values, {"a": "sky", "b": "sky"}) == pytest.approx(interval([1.0, 2.0, 4.0], ["x", "x", "y"]))
+    assert photo_interval({"a": 1.0, "b": 2.0}, {"a": "b"}) == pytest.approx(interval([1.0, 2.0]))

@@ -101,14 +101,15 @@ def test_a_method_that_saw_fewer_photos_says_so_and_is_never_the_best(tmp_path):
         "default_method": "solve",
         "mean": {},
         "methods": {"solve": {"psnr": 24.5}, "constant": {"psnr": 20.0}, "optimize": {"psnr": 30.0}},
-        "interval": {"optimize": {"psnr": 1.25}},
+        "interval": {"optimize": {"psnr": 1.25}, "constant": {"psnr": 0.5}},
         "photos": {
             "a": {"methods": {"solve": {}, "constant": {}, "optimize": {}}},
             "b": {"methods": {"solve": {}, "constant": {}}},
         },
     }
     text = page(tmp_path, metrics=metrics)
-    assert "<td>optimize (1 photo)</td><td>30.00<small> ± 1.25</small></td>" in text
+    assert "<td>optimize (1 photo)</td><td>30.00</td>" in text  # few photos carry no interval
+    assert "<td>constant</td><td>20.00<small> ± 0.50</small></td>" in text
     assert "<td>solve</td><td><b>24.50</b></td>" in text
 
 

@@ -76,3 +76,15 @@ def test_a_confident_error_weighs_more(true_light):
     high = true_light.scores(prediction)["light_log_rmse_confident"]
     low = true_light.scores(replace(prediction, confidence=unsure))["light_log_rmse_confident"]
     assert high > 2 * low
+
+
+def test_a_clipped_sun_costs_the_brightest_percent_most(true_light):
+    clipped = true_light.cube.clamp(max=float(true_light.cube.max()) / 8)
+    scores = true_light.scores(guess(clipped))
+    assert scores["light_log_rmse_bright"] > 1
+    assert scores["light_log_rmse_bright"] > 3 * scores["light_log_rmse"]
+    brighter = true_light.scores(guess(3 * clipped))  # one factor for the whole map brings the sun no nearer
+    assert brighter["light_log_rmse_bright"] < scores["light_log_rmse_bright"]
+    assert brighter["light_log_rmse_bright_scaled"] == pytest.approx(scores["light_log_rmse_bright_scaled"], rel=0.05)
+    exact = true_light.scores(guess(true_light.cube))
+    assert exact["light_log_rmse_bright"] == pytest.approx(0, abs=1e-6)

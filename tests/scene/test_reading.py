@@ -134,8 +134,9 @@ def test_truth_files_and_relighting(tmp_path):
         for i in range(2):
             Image.fromarray(np.dstack(picture(view))).save(root / split / f"r_{i}.png")
             pose = view.opengl.tolist()
+            light = {"hdri": "sky"} if i else {"hdri": 3}  # a name, and nothing that could be one
             frames.append(
-                {"file_path": f"./{split}/r_{i}", "transform_matrix": pose, **keys, "normal_path": "none.exr"}
+                {"file_path": f"./{split}/r_{i}", "transform_matrix": pose, **keys, "normal_path": "none.exr", **light}
             )
         (root / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
     for name in keys.values():
@@ -145,6 +146,7 @@ def test_truth_files_and_relighting(tmp_path):
     truth = reading.photos[Split.RELIGHT][0].truth
     assert [truth.environment, truth.linear, truth.base_color, truth.orm] == [root / name for name in keys.values()]
     assert truth.normal is None  # named, but not there
+    assert [photo.truth.light for photo in reading.photos[Split.TEST]] == [None, "sky"]
     assert reading.photos[Split.TEST][1].name == "test_r_1"
     edit = json.loads((root / "transforms_train.json").read_text())
     edit["frames"][0]["env_path"] = "../outside.exr"

@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from lightprobe.cli.bench import training_costs
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose.image_task import ImageTask
+from lightprobe.evaluate.provenance import training_costs
 from speed import phase1, phase2
 from speed.ball import ball
 from speed.growth import Cases, growth_rows

@@ -18,7 +18,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.distill import ProbeModel
 from lightprobe.evaluate import truth
-from lightprobe.evaluate.metrics import interval
+from lightprobe.evaluate.metrics import photo_interval
 from lightprobe.evaluate.prediction_files import write_prediction
 from lightprobe.evaluate.stand_in import StandIn
 from lightprobe.evaluate.true_light import ConfidenceBins, TrueLight, falls
@@ -52,26 +52,38 @@ class Evaluation:
     confidence: dict[Method, list[Scores]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)  # photo that could not be scored -> why
     verdicts: dict[str, Verdict] = field(default_factory=dict)  # of the photos that are scored
+    lights: dict[str, str] = field(default_factory=dict)  # photo -> name of its light, where the scene tells
 
-    def values(self, method: Method) -> dict[str, list[float]]:
-        """Return the finite values of every score of the method, over photos."""
-        each = [scores[method] for scores in self.photos.values() if method in scores]
-        names = dict.fromkeys(name for scores in each for name in scores)
-        return {name: [s[name] for s in each if name in s and math.isfinite(s[name])] for name in names}
+    def values(self, method: Method) -> dict[str, dict[str, float]]:
+        """Return the finite values of every score of the method, by photo."""
+        each = {photo: scores[method] for photo, scores in self.photos.items() if method in scores}
+        names = dict.fromkeys(name for scores in each.values() for name in scores)
+        return {
+            name: {photo: s[name] for photo, s in each.items() if name in s and math.isfinite(s[name])}
+            for name in names
+        }
 
     def mean(self, method: Method) -> Scores:
         """Return the mean over photos of every score that the method has."""
-        return {name: sum(values) / len(values) for name, values in self.values(method).items() if values}
+        return {name: sum(values.values()) / len(values) for name, values in self.values(method).items() if values}
 
     def interval(self, method: Method) -> Scores:
-        """Return the half width of the 95 % interval of every mean that rests on two photos or more."""
-        return {name: interval(values) for name, values in self.values(method).items() if len(values) > 1}
+        """Return the half width of the 95 % interval of every mean that rests on two lights or more.
+
+        Photos whose light has no name are taken to have one each.
+        """
+        widths = {name: photo_interval(values, self.lights) for name, values in self.values(method).items()}
+        return {name: width for name, width in widths.items() if math.isfinite(width)}
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of metrics.json; scores that could not be computed are left out."""
         methods = list(dict.fromkeys(method for scores in self.photos.values() for method in scores))
         photos = {
-            name: {**_finite(scores[self.default]), "methods": {m.value: _finite(s) for m, s in scores.items()}}
+            name: {
+                **_finite(scores[self.default]),
+                "methods": {m.value: _finite(s) for m, s in scores.items()},
+                **({"light": self.lights[name]} if name in self.lights else {}),
+            }
             for name, scores in self.photos.items()
         }
         return {
@@ -146,6 +158,8 @@ def evaluate(
         materials.add(view)
         result.photos[photo.name] = {}
         result.verdicts[photo.name] = first.prediction.verdict
+        if photo.truth.light is not None:
+            result.lights[photo.name] = photo.truth.light
         for method in methods:
             if method is not methods[0] and judge.too_slow(method, done):
                 continue

@@ -57,12 +57,24 @@ MAPS: Headings = {
     ),
     "light_log_rmse_scaled": Heading("log-RMSE scaled", 3, "the same after one factor", False),
     "light_log_rmse_channels": Heading("log-RMSE per channel", 3, "the same after one factor per channel", False),
+    "light_log_rmse_bright": Heading(
+        "log-RMSE brightest raw", 3, "the raw one over the brightest percent of the true light's solid angle", False
+    ),
+    "light_log_rmse_bright_scaled": Heading(
+        "log-RMSE brightest scaled", 3, "the same after the one factor of the whole map", False
+    ),
     "light_log_rmse_confident": Heading("log-RMSE confident", 3, "the raw one, weighted by the confidence", False),
 }
 OBJECT: Headings = {
     "chamfer": Heading("Chamfer distance", 4, "mean distance of the surfaces, both ways, in object radii", False),
     "base_color_psnr": Heading("base colour PSNR raw", 2, "dB; of the pixels that both objects cover", True),
     "base_color_psnr_scaled": Heading("base colour PSNR scaled", 2, "dB; after one factor per colour channel", True),
+    "base_color_ratio": Heading(
+        "base colour over truth", 2, "ratio of the mean linear base colours, geometric mean over channels; 1 at best"
+    ),
+    "base_color_ratio_worst": Heading(
+        "base colour over truth, worst", 2, "the same of the channel that is farthest from 1"
+    ),
     "roughness_mae": Heading("roughness error", 3, "mean absolute", False),
     "metallic_mae": Heading("metallic error", 3, "mean absolute", False),
     "normal_degrees": Heading("normal error °", 1, "mean angle in degrees", False),

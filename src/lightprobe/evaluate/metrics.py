@@ -6,7 +6,7 @@ the photo). PSNR and SSIM are torchmetrics'; SSIM has the usual 11 x 11 Gaussian
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from lightprobe.light import cubemap
 
 _WINDOW = 11  # pixels along SSIM's window
 _WHOLE, _BAND = 2**20, 2**18  # pixels of images that are compared at once, and of a band of larger ones
+BRIGHTEST = 0.01  # share of the sphere whose lights are scored on their own: suns, lamps, windows
 _PERFECT_PSNR = 100.0  # dB; stands for infinity, which JSON cannot hold and no mean survives
 
 
@@ -141,12 +142,42 @@ def environment_log_rmse(difference: Tensor, weight: Tensor | None = None) -> fl
     return math.sqrt(float((share[..., None] * difference**2).sum() / (3 * share.sum().clamp_min(1e-12))))
 
 
-def interval(values: Sequence[float]) -> float:
-    """Return the half width of the 95 % interval of the mean of `values` by Student's t; nan for fewer than two."""
-    if len(values) < 2:
+def brightest(truth: Tensor, share: float = BRIGHTEST) -> Tensor:
+    """Return (6, R, R) bool: the texels of the highest mean radiance that fill `share` of the sphere, one at least."""
+    solid = cubemap.solid_angles(truth.shape[1]).to(truth).reshape(-1)
+    order = torch.argsort(truth.mean(-1).reshape(-1), descending=True, stable=True)
+    before = solid[order].cumsum(0) - solid[order]
+    chosen = torch.zeros_like(solid, dtype=torch.bool)
+    chosen[order[before < share * 4 * math.pi]] = True
+    return chosen.reshape(truth.shape[:3])
+
+
+def interval(values: Sequence[float], groups: Sequence[str] | None = None) -> float:
+    """Return the half width of the 95 % interval of the mean of `values` by Student's t; nan for fewer than two groups.
+
+    Values of one group, such as photos under one environment, are no independent evidence: the group is the unit. With
+    G groups g of n_g values, N in all, about the mean m of all values,
+
+        s^2 = G / (G - 1) sum_g (n_g (m_g - m) / N)^2,    half width = t(.975, G - 1) s.
+
+    With equally large groups that is the t interval of the groups' means; without `groups` each value is one.
+    """
+    gathered: dict[str, list[float]] = {}
+    for place, value in enumerate(values):
+        gathered.setdefault(str(place) if groups is None else groups[place], []).append(value)
+    count = len(gathered)
+    if count < 2:
         return math.nan
-    spread = float(np.std(values, ddof=1)) / math.sqrt(len(values))
-    return float(scipy.stats.t.ppf(0.975, len(values) - 1)) * spread
+    mean = float(np.mean(values))
+    shares = [sum(value - mean for value in group) / len(values) for group in gathered.values()]
+    spread = math.sqrt(count / (count - 1) * sum(share * share for share in shares))
+    return float(scipy.stats.t.ppf(0.975, count - 1)) * spread
+
+
+def photo_interval(values: Mapping[str, float], lights: Mapping[str, str]) -> float:
+    """Return `interval` of values by photo, where photos under one of the named lights are one group."""
+    groups = [f"light {lights[photo]}" if photo in lights else f"photo {photo}" for photo in values]
+    return interval(list(values.values()), groups)
 
 
 def mean_angle(normals: np.ndarray, reference: np.ndarray) -> float:

@@ -86,7 +86,8 @@ def report_page(report: Report, folder: Path) -> str:
         _commands(report.commands),
         "<h2>Light from a single photo, by method</h2>",
         "<p>The light is predicted from each test photo, the object re-rendered with it and compared with the photo. "
-        f"Means over {len(metrics['photos'])} test photos, ± the half width of their 95 % interval. Pictures and the "
+        f"Means over {len(metrics['photos'])} test photos, ± the half width of their 95 % interval, for "
+        "which photos under one light count once. Pictures and the "
         f"last table belong to <b>{html.escape(metrics['default_method'])}</b>.</p>",
         "<p>↑ more is better, ↓ less is better; the best value of a column is bold.</p>",
         _by_method(metrics, IMAGES),
@@ -134,7 +135,7 @@ def _by_method(metrics: dict[str, Any], headings: dict[str, Heading]) -> str:
     """Return a table of the methods' means.
 
     A slow method may have seen only some of the photos; its mean is of other photos, so its row says how many they
-    are and is never the best one.
+    are, has no interval and is never the best one.
     """
     seen = [photo.get("methods", metrics["methods"]) for photo in metrics["photos"].values()]
     counts = {method: sum(method in scores for scores in seen) for method in metrics["methods"]}
@@ -143,8 +144,9 @@ def _by_method(metrics: dict[str, Any], headings: dict[str, Heading]) -> str:
         for method, count in counts.items()
     }
     rows: Rows = {labels[method]: scores for method, scores in metrics["methods"].items()}
-    intervals: Rows = {labels[method]: around for method, around in metrics.get("interval", {}).items()}
     compared = [labels[method] for method, count in counts.items() if count == len(seen)]
+    known: Rows = {labels[method]: around for method, around in metrics.get("interval", {}).items()}
+    intervals = {label: around for label, around in known.items() if label in compared}
     return table("method", rows, headings, intervals=intervals, compared=compared)
 
 

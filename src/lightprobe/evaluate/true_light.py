@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.evaluate.metrics import aligned, environment_log_rmse, log_difference
+from lightprobe.evaluate.metrics import aligned, brightest, environment_log_rmse, log_difference
 from lightprobe.evaluate.relighting import load_environment
 from lightprobe.evaluate.three_spheres import HEIGHT, Disc, ThreeSpheres, reduced, sphere_scores
 from lightprobe.imaging import read_hdr
@@ -39,14 +39,19 @@ class TrueLight:
         return TrueLight(cube, len(light), spheres, spheres.light(light))
 
     def scores(self, prediction: Prediction) -> Scores:
-        """Return the errors of ln radiance (raw, weighted by confidence, after one factor or three) and of spheres."""
-        difference = log_difference(prediction.environment, self.cube)
+        """Return the errors of ln radiance (raw, weighted by confidence, after one factor or three) and of spheres.
+
+        Those of the brightest percent of the true light alone are raw and after the whole map's one factor.
+        """
+        difference, bright = log_difference(prediction.environment, self.cube), brightest(self.cube)
         shown = equirect.from_cubemap(prediction.environment.cpu(), self.height)
         return {
             "light_log_rmse": environment_log_rmse(difference),
             "light_log_rmse_confident": environment_log_rmse(difference, prediction.confidence),
             "light_log_rmse_scaled": environment_log_rmse(aligned(difference)),
             "light_log_rmse_channels": environment_log_rmse(aligned(difference, per_channel=True)),
+            "light_log_rmse_bright": environment_log_rmse(difference, bright),
+            "light_log_rmse_bright_scaled": environment_log_rmse(aligned(difference), bright),
             **sphere_scores(self.spheres.light(shown), self.discs),
         }
 

@@ -25,6 +25,7 @@ from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
 from lightprobe.scene.photo import Photo, Scene
 
 Scores = dict[str, float]
+_DARKEST = 3e-4  # linear base colour of the darkest grey that 8 bits of sRGB tell from black
 
 
 def surface_scores(decomposition: Decomposition, mesh_file: Path) -> Scores:
@@ -64,12 +65,13 @@ class MaterialScores:
             self._normals.append((view.gbuffer.normal[chosen].cpu().numpy()[known], normal[known]))
 
     def result(self) -> Scores:
-        """Return base colour PSNR (sRGB; raw, and with one linear factor per channel), errors and normal angle."""
+        """Return base colour PSNR (sRGB; raw, and with one linear factor per channel), ratio, errors, normal angle."""
         scores: Scores = {}
         if self._colors:
             mine, true = (torch.cat(parts) for parts in zip(*self._colors, strict=True))
             scores["base_color_psnr"] = _srgb_psnr(mine, true)
             scores["base_color_psnr_scaled"] = _srgb_psnr(mine * channel_scale(mine, true), true)
+            scores |= _mean_ratios(mine, true)
         for name, errors in self._errors.items():
             if errors:
                 scores[name] = float(np.concatenate(errors).mean())
@@ -77,6 +79,14 @@ class MaterialScores:
             mine_normals, true_normals = (np.concatenate(parts) for parts in zip(*self._normals, strict=True))
             scores["normal_degrees"] = mean_angle(mine_normals, true_normals)
         return scores
+
+
+def _mean_ratios(mine: Tensor, true: Tensor) -> Scores:
+    """Return the ratios of mean linear base colours (N, 3) to the true one: over all channels, and the worst one's."""
+    means = [values.double().mean(0).clamp(min=_DARKEST) for values in (mine, true)]
+    logs = (means[0] / means[1]).log()
+    worst = logs[logs.abs().argmax()]
+    return {"base_color_ratio": float(logs.mean().exp()), "base_color_ratio_worst": float(worst.exp())}
 
 
 def relight_scores(decomposition: Decomposition, scene: Scene, device: torch.device) -> Scores:

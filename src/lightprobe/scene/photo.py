@@ -24,6 +24,7 @@ class Truth:
     base_color: Path | None = None  # sRGB-encoded
     orm: Path | None = None  # linear; G roughness, B metallic
     normal: Path | None = None  # world-space
+    light: str | None = None  # name of the environment that this and other photos' were made from
 
 
 @dataclass(frozen=True)

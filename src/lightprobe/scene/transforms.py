@@ -109,13 +109,14 @@ def _image(root: Path, path: Path, settings: dict[str, Any]) -> Path:
 
 
 def _truth(root: Path, path: Path, settings: dict[str, Any]) -> Truth:
-    """Return the ground-truth files that are named and exist."""
+    """Return the ground-truth files that are named and exist, and the name of the light."""
     files = {}
     for name, key in _TRUTH_KEYS.items():
         if settings.get(key):
             file = _inside(root, settings, key, path)
             files[name] = file if file.is_file() else None
-    return Truth(**files)
+    light = settings.get("hdri")
+    return Truth(**files, light=light if isinstance(light, str) else None)
 
 
 def _inside(root: Path, settings: dict[str, Any], key: str, path: Path) -> Path:
