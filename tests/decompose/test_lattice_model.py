@@ -18,6 +18,6 @@ def test_a_colour_beyond_white_shows_white_and_can_come_back():
     color = model.material(torch.tensor([[0.1, 0.2, 0.3]]))[:, :3]
     assert torch.equal(color, torch.ones(1, 3))
     color.sum().backward()
-    gradient = model.field.biases[-1].grad
+    gradient = model.material.field.biases[-1].grad
     assert gradient is not None
     assert (gradient[:3] > 0).all()

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import torch
 
-from lightprobe.cli.bench import commit, machine
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset
 from lightprobe.core.errors import InputError
 from lightprobe.core.memory import peak_memory
@@ -18,6 +17,7 @@ from lightprobe.decompose import Progress, decompose
 from lightprobe.distill.lesson import Lesson
 from lightprobe.distill.lessons import collect_lessons
 from lightprobe.distill.training import train
+from lightprobe.evaluate.provenance import commit, machine
 from lightprobe.scene.photo import Scene
 from speed.clock import median_gap
 from speed.kernels import LOBE

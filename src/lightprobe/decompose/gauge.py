@@ -3,14 +3,15 @@
 A photo under an unknown light leaves it nearly open; only reflections that do not take the surface's colour tell. The
 gradient cannot be trusted with it: at a light that is not perfectly solved it points along the light's own errors (too
 dim a light asks for brighter colours), and visit by visit the two drift off together. So the mean base colour is held,
-and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
+and now and then a common factor is chosen by trying several, and the one kept under which parts of the object agree
+best about their lights (`decompose.agreement`).
+
+A factor changes nothing but the base colours, to which roughness and metallic have fitted themselves, so it finds only
+the nearest good one. Once, when the shape is roughly known, the material is therefore fitted anew from several
+brightnesses (`decompose.material_trials`).
 
 Only the first checkpoints choose. Later the materials have grown used to what was chosen, and a choice follows their
 errors: a bottle of gilt and leather went on darkening by a tenth each time, to half its brightness.
-
-It starts bright and is never chosen brighter. A surface taken for too bright is found out, because its reflections are
-too weak beside it; one taken for too dark explains its photos by wider lobes, and stays dark. A metal, all reflection,
-says nothing about it, and would drift to where every colour is white.
 """
 
 import math
@@ -18,25 +19,26 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import torch
-from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.decompose.lights import Lights, solve_target_light
-from lightprobe.decompose.losses import one_sided, tone_map
+from lightprobe.core.device import generator
+from lightprobe.decompose.agreement import SPLITS, disagreement
+from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import shade
 
-CHOICES = 3  # checkpoints that choose
-BRIGHTEST = 0.45  # mean linear base colour that Phase I starts with, and that no choice goes beyond
+CHOICES = 4  # checkpoints that choose
+TRIALS_AT = 2  # which of them fits the material anew
+START = 0.45  # mean linear base colour that Phase I starts with
+DARKEST, BRIGHTEST = 0.02, 0.8  # mean linear base colours that no choice goes beyond
 _PHOTOS = 8
 _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice
 
 
-def spread(targets: list[Target]) -> list[Target]:
-    """Return photos spread evenly over the list, as many as a choice looks at."""
-    count = min(_PHOTOS, len(targets))
+def spread(targets: list[Target], count: int = _PHOTOS) -> list[Target]:
+    """Return `count` photos spread evenly over the list, all where there are fewer."""
+    count = min(count, len(targets))
     return [targets[int((k + 0.5) * len(targets) / count)] for k in range(count)]
 
 
@@ -44,17 +46,30 @@ def spread(targets: list[Target]) -> list[Target]:
 def choose_brightness(
     shown: Iterable[tuple[Target, GBuffer]], lights: Lights, config: DecomposeConfig, step: int, mean: float
 ) -> float:
-    """Return the factor on all base colours under which photos re-render best, lights solved anew; deterministic.
+    """Return the factor on all base colours under which parts of the object agree best; deterministic.
 
     `shown`: photos, and the present asset's G-buffers in them; `mean`: its mean base colour.
     """
-    errors = torch.zeros(3, dtype=torch.float64)
+    errors = torch.zeros(3, SPLITS, dtype=torch.float64)
     for target, gbuffer in shown:
-        rows = lights.rows(target, gbuffer, step, config.light_solve_pixels)
-        if len(rows) > 0:
-            for i in range(3):
-                errors[i] += _error(target, gbuffer, rows, lights, math.exp((i - 1) * _STEP), config)
-    return min(_least(*errors.tolist()), max(1.0, BRIGHTEST / mean))
+        pixels = gbuffer.select(lights.rows(target, gbuffer, step, config.light_solve_pixels))
+        observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
+        for i in range(3):
+            factor = math.exp((i - 1) * _STEP)
+            light = lights.maps[lights.index[target.name]].detach() / factor
+            random = generator(lights.seed, f"halves/{target.name}", step)
+            found = disagreement(brightened(pixels, factor), observed, clipped, light, config, random)
+            errors[i] += 0.0 if found is None else found
+    if not bool((errors > 0).all()):
+        return 1.0
+    factor = _least(*errors.log().mean(1).tolist())
+    return min(max(factor, DARKEST / mean), BRIGHTEST / mean)
+
+
+def brightened(pixels: GBuffer, factor: float) -> GBuffer:
+    """Return the pixels with base colours times `factor`, at most 1, also of what they see of the object."""
+    around = None if pixels.openness is None else pixels.openness.brightened(factor)
+    return replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1), openness=around)
 
 
 def _least(below: float, here: float, above: float) -> float:
@@ -64,20 +79,3 @@ def _least(below: float, here: float, above: float) -> float:
         return math.exp(math.copysign(_STEP, below - above)) if below != above else 1.0
     best = 0.5 * (below - above) / curvature
     return math.exp(_STEP * min(max(best, -_REACH), _REACH))
-
-
-def _error(
-    target: Target, gbuffer: GBuffer, rows: Tensor, lights: Lights, factor: float, config: DecomposeConfig
-) -> float:
-    """Return the mean displayed error of the pixels `rows` with base colours times `factor`."""
-    pixels = gbuffer.select(rows)
-    around = None if pixels.openness is None else pixels.openness.brightened(factor)
-    pixels = replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1), openness=around)
-    light = lights.maps[lights.index[target.name]] / factor
-    photo, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
-    every = torch.arange(len(rows), device=rows.device)
-    for _ in range(2):  # the light on the map is that of another state of the asset
-        light = solve_target_light(photo, clipped, pixels, light, every, config)
-    render = shade(pixels, lights.prefilter, lights.prefilter.apply(light))
-    render = one_sided(render, photo, clipped)
-    return float((tone_map(render) - tone_map(photo)).abs().mean())

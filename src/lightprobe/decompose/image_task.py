@@ -10,10 +10,11 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.core.device import generator, sent
 from lightprobe.decompose.frame_loss import frame_loss
-from lightprobe.decompose.gauge import CHOICES, choose_brightness, spread
-from lightprobe.decompose.lattice_model import Seen
+from lightprobe.decompose.gauge import CHOICES, TRIALS_AT, choose_brightness, spread
+from lightprobe.decompose.lattice_model import LatticeModel, Seen
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.losses import color_gauge, image_loss, metal_parsimony
+from lightprobe.decompose.material_trials import PHOTOS, Sample, best_trial
 from lightprobe.decompose.optimisation import Stage, photo_order
 from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
@@ -83,11 +84,30 @@ class ImageTask:
         late = step > CHOICES * self.config.checkpoint_every
         if iteration == 0 or late or self.config.brightness_anchor == 0:
             return
+        if isinstance(self.model, LatticeModel) and iteration == TRIALS_AT * self.config.checkpoint_every:
+            self._try_materials(self.model, fraction)
         chosen = spread(self.targets)
         shown = zip(chosen, self.model.look([target.view for target in chosen], fraction), strict=True)
         mean = float(self.model.mean_color)
         factor = choose_brightness(shown, self.lights, self.config, step, mean)
         self.model.brighten(factor)
+        self.lights.dim(factor)
+
+    def _try_materials(self, model: LatticeModel, fraction: float) -> None:
+        """Give the model the material of another brightness where that explains the photos better."""
+        chosen, mean = spread(self.targets, PHOTOS), float(model.mean_color)
+        shown = zip(chosen, model.look([target.view for target in chosen], fraction), strict=True)
+        samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
+        best = best_trial(samples, self.lights, mean, self.config, self.seed)
+        if best is None:
+            return
+        trial, factor = best
+        self.lights.dim(float(trial.material.mean_color) / mean)
+        for name, light in trial.lights.items():
+            self.lights.replace(name, light)
+        model.material.take_over(trial.material)
+        model.renew()
+        model.brighten(factor)
         self.lights.dim(factor)
 
     @property

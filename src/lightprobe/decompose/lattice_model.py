@@ -8,18 +8,16 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lightprobe.core.config import DecomposeConfig, SdfMode, Smoothed
+from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.core.device import generator, sent
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.decompose.coarse_grids import CoarseGrids
-from lightprobe.decompose.frame_loss import color_change
-from lightprobe.decompose.gauge import BRIGHTEST
-from lightprobe.decompose.losses import brightness_anchor, material_prior
+from lightprobe.decompose.gauge import START
 from lightprobe.decompose.moving_shadows import MovingShadows
+from lightprobe.decompose.scaled_material import ScaledMaterial
 from lightprobe.decompose.start import Start
 from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
-from lightprobe.material.field import START_BASE, MaterialField
 from lightprobe.render.asset import gbuffer_of
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import outline_vertices
@@ -90,12 +88,7 @@ class LatticeModel(nn.Module):
             self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
         self.shadows: MovingShadows | None = None
-        # Not trained: it travels with the parameters, as checkpoints hold those.
-        self.brightness = nn.Parameter(torch.tensor(BRIGHTEST / START_BASE, device=device), requires_grad=False)
-        self.field = MaterialField(
-            levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
-            coarsest=config.hash_coarsest, finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
-        ).to(device)  # fmt: skip
+        self.material = ScaledMaterial(START, config, device, seed)
 
     def groups(self) -> list[dict]:
         """Return the optimiser's parameter groups."""
@@ -110,8 +103,8 @@ class LatticeModel(nn.Module):
         return [
             *shape,
             {"params": [self.offset], "lr": rate},
-            {"params": list(self.field.parameters()), "lr": material},
-            {"params": [self.brightness], "lr": 0.0},
+            {"params": list(self.material.field.parameters()), "lr": material},
+            {"params": [self.material.brightness], "lr": 0.0},
         ]
 
     def distances(self) -> Tensor:
@@ -130,23 +123,15 @@ class LatticeModel(nn.Module):
             raise ConvergenceError("The surface vanished while fitting; check the masks and cameras with `inspect`.")
         return vertices, faces
 
-    def material(self, points: Tensor) -> Tensor:
-        """Return the material (N, 8) at points (N, 3): the field's, with its base colours times the brightness."""
-        channels = self.field(points)
-        color = channels[:, :3] * self.brightness
-        # At the bound the gradient goes on: a colour that shot over white could not come back without one.
-        over_white = (color.detach() - 1).clamp(min=0)
-        return torch.cat([color - over_white, channels[:, 3:]], 1)
-
     @property
     def mean_color(self) -> Tensor:
         """The mean () that base colours are held at."""
-        return START_BASE * self.brightness
+        return self.material.mean_color
 
     @torch.no_grad()
     def brighten(self, factor: float) -> None:
         """Multiply all base colours, and the mean they are held at, by `factor`."""
-        self.brightness.mul_(factor)
+        self.material.brightness.mul_(factor)
         self.shadows = None if self.shadows is None else self.shadows.brightened(factor)
 
     def see(self, view: View, step: int, progress: float) -> Seen:
@@ -158,7 +143,8 @@ class LatticeModel(nn.Module):
         gbuffer, material = self._shown(view, vertices, faces, screen, progress)
         weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
         loss = weight * sign_change_loss(self.lattice, crossing, distance)
-        loss = loss + self._material_loss(gbuffer, material, step)
+        covered = len(gbuffer.position) / (gbuffer.height * gbuffer.width)
+        loss = loss + self.material.loss(gbuffer.position, material, step, covered)
         edges = edge_faces(faces, outline_vertices(screen, faces))
         return Seen(gbuffer, screen, faces, edges, loss)
 
@@ -183,27 +169,6 @@ class LatticeModel(nn.Module):
             torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * share, surface.view
         )
         return gbuffer_of(surface, view, normal, material, openness), material
-
-    def _material_loss(self, gbuffer: GBuffer, material: Tensor, step: int) -> Tensor:
-        """Smoothness under a small random displacement, and the priors of metallic, roughness and normal offset."""
-        position = gbuffer.position
-        count = min(4096, len(position))
-        random = generator(self.seed, "jitter", step)
-        rows = sent(torch.randint(0, max(len(position), 1), (count,), generator=random), position.device)
-        jitter = 0.01 * sent(torch.randn(count, 3, generator=random), position.device)
-        here = material.index_select(0, rows)
-        there = self.material(position.detach()[rows] + jitter)
-        if self.config.smoothed is Smoothed.BASE_COLOR:
-            covered = len(position) / (gbuffer.height * gbuffer.width)
-            change = color_change(here[:, :3], there[:, :3], covered, step)
-        else:
-            change = (here - there).abs().mean()
-        return (
-            self.config.smoothness * change
-            + material_prior(material, self.config)
-            + self.config.brightness_anchor * brightness_anchor(material[:, :3], self.mean_color)
-            + self.config.normal_prior * material[:, 5:].square().mean()
-        )
 
     def _present(self) -> tuple[Tensor, Tensor]:
         distance = self.distances()

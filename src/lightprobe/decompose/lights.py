@@ -85,6 +85,11 @@ class Lights:
         for light in self.maps:
             light.div_(factor)
 
+    @torch.no_grad()
+    def replace(self, name: str, light: Tensor) -> None:
+        """Put `light` (6, R, R, 3) in place of a photo's, in place."""
+        self.maps[self.index[name]].copy_(light)
+
     def clamp(self) -> None:
         """Keep gradient-fitted lights non-negative."""
         if self.gradient:
