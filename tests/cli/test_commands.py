@@ -153,12 +153,13 @@ def test_a_photo_that_shows_nothing_of_the_object_is_refused_and_costs_no_other_
     color, alpha = read_ldr(good)
     noise, out = tmp_path / "test_01.png", tmp_path / "lights"
     write_png(noise, np.random.default_rng(0).random(color.shape), alpha)
-    assert main(["predict", str(run.path), str(noise), str(good), "-o", str(out)]) == 2
+    camera = ["--camera", str(scene / "transforms_test.json")]
+    assert main(["predict", str(run.path), str(noise), str(good), *camera, "-o", str(out)]) == 2
     printed = capsys.readouterr()
     assert f"{noise} gets no map. No light makes this object look like this photo" in printed.err
     assert [path.name for path in out.iterdir()] == ["test_00.exr"]
     alone = tmp_path / "alone" / "light.exr"
-    assert main(["predict", str(run.path), str(noise), "-o", str(alone)]) == 2
+    assert main(["predict", str(run.path), str(noise), *camera, "-o", str(alone)]) == 2
     assert not alone.parent.exists()
 
 

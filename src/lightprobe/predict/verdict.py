@@ -45,7 +45,7 @@ _NOISE = 0.02  # displayed; contrast below it is as good as none
 # (benchmarks/NOTES.md, "What a photo's verdict rests on").
 _BLACK = 1e-5  # a photo without light; what is nearly black and cannot be read is found unexplained
 _ALL_WHITE = 0.9  # white: 1; eight times too bright: at most .83
-_NOTHING_EXPLAINED = -0.05  # black noise, noise, negatives, grey: at most -.10; what a poor object explains is above 0
+_NOTHING_EXPLAINED = 0.0  # negatives, grey, noise: below, the last just below on a smooth object
 _WELL_EXPLAINED = 0.6  # good: .63 and more; turned by .2: at most .60; moved by .05 across the view: .56
 _CHROMA_EXPLAINED = 0.55  # good: .71 and more; red, green and blue exchanged: at most .47
 _MUCH_CLIPPED = 0.4  # good: at most .11; three times too bright: .48, eight times: .25 to .83
