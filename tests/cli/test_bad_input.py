@@ -302,5 +302,6 @@ def test_warnings_of_libraries_are_not_for_the_user(scene, tmp_path, capsys, mon
         raise InputError("This is the sentence.")
 
     monkeypatch.setattr("lightprobe.cli.training.load_scene", warn_too)
-    with pytest.warns(LightprobeWarning, match="upside down"):
-        fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["This is the sentence."])
+    assert main(["fit", str(scene), "-o", str(tmp_path / "run")]) == InputError.exit_code
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["lightprobe: warning: Photos are upside down.", "lightprobe: This is the sentence."]

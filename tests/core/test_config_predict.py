@@ -31,7 +31,7 @@ def test_unusable_values_are_refused_by_name(values):
 
 @pytest.mark.parametrize("stored", [{"sampled_share": "many"}, {"method": "magic"}, {"unknown": 1}, []])
 def test_broken_records_are_one_sentence(stored):
-    with pytest.raises(ConfigError, match="predictions cannot be used"):
+    with pytest.raises(ConfigError, match=r"configuration of predictions.* cannot be used"):
         PredictConfig.from_json(stored)
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
-from lightprobe.decompose.gauge import BRIGHTEST, CHOICES, choose_brightness
+from lightprobe.decompose.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness
 from lightprobe.decompose.image_task import ImageTask
 from lightprobe.decompose.lights import Lights
 from lightprobe.decompose.optimisation import Stage
@@ -61,7 +61,7 @@ class _Dark:
         self.factors.append(factor)
 
 
-@pytest.mark.parametrize(("mean", "most"), [(0.2, 2.0), (0.9 * BRIGHTEST, 1 / 0.9), (1.2 * BRIGHTEST, 1.0)])
+@pytest.mark.parametrize(("mean", "most"), [(0.2, 2.0), (0.9 * BRIGHTEST, 1 / 0.9)])
 def test_no_choice_goes_beyond_the_brightest(mean, most):
     true, target, light, lights, config = ball()
     model = _Dark(true, mean)
@@ -70,6 +70,13 @@ def test_no_choice_goes_beyond_the_brightest(mean, most):
     assert model.factors[0] <= most + 1e-6
     assert model.factors[0] >= min(most, 1.2) - 1e-6
     assert torch.allclose(lights.maps[0] * model.factors[0], 2 * light)
+
+
+def test_no_choice_goes_beyond_the_darkest():
+    true, target, light, lights, config = ball()
+    wrong = replace(true, base_color=2 * true.base_color)
+    lights.maps = [light / 2]
+    assert choose_brightness([(target, wrong)], lights, config, 0, mean=DARKEST * 1.1) == pytest.approx(1 / 1.1)
 
 
 def test_lights_on_the_way_by_gradients_follow_the_brightness_too():

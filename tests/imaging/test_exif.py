@@ -70,4 +70,4 @@ def test_broken_exif_is_none(tmp_path):
             (tmp_path / "b.jpg").write_bytes(spoilt)
             found = read_exif_ev100(tmp_path / "b.jpg")
             assert found is None or abs(found) < 100
-            assert 1 <= read_orientation(tmp_path / "b.jpg") <= 8
+            assert read_orientation(tmp_path / "b.jpg") in (None, *range(1, 9))

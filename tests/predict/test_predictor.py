@@ -241,7 +241,7 @@ def test_a_map_that_is_no_light_goes_nowhere(predictor, photo, model, tmp_path):
     with pytest.raises(ConvergenceError, match=r"l\.exr holds NaN"):
         write_map(tmp_path / "l.exr", np.full((8, 16, 3), np.nan, np.float32))
     assert not list(tmp_path.iterdir())
-    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light * 1e38), light_resolution=16)
+    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light * 1e38), config=COARSE)
     weak.model = replace(weak.model, mean_light=weak.model.mean_light * 1e38)
     with pytest.raises(ConvergenceError, match="check the photo"):
         weak.predict(photo, CAMERA, Method.PROBE_MLP)

@@ -10,7 +10,7 @@ import torch
 from lightprobe.core.errors import InputError
 from lightprobe.decompose import Decomposition
 from lightprobe.imaging import srgb_decode, srgb_encode
-from lightprobe.predict import Method, Predictor, Status
+from lightprobe.predict import Method, PredictConfig, Predictor, Status
 from lightprobe.predict.observation import observe
 from lightprobe.predict.verdict import _STRENGTH, _fitted, judge
 from lightprobe.scene.camera import Similarity
@@ -24,13 +24,15 @@ CAMERA = camera_at(tuple(PLACE), size=96, focal=128.0)
 
 @pytest.fixture(scope="module")
 def predictor():
-    return Predictor(Decomposition(glossy_sphere(), {}, Similarity(np.zeros(3), 1.0)), light_resolution=16)
+    return Predictor(
+        Decomposition(glossy_sphere(), {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16)
+    )
 
 
 def eight_bit(photo, displayed):
     """Return the photo with other sRGB values (H, W, 3) in [0, 1], as an 8-bit file would hold them."""
     color = srgb_decode(np.round(np.clip(displayed, 0, 1) * 255) / 255)
-    return Pixels(np.where(photo.alpha[..., None] > 0, color, 0).astype(np.float32), photo.alpha)
+    return Pixels.of(np.where(photo.alpha[..., None] > 0, color, 0).astype(np.float32), photo.alpha)
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +124,7 @@ def test_a_doubtful_photo_is_named_so_and_trusted_less(predictor, photo, kind):
 
 
 def test_a_photo_flipped_left_to_right_is_noticed(predictor, photo):
-    flipped = Pixels(photo.color[:, ::-1].copy(), photo.alpha[:, ::-1].copy())
+    flipped = Pixels.of(photo.color[:, ::-1].copy(), photo.alpha[:, ::-1].copy())
     assert verdict_on(predictor, flipped).status is not Status.GOOD
 
 
@@ -132,7 +134,7 @@ def test_the_verdict_is_the_photos_not_the_methods(predictor, photo):
 
 
 def test_exposure_does_not_matter(predictor, photo):
-    one, other = (verdict_on(predictor, Pixels(factor * photo.color, photo.alpha)) for factor in (0.5, 0.05))
+    one, other = (verdict_on(predictor, Pixels.of(factor * photo.color, photo.alpha)) for factor in (0.5, 0.05))
     assert one.explained == pytest.approx(other.explained, abs=1e-3)
     assert one.residual == pytest.approx(other.residual, rel=1e-2)
     assert one.status is other.status is Status.GOOD

@@ -10,7 +10,7 @@ from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.decompose import Decomposition
 from lightprobe.light.generated import generated_light
-from lightprobe.predict import Method, Predictor
+from lightprobe.predict import Method, PredictConfig, Predictor
 from lightprobe.predict.confidence import CAUSES, FITTED, Weights
 from lightprobe.scene.camera import Similarity
 from tests.lit_sphere import glossy_sphere
@@ -57,7 +57,7 @@ def test_photos_are_eight_bits_of_the_object_in_the_light_they_come_with(sphere)
 
 
 def test_directions_of_all_photos_are_sampled(sphere):
-    found = samples(Predictor(sphere, light_resolution=16), CAMERAS, Method.SOLVE, 4)
+    found = samples(Predictor(sphere, config=PredictConfig(light_resolution=16)), CAMERAS, Method.SOLVE, 4)
     directions = 6 * 16**2
     assert found.causes.shape == (4 * directions, len(CAUSES) + 1)
     assert found.angle.sum() == pytest.approx(4 * 4 * np.pi, rel=1e-4)

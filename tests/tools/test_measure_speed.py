@@ -85,7 +85,7 @@ def test_the_target_says_what_it_needs():
     assert "--run RUN" in target_rows(None)[0]
     seconds = dict.fromkeys(PARTS, 0.1)
     rows = target_rows(Target("probe-net", "a", 40_000, seconds, 1.25))
-    assert rows[-1] == "| probe-net on photo a | 40,000 | 100 | 100 | 100 | 100 | 100 | 100 | 1.25 GiB |"
+    assert rows[-1] == f"| probe-net on photo a | 40,000 | {' | '.join(['100'] * len(PARTS))} | 1.25 GiB |"
     assert f"{SIDE} x {SIDE}" in rows[0]
 
 

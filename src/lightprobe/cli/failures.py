@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
+from typing import TextIO
 
 from lightprobe.core.errors import LightprobeError, LightprobeWarning, ResourceError
 from lightprobe.core.files import append_text
@@ -51,7 +52,7 @@ def explained(log: Path | None = None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def own_warnings() -> Iterator[None]:
-    """Let only warnings of our own through: NumPy's and PyTorch's are about lines of code, which no user wrote.
+    """Let only warnings of our own through, one sentence each: those of libraries are about code.
 
     Filters given to Python itself (`-W`, PYTHONWARNINGS) stand.
     """
@@ -59,7 +60,18 @@ def own_warnings() -> Iterator[None]:
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", LightprobeWarning)
+        warnings.showwarning = _say
         yield
+
+
+def _say(message: Warning | str, category: type[Warning], filename: str, lineno: int,
+         file: TextIO | None = None, line: str | None = None) -> None:  # fmt: skip
+    """Print a warning of ours as one sentence, and any other as Python does."""
+    own = issubclass(category, LightprobeWarning)
+    words = f"lightprobe: warning: {message}\n" if own else warnings.formatwarning(
+        message, category, filename, lineno, line
+    )  # fmt: skip
+    print(words, end="", file=file or sys.stderr)
 
 
 @contextlib.contextmanager

@@ -3,12 +3,10 @@
 import importlib
 import os
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from typing import TextIO
 
-from lightprobe.core.errors import LightprobeError, LightprobeWarning
+from lightprobe.core.errors import LightprobeError
 
 # command -> (module, what it does); only the module of the command in use is imported
 COMMANDS = {
@@ -65,11 +63,10 @@ def usage() -> str:
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import INTERRUPTED, explained
+    from lightprobe.cli.failures import INTERRUPTED, explained, own_warnings
 
     try:
-        with explained(), warnings.catch_warnings():
-            warnings.showwarning = _say
+        with explained(), own_warnings():
             _run(name, arguments)
     except LightprobeError as error:
         print(f"lightprobe: {error}", file=sys.stderr)
@@ -82,20 +79,8 @@ def _guarded(name: str, arguments: list[str]) -> int:
     return 0
 
 
-def _say(message: Warning | str, category: type[Warning], filename: str, lineno: int,
-         file: TextIO | None = None, line: str | None = None) -> None:  # fmt: skip
-    """Print a warning of ours as one sentence, and any other as Python does."""
-    own = issubclass(category, LightprobeWarning)
-    words = f"lightprobe: warning: {message}\n" if own else warnings.formatwarning(
-        message, category, filename, lineno, line
-    )  # fmt: skip
-    print(words, end="", file=file or sys.stderr)
-
-
 def _run(name: str, arguments: list[str]) -> None:
     import tyro
-
-    from lightprobe.cli.failures import own_warnings
 
     module = importlib.import_module(f"lightprobe.cli.{COMMANDS[name][0]}")
     command: Callable[..., None] = getattr(module, name)
@@ -103,8 +88,7 @@ def _run(name: str, arguments: list[str]) -> None:
     if COMMANDS[name][0] == "training":
         command = module.with_preset(command, chosen_preset(arguments))
     config = (tyro.conf.EnumChoicesFromValues,)
-    with own_warnings():
-        tyro.cli(command, prog=f"lightprobe {name}", description=description, args=arguments, config=config)
+    tyro.cli(command, prog=f"lightprobe {name}", description=description, args=arguments, config=config)
 
 
 def chosen_preset(arguments: Sequence[str]) -> str:

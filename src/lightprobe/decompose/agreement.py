@@ -35,10 +35,10 @@ def disagreement(
     if count < _FEWEST_PIXELS:
         return None
     flat = light.mean((0, 1, 2)).expand_as(light).contiguous()
-    keys = (pixels.base_color.mean(1), torch.rand(count, generator=random).to(light.device))
+    chance = torch.randperm(count, generator=random).to(light.device)
+    orders = (chance[pixels.base_color.mean(1)[chance].argsort(stable=True)], chance)  # equally bright ones by chance
     errors = torch.zeros(SPLITS, dtype=torch.float64)
-    for i, key in enumerate(keys):
-        order = key.argsort(stable=True)
+    for i, order in enumerate(orders):
         for part, rest in (order.tensor_split(2), reversed(order.tensor_split(2))):
             found = flat
             for _ in range(_SOLVES):

@@ -3,8 +3,7 @@
 A photo under an unknown light leaves it nearly open; only reflections that do not take the surface's colour tell. The
 gradient cannot be trusted with it: at a light that is not perfectly solved it points along the light's own errors (too
 dim a light asks for brighter colours), and visit by visit the two drift off together. So the mean base colour is held,
-and now and then a common factor is chosen by trying several, and the one kept under which parts of the object agree
-best about their lights (`decompose.agreement`).
+and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
 
 A factor changes nothing but the base colours, to which roughness and metallic have fitted themselves, so it finds only
 the nearest good one. Once, when the shape is roughly known, the material is therefore fitted anew from several
@@ -21,9 +20,8 @@ from dataclasses import replace
 import torch
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.device import generator
-from lightprobe.decompose.agreement import SPLITS, disagreement
-from lightprobe.decompose.lights import Lights
+from lightprobe.decompose.agreement import displayed_error
+from lightprobe.decompose.lights import Lights, solve_target_light
 from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 
@@ -46,24 +44,28 @@ def spread(targets: list[Target], count: int = _PHOTOS) -> list[Target]:
 def choose_brightness(
     shown: Iterable[tuple[Target, GBuffer]], lights: Lights, config: DecomposeConfig, step: int, mean: float
 ) -> float:
-    """Return the factor on all base colours under which parts of the object agree best; deterministic.
+    """Return the factor on all base colours under which photos re-render best, lights solved anew; deterministic.
 
     `shown`: photos, and the present asset's G-buffers in them; `mean`: its mean base colour.
     """
-    errors = torch.zeros(3, SPLITS, dtype=torch.float64)
+    errors = torch.zeros(3, dtype=torch.float64)
     for target, gbuffer in shown:
-        pixels = gbuffer.select(lights.rows(target, gbuffer, step, config.light_solve_pixels))
-        observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
-        for i in range(3):
-            factor = math.exp((i - 1) * _STEP)
-            light = lights.maps[lights.index[target.name]].detach() / factor
-            random = generator(lights.seed, f"halves/{target.name}", step)
-            found = disagreement(brightened(pixels, factor), observed, clipped, light, config, random)
-            errors[i] += 0.0 if found is None else found
-    if not bool((errors > 0).all()):
-        return 1.0
-    factor = _least(*errors.log().mean(1).tolist())
-    return min(max(factor, DARKEST / mean), BRIGHTEST / mean)
+        rows = lights.rows(target, gbuffer, step, config.light_solve_pixels)
+        if len(rows) > 0:
+            for i in range(3):
+                errors[i] += _error(target, gbuffer.select(rows), lights, math.exp((i - 1) * _STEP), config)
+    return min(max(_least(*errors.tolist()), DARKEST / mean), BRIGHTEST / mean)
+
+
+def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float, config: DecomposeConfig) -> float:
+    """Return the mean displayed error of pixels with base colours times `factor`."""
+    pixels = brightened(pixels, factor)
+    light = lights.maps[lights.index[target.name]].detach() / factor
+    observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
+    every = torch.arange(len(observed), device=observed.device)
+    for _ in range(2):  # the light on the map is that of another state of the asset
+        light = solve_target_light(observed, clipped, pixels, light, every, config)
+    return displayed_error(pixels, observed, clipped, light)
 
 
 def brightened(pixels: GBuffer, factor: float) -> GBuffer:
