@@ -12,7 +12,9 @@ from lightprobe.decompose import Decomposition
 from lightprobe.light.generated import generated_light
 from lightprobe.predict import Method, PredictConfig, Predictor
 from lightprobe.predict.confidence import CAUSES, FITTED, Weights
+from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Similarity
+from lightprobe.scene.record import scene_record
 from tests.lit_sphere import glossy_sphere
 from tests.shapes import camera_at
 from tests.toy_scene import write_toy_scene
@@ -69,7 +71,7 @@ def test_directions_of_all_photos_are_sampled(sphere):
 def test_the_command_reads_a_run(sphere, tmp_path, monkeypatch, capsys):
     scene, run = write_toy_scene(tmp_path / "scene", train=3, test=1), RunFolder.create(tmp_path / "run")
     write_json(run.config_file, {})
-    write_json(run.scene_file, {"root": str(scene), "similarity": sphere.similarity.to_json()})
+    write_json(run.scene_file, scene_record(load_scene(scene)))
     sphere.save(run)
     monkeypatch.setattr(Predictor, "load", lambda path: Predictor(Decomposition.load(run, torch.device("cpu"))))
     fit_confidence.main([str(run.path), "--method", "solve", "--photos", "2"])

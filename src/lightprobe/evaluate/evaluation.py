@@ -223,10 +223,10 @@ class _Judge:
         return slow and done >= self.protocols.slow_photos
 
     def score(self, view: TestView, light: TrueLight | None, method: Method) -> ViewResult:
-        prediction = self.predictor.predict(view.pixels, view.camera, method)
+        prediction = self.predictor.predict(view.pixels, view.camera, method, refuse=False)
         if method not in self.slowest and prediction.seconds["total"] < self.protocols.slow_seconds:
             # The first call also built tables and compiled kernels, which no later photo pays for.
-            prediction = self.predictor.predict(view.pixels, view.camera, method)
+            prediction = self.predictor.predict(view.pixels, view.camera, method, refuse=False)
         parts = _half_lights(view, self.predictor, method) if self.protocols.unseen else []
         image, *others = view.shown([prediction.environment, *(light for _, light in parts)])
         seconds = prediction.seconds["total"]
@@ -247,7 +247,7 @@ def _half_lights(view: TestView, predictor: Predictor, method: Method) -> list[t
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))
         try:
-            light = predictor.predict(half, view.camera, method).environment
+            light = predictor.predict(half, view.camera, method, refuse=False).environment
         except InputError:  # too little of the object is in this half
             continue
         found.append((torch.from_numpy(masks[i ^ 1]).to(light.device), light))

@@ -90,11 +90,13 @@ class Predictor:
         )  # fmt: skip
 
     @torch.no_grad()
-    def predict(self, pixels: Pixels, camera: Camera, method: Method | None = None) -> Prediction:
+    def predict(
+        self, pixels: Pixels, camera: Camera, method: Method | None = None, *, refuse: bool = True
+    ) -> Prediction:
         """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
         On a CPU the same call gives the same bits.
-        method: by default the first of `methods_for`.
+        method: by default the first of `methods_for`. refuse: whether a photo may be refused; an evaluation scores all.
 
         Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
         `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
@@ -107,7 +109,7 @@ class Predictor:
             chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
         with clock.part("verdict"):
             verdict = judge(observation, self.seed)
-        if verdict.status is Status.REFUSED:
+        if refuse and verdict.status is Status.REFUSED:
             raise InputError(" ".join(verdict.sentences))
         environment = _PRIORS[method](self, observation, chosen, clock)
         if method in _FITTED:
