@@ -30,19 +30,20 @@ def error(pixels, photo, light):
     found = disagreement(pixels, photo, clipped, light, CONFIG, generator(0, "test"))
     assert found is not None
     assert found.shape == (SPLITS,)
-    return float(found.log().mean())
+    return float(found.mean())
 
 
-@pytest.mark.parametrize("off", [0.3, 0.5, 1.6])
-def test_a_wrong_brightness_makes_the_parts_disagree(off):
+@pytest.mark.parametrize("dark", [0.3, 1.0])
+def test_dark_parts_taken_for_bright_ones_make_the_parts_disagree(dark):
     true, photo, light = two_materials()
-    wrong = replace(true, base_color=(true.base_color * off).clamp(max=1))
-    assert error(wrong, photo, light / off) > error(true, photo, light) + 0.1
+    bright = true.base_color.amax(0).expand_as(true.base_color)
+    wrong = replace(true, base_color=torch.maximum(true.base_color, dark * bright))
+    assert error(wrong, photo, light) > 20 * error(true, photo, light) + 1e-3
 
 
-def test_the_guess_of_the_light_does_not_decide():
+def test_of_a_photo_that_the_surface_explains_nothing_is_left():
     true, photo, light = two_materials()
-    assert abs(error(true, photo, 2 * light) - error(true, photo, light)) < 0.15
+    assert error(true, photo, light) < 1e-3
 
 
 def test_too_few_pixels_say_nothing():

@@ -1,5 +1,7 @@
 """The fit of the confidence on photos that a test makes, and its arithmetic on made-up numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -71,8 +73,9 @@ def test_directions_of_all_photos_are_sampled(sphere):
 def test_the_command_reads_a_run(sphere, tmp_path, monkeypatch, capsys):
     scene, run = write_toy_scene(tmp_path / "scene", train=3, test=1), RunFolder.create(tmp_path / "run")
     write_json(run.config_file, {})
-    write_json(run.scene_file, scene_record(load_scene(scene)))
-    sphere.save(run)
+    photos = load_scene(scene)
+    write_json(run.scene_file, scene_record(photos))
+    replace(sphere, lights={photo.name: torch.ones(6, 16, 16, 3) for photo in photos.train}).save(run)
     monkeypatch.setattr(Predictor, "load", lambda path: Predictor(Decomposition.load(run, torch.device("cpu"))))
     fit_confidence.main([str(run.path), "--method", "solve", "--photos", "2"])
     printed = capsys.readouterr().out

@@ -4,6 +4,10 @@ A light solved from all pixels of a photo bends to whatever the surface is taken
 for a held-out photo. One that is solved from a part of the pixels cannot bend to the others. Reflections that do not
 take the surface's colour weigh more on dark surfaces than on bright ones: a surface that is taken for too bright asks
 for too dim a light where it is bright and for the right one where it is dark, and neither part explains the other.
+
+Half the pixels know less of the light than all of them, and how much less depends on the surface, too: a dark one shows
+more of it. So what counts is by how much the parts explain each other worse than they would explain each other's share
+of a photo that this surface and some light explain in full.
 """
 
 import torch
@@ -18,37 +22,60 @@ from lightprobe.render.split_sum import shade
 
 SPLITS = 2
 _SOLVES = 3  # of a part's light; from a light that knows the other part, too, fewer would do and tell nothing
+_WHOLE_SOLVES = 2  # of the light of all pixels, from one that was theirs not long ago
 _FEWEST_PIXELS = 32
+
+Half = tuple[Tensor, Tensor]  # the rows of a part, and those of the rest
 
 
 @torch.no_grad()
 def disagreement(
     pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, config: DecomposeConfig, random: torch.Generator
 ) -> Tensor | None:
-    """Return the mean displayed error (SPLITS,) float64 of each half of the pixels under the light of the other half.
+    """Return by how much each half of the pixels fails to explain the other, (SPLITS,) float64, or None for too few.
 
-    The halves are the darker and the brighter surfaces, and two at random. observed (P, 3): linear colours of the P
-    pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): a guess, of which only the mean colour counts. None for
-    too few pixels.
+    It is the root of the squared displayed error of each half under the light of the other, less that in a photo which
+    the surface explains. The halves are the darker and the brighter surfaces, and two at random. observed (P, 3):
+    linear colours of the P pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): about the one that explains
+    all of them.
     """
     count = len(pixels.pixel)
     if count < _FEWEST_PIXELS:
         return None
-    flat = light.mean((0, 1, 2)).expand_as(light).contiguous()
     chance = torch.randperm(count, generator=random).to(light.device)
-    orders = (chance[pixels.base_color.mean(1)[chance].argsort(stable=True)], chance)  # equally bright ones by chance
-    errors = torch.zeros(SPLITS, dtype=torch.float64)
-    for i, order in enumerate(orders):
-        for part, rest in (order.tensor_split(2), reversed(order.tensor_split(2))):
-            found = flat
-            for _ in range(_SOLVES):
-                found = solve_target_light(observed[part], clipped[part], pixels, found, part, config)
-            errors[i] += 0.5 * displayed_error(pixels.select(rest), observed[rest], clipped[rest], found)
-    return errors
+    dark_first = chance[pixels.base_color.mean(1)[chance].argsort(stable=True)]  # equally bright ones by chance
+    for _ in range(_WHOLE_SOLVES):
+        light = solve_target_light(observed, clipped, pixels, light, chance, config)
+    explained, unclipped = render(pixels, light), torch.zeros_like(clipped)
+    found = []
+    for order in (dark_first, chance):
+        part, rest = order.tensor_split(2)
+        measured, expected = (
+            sum(_error(pixels, *photo, light, config, half) for half in ((part, rest), (rest, part)))
+            for photo in ((observed, clipped), (explained, unclipped))
+        )
+        found.append(max(measured**2 - expected**2, 0.0) ** 0.5 / 2)
+    return torch.tensor(found, dtype=torch.float64)
+
+
+def _error(
+    pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, config: DecomposeConfig, half: Half
+) -> float:
+    """Return the displayed error of the rest under a light solved from a part alone, of the mean colour of `light`."""
+    part, rest = half
+    found = light.mean((0, 1, 2)).expand_as(light).contiguous()
+    for _ in range(_SOLVES):
+        found = solve_target_light(observed[part], clipped[part], pixels, found, part, config)
+    return displayed_error(pixels.select(rest), observed[rest], clipped[rest], found)
+
+
+def render(pixels: GBuffer, light: Tensor) -> Tensor:
+    """Return the radiance (P, 3) of pixels under a light (6, R, R, 3)."""
+    operator = prefilters.cached(light.shape[1], light.device)
+    return shade(pixels, operator, operator.apply(light))
 
 
 def displayed_error(pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor) -> float:
     """Return the mean absolute tone-mapped error of pixels under a light (6, R, R, 3); arguments as above."""
-    operator = prefilters.cached(light.shape[1], light.device)
-    render = one_sided(shade(pixels, operator, operator.apply(light)), observed, clipped)
-    return float((tone_map(render) - tone_map(observed)).abs().mean())
+    bounded = one_sided(render(pixels, light), observed, clipped)
+    return float((tone_map(bounded) - tone_map(observed)).abs().mean())

@@ -28,7 +28,7 @@ STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours tried
 _PIXELS = 1536  # of each photo
 _STEPS = 120
 _RATE = 2.0  # of the pass's material, as the trial is short
-_JUDGES = 12  # of the photos
+_JUDGES = 8  # of the photos
 _ALIKE = 1.6  # a brightness within this factor of the present one is no reason to start over
 
 
