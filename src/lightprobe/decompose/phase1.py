@@ -91,6 +91,8 @@ def _found(job: Job, photos: list[Photo]) -> _Found | None:
     lengths = {"pass1": config.pass1_iterations, "pass2": config.pass2_iterations, "pass3": config.pass3_iterations}
     with job.progress.restoring(step):
         stage, done = state["stage"], state["iteration"]
+        if not isinstance(stage, str) or stage not in lengths:
+            raise ValueError("its state names no pass")
         before = sum(lengths[name] for name in lengths if name < stage)
         if type(done) is not int or not 0 <= done <= lengths[stage] or step != before + done:
             raise ValueError(f"its state names step {done} of {stage}")
