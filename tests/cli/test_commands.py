@@ -104,7 +104,7 @@ def test_predict_takes_the_run_s_settings_and_the_command_line_s_before_them(tra
         run.config_file.write_text(json.dumps(settings))
         succeed("predict", run.path, photo, "-o", out, "--device", "cpu")
         assert read_hdr(out).shape == (32, 64, 3)
-        assert np.ptp(read_hdr(out)) == 0
+        assert np.ptp(read_hdr(out)) < 1e-6  # but for rounding
         del settings["predict"]  # as runs of before there were settings
         run.config_file.write_text(json.dumps(settings))
         succeed("predict", run.path, photo, "-o", out, "--device", "cpu")
