@@ -42,11 +42,11 @@ print(json.dumps({"memory": peak_memory(), **found["mean"]}))
 
 
 @pytest.mark.slow
-def test_a_photo_of_twelve_megapixels_is_evaluated_in_less_than_four_gibibytes(tmp_path):
+def test_a_photo_of_twelve_megapixels_stays_below_four_gibibytes(tmp_path):
     command = [sys.executable, "-c", EVALUATION, str(tmp_path), str(SIDE)]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["memory"] < 4
+    assert found["memory"] < 3.5
     assert found["psnr"] > 5  # it was scored, not skipped
     assert found["psnr_unseen"] > 5
