@@ -64,10 +64,9 @@ def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, Distil
     return config.demo(), config_distill.demo()
 
 
-def learn(preset: str, device: torch.device, setting: Setting, pace: Pace) -> Learned:
-    """Train both phases on the bundled scene."""
+def learn(preset: str, place: str, device: torch.device, setting: Setting, pace: Pace) -> Learned:
+    """Train both phases on the bundled scene; the stages' names begin with `place`."""
     photos, (first, second) = scene(brief=setting.brief), configurations(preset, brief=setting.brief)
-    place = f"{preset} on {device.type}"
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
     begin = time.perf_counter()
@@ -120,17 +119,19 @@ def quality_part(setting: Setting) -> None:
     """Train the demo on the device and on the CPU, from the same seed, and score both where they were trained."""
     pace = Pace("quality", setting)
     setting.write("quality", score_head())
-    for name in (setting.device, "cpu"):
+    for number, name in enumerate((setting.device, "cpu")):
         device = resolve_device(name)
-        learned = learn("demo", device, setting, pace)
-        if name == setting.device:
+        again = ", again" if number and setting.device == name else ""
+        place = f"demo, seed {setting.seed}, on {device.type}{again}"
+        learned = learn("demo", place, device, setting, pace)
+        if number == 0:
             keep(learned, setting.folder / "run")
-        setting.write("quality", score_rows(f"demo, seed {setting.seed}, on {device.type}", learned, device, setting))
+        setting.write("quality", score_rows(place, learned, device, setting))
 
 
 def standard_part(setting: Setting) -> None:
     """Train `standard` on the device and score it there."""
     device = resolve_device(setting.device)
-    learned = learn("standard", device, setting, Pace("standard", setting))
-    row = score_rows(f"standard, seed {setting.seed}, on {device.type}", learned, device, setting)
-    setting.write("standard", [*score_head(), *row])
+    place = f"standard, seed {setting.seed}, on {device.type}"
+    learned = learn("standard", place, device, setting, Pace("standard", setting))
+    setting.write("standard", [*score_head(), *score_rows(place, learned, device, setting)])

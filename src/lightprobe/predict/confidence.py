@@ -12,8 +12,9 @@ so that .5 says: probably off by a factor of two. e is a weighted sum of what ra
     rough       e-folds between a direction and its surroundings of some ten degrees: detail is the least certain
 
 A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is estimated with
-random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted with
-`tools/fit_confidence.py` to training photos of scenes with known lights; the evaluation checks them on test photos.
+random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to training photos of three
+scenes with known lights; `tools/fit_confidence.py` fits them to lights that the project makes, and benchmarks/NOTES.md
+says what it found. The evaluation checks them on test photos.
 """
 
 from dataclasses import dataclass
