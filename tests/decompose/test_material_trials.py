@@ -54,12 +54,12 @@ def test_the_best_start_is_taken_where_it_is_another_one(monkeypatch, mean, expe
         assert best[1] == pytest.approx(expected[1], rel=0.05)
 
 
-def test_the_same_call_gives_the_same_bits(monkeypatch):
-    monkeypatch.setattr(material_trials, "_STEPS", 6)
+def test_the_same_call_gives_the_same_bits():
+    config = replace(CONFIG, trial_steps=6)
     samples, lights, _ = photos(0.1, 2)
     errors = []
     for _ in range(2):
-        trial = material_trials.Trial(STARTS[1], samples, lights, 0.4, CONFIG, 0)
+        trial = material_trials.Trial(STARTS[1], samples, lights, 0.4, config, 0)
         trial.fit()
         errors.append(trial.error())
     assert errors[0] == errors[1]

@@ -25,6 +25,7 @@ from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.predict import methods_for
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
+from lightprobe.scene.record import scene_record
 from speed.training import small
 
 SCENE = Path(str(resources.files("lightprobe") / "assets" / "demo"))
@@ -92,7 +93,9 @@ def keep(learned: Learned, folder: Path) -> None:
     """Save a training as a run folder that predictions can load."""
     run = RunFolder.create(folder)
     write_json(run.config_file, {})
-    write_json(run.scene_file, {"root": str(SCENE), "similarity": learned.decomposition.similarity.to_json()})
+    whole, lights = load_scene(SCENE), learned.decomposition.lights
+    seen = replace(whole, train=tuple(photo for photo in whole.train if photo.name in lights))
+    write_json(run.scene_file, scene_record(seen))
     learned.decomposition.save(run)
     learned.model.save(run.model_folder)
 

@@ -27,7 +27,15 @@ _LEAST = {
     **dict.fromkeys(("texture_size", "pass3_texture_size"), 2),
     **dict.fromkeys(("lattice_cells", "hull_voxels"), 8),
     **dict.fromkeys(
-        ("pass2_iterations", "pass3_iterations", "sdf_coarse_grids", "validation_photos", "warm_up_steps"), 0
+        (
+            "pass2_iterations",
+            "pass3_iterations",
+            "sdf_coarse_grids",
+            "trial_steps",
+            "validation_photos",
+            "warm_up_steps",
+        ),
+        0,
     ),
 }
 
@@ -175,6 +183,9 @@ class DecomposeConfig:
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
     brightness_anchor: float = 0.1
     """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
+    trial_steps: int = 120
+    """Steps for which the material is fitted anew from each of several brightnesses, once in the first pass, to find
+    out whether the object is a dark one; 0 leaves that out."""
     parsimony: float = 0.02
     """Weight of the entropy of the metals' base colours. It sets in over the first pass's second quarter; the third
     pass has none."""

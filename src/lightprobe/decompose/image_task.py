@@ -84,7 +84,8 @@ class ImageTask:
         late = step > CHOICES * self.config.checkpoint_every
         if iteration == 0 or late or self.config.brightness_anchor == 0:
             return
-        if isinstance(self.model, LatticeModel) and iteration == TRIALS_AT * self.config.checkpoint_every:
+        due = self.config.trial_steps > 0 and iteration == TRIALS_AT * self.config.checkpoint_every
+        if due and isinstance(self.model, LatticeModel):
             self._try_materials(self.model, fraction)
         chosen = spread(self.targets)
         shown = zip(chosen, self.model.look([target.view for target in chosen], fraction), strict=True)

@@ -26,7 +26,6 @@ from lightprobe.render.split_sum import shade
 PHOTOS = 32  # that a trial learns from
 STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours tried
 _PIXELS = 1536  # of each photo
-_STEPS = 120
 _RATE = 2.0  # of the pass's material, as the trial is short
 _JUDGES = 8  # of the photos
 _ALIKE = 1.6  # a brightness within this factor of the present one is no reason to start over
@@ -73,8 +72,9 @@ class Trial:
         rate = _RATE * self.config.learning_rate_material
         trained = [p for p in self.material.parameters() if p.requires_grad]
         optimiser = torch.optim.Adam(trained, lr=rate, betas=(0.9, 0.99), eps=1e-12, fused=True)
-        for step in range(_STEPS):
-            optimiser.param_groups[0]["lr"] = rate * 0.1 ** (step / _STEPS)
+        steps = self.config.trial_steps
+        for step in range(steps):
+            optimiser.param_groups[0]["lr"] = rate * 0.1 ** (step / steps)
             optimiser.zero_grad(set_to_none=True)
             self._loss(self.samples[step % len(self.samples)], step).backward()
             optimiser.step()
