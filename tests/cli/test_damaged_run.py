@@ -183,7 +183,7 @@ def try_all(
             place = "run/model/" if file.parent.name == "model" else file.name  # two files that do not fit each other
             if file == damaged.run.config_file:  # settings that are not those of the run are named by its folder
                 place = str(damaged.run.path)
-            if file == damaged.run.asset_file and not file.is_file():  # as in a run whose first phase has not finished
+            if file == damaged.run.asset_file and not file.exists():  # as in a run whose first phase has not finished
                 place = "no reconstructed object"
             check(code, capsys.readouterr(), place, may_work=may_work)
             if command == "predict" and code == 0:
