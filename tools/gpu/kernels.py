@@ -44,7 +44,7 @@ def kernel_row(there: Kernel, here: Kernel, device: torch.device, limits: Limits
     )
     own = importlib.import_module(f"lightprobe.kernels.numba.{there.module}")
     fast = device_seconds(lambda: there.call(body), device)
-    slow = device_seconds(lambda: there.call(plain), device, trials=1)
+    slow = device_seconds(lambda: there.call(plain), device, trials=1, warm_up=device.type == "cuda")
     return _row(there, fast, slow, limits, difference(there.call(body), here.call(own)))
 
 
@@ -81,7 +81,7 @@ def difference(found: object, expected: object) -> float:
     return float((first.double() - second.double()).norm() / second.double().norm().clamp(min=1e-30))
 
 
-def device_seconds(work: Callable[[], object], device: torch.device, trials: int = 5) -> float:
+def device_seconds(work: Callable[[], object], device: torch.device, trials: int = 5, *, warm_up: bool = True) -> float:
     """Return the median time of a call, several being asked of a GPU before it is waited for."""
     calls = _CALLS if device.type == "cuda" else 1
 
@@ -91,7 +91,7 @@ def device_seconds(work: Callable[[], object], device: torch.device, trials: int
         if device.type == "cuda":
             torch.cuda.synchronize(device)
 
-    return sorted(times(several, trials))[trials // 2] / calls
+    return sorted(times(several, trials, warm_up=warm_up))[trials // 2] / calls
 
 
 def device_limits(device: torch.device, *, brief: bool) -> Limits:

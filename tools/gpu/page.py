@@ -39,10 +39,11 @@ BOXES = (
 
 
 def measure(setting: Setting, minutes: float, boxes: tuple[Box, ...] = BOXES) -> dict[str, Outcome]:
-    """Run all parts within `minutes` and return what became of each, by name."""
+    """Run all parts within `minutes`, shared as the boxes' are, and return what became of each, by name."""
     begin, found, left_over = time.perf_counter(), dict[str, Outcome](), 0.0
+    scale = minutes / sum(box.minutes for box in boxes)
     for box in boxes:
-        share = box.minutes * 60 + left_over
+        share = 60 * box.minutes * scale + left_over
         limit = min(share, 60 * minutes - (time.perf_counter() - begin))
         if limit <= 1:
             found[box.part] = Outcome([], {}, 0.0, "no time was left for it")

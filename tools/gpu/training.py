@@ -122,12 +122,11 @@ def quality_part(setting: Setting) -> None:
     """Train the demo on the device and on the CPU, from the same seed, and score both where they were trained."""
     pace = Pace("quality", setting)
     setting.write("quality", score_head())
-    for number, name in enumerate((setting.device, "cpu")):
+    for name in dict.fromkeys((setting.device, "cpu")):
         device = resolve_device(name)
-        again = ", again" if number and setting.device == name else ""
-        place = f"demo, seed {setting.seed}, on {device.type}{again}"
+        place = f"demo, seed {setting.seed}, on {device.type}"
         learned = learn("demo", place, device, setting, pace)
-        if number == 0:
+        if name == setting.device:
             keep(learned, setting.folder / "run")
         setting.write("quality", score_rows(place, learned, device, setting))
 
