@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.lights import solve_target_light
-from lightprobe.decompose.losses import one_sided, tone_map
+from lightprobe.decompose.losses import displayed_error
 from lightprobe.light import prefilter as prefilters
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
@@ -66,16 +66,10 @@ def _error(
     found = light.mean((0, 1, 2)).expand_as(light).contiguous()
     for _ in range(_SOLVES):
         found = solve_target_light(observed[part], clipped[part], pixels, found, part, config)
-    return displayed_error(pixels.select(rest), observed[rest], clipped[rest], found)
+    return float(displayed_error(render(pixels.select(rest), found), observed[rest], clipped[rest]))
 
 
 def render(pixels: GBuffer, light: Tensor) -> Tensor:
     """Return the radiance (P, 3) of pixels under a light (6, R, R, 3)."""
     operator = prefilters.cached(light.shape[1], light.device)
     return shade(pixels, operator, operator.apply(light))
-
-
-def displayed_error(pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor) -> float:
-    """Return the mean absolute tone-mapped error of pixels under a light (6, R, R, 3); arguments as above."""
-    bounded = one_sided(render(pixels, light), observed, clipped)
-    return float((tone_map(bounded) - tone_map(observed)).abs().mean())

@@ -20,8 +20,9 @@ from dataclasses import replace
 import torch
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.decompose.agreement import displayed_error
+from lightprobe.decompose.agreement import render
 from lightprobe.decompose.lights import Lights, solve_target_light
+from lightprobe.decompose.losses import displayed_error
 from lightprobe.decompose.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 
@@ -52,8 +53,9 @@ def choose_brightness(
     for target, gbuffer in shown:
         rows = lights.rows(target, gbuffer, step, config.light_solve_pixels)
         if len(rows) > 0:
+            pixels = gbuffer.select(rows)
             for i in range(3):
-                errors[i] += _error(target, gbuffer.select(rows), lights, math.exp((i - 1) * _STEP), config)
+                errors[i] += _error(target, pixels, lights, math.exp((i - 1) * _STEP), config)
     return min(max(_least(*errors.tolist()), DARKEST / mean), BRIGHTEST / mean)
 
 
@@ -65,7 +67,7 @@ def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float, confi
     every = torch.arange(len(observed), device=observed.device)
     for _ in range(2):  # the light on the map is that of another state of the asset
         light = solve_target_light(observed, clipped, pixels, light, every, config)
-    return displayed_error(pixels, observed, clipped, light)
+    return float(displayed_error(render(pixels, light), observed, clipped))
 
 
 def brightened(pixels: GBuffer, factor: float) -> GBuffer:

@@ -35,6 +35,11 @@ def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
     return torch.where(clipped & (render > photo), photo, render)
 
 
+def displayed_error(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
+    """Return the mean absolute tone-mapped difference () of linear colours (N, 3), one-sided where `clipped` (N, 3)."""
+    return (tone_map(one_sided(render, photo, clipped)) - tone_map(photo)).abs().mean()
+
+
 def image_loss(render: Tensor, cover: Tensor, target: Target, background: Tensor, weight: float) -> Tensor:
     """Return L1 of tone-mapped colour over `background` (3,) plus `weight` times the squared coverage error.
 

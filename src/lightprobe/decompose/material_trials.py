@@ -14,14 +14,12 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.decompose.agreement import SPLITS, disagreement
+from lightprobe.decompose.agreement import SPLITS, disagreement, render
 from lightprobe.decompose.lights import Lights, solve_target_light
-from lightprobe.decompose.losses import one_sided, tone_map
+from lightprobe.decompose.losses import displayed_error
 from lightprobe.decompose.photos import Target
 from lightprobe.decompose.scaled_material import ScaledMaterial
-from lightprobe.light import prefilter as prefilters
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import shade
 
 PHOTOS = 32  # that a trial learns from
 STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours tried
@@ -65,7 +63,6 @@ class Trial:
         device = lights.maps[0].device
         self.material = ScaledMaterial(mean, config, device, seed)
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
-        self._prefilter = prefilters.cached(config.light_resolution, device)
 
     def fit(self) -> None:
         """Fit the material to the samples, one photo a step, each photo's light solved at each visit."""
@@ -88,9 +85,7 @@ class Trial:
                 sample.color, sample.clipped, pixels, self.lights[sample.name], every, self.config
             )
         self.lights[sample.name] = light
-        render = shade(pixels, self._prefilter, self._prefilter.apply(light))
-        render = one_sided(render, sample.color, sample.clipped)
-        image = (tone_map(render) - tone_map(sample.color)).abs().mean()
+        image = displayed_error(render(pixels, light), sample.color, sample.clipped)
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
 
     @torch.no_grad()

@@ -14,7 +14,7 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator, sent
 from lightprobe.decompose.lights import Lights, solve_target_light
-from lightprobe.decompose.losses import brightness_anchor, color_gauge, material_prior, one_sided, tone_map
+from lightprobe.decompose.losses import brightness_anchor, color_gauge, displayed_error, material_prior
 from lightprobe.decompose.optimisation import Stage, photo_order
 from lightprobe.decompose.photos import Target
 from lightprobe.decompose.surface_model import SurfaceModel
@@ -163,8 +163,8 @@ class TextureTask:
     def _photo_loss(self, surface: Surface, seen: tuple[Tensor, Tensor], material: Tensor, levels: Tensor) -> Tensor:
         """Return the L1 of tone-mapped colours of a photo, `seen` with where they are clipped, under its light."""
         color, clipped = seen
-        render = one_sided(shade(self._gbuffer(surface, material), self.lights.prefilter, levels), color, clipped)
-        return (tone_map(render) - tone_map(color)).abs().mean()
+        render = shade(self._gbuffer(surface, material), self.lights.prefilter, levels)
+        return displayed_error(render, color, clipped)
 
     @torch.no_grad()
     def _solve(self, photo: PhotoPixels, start: Tensor) -> Tensor:
