@@ -7,6 +7,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
+TOOLS := $(VENV)/.installed-dev
 DATA ?= data
 
 .PHONY: demo check test bench
@@ -14,21 +15,21 @@ DATA ?= data
 demo: $(READY)
 	$(BIN)/lightprobe demo
 
-check: $(READY)
+check: $(TOOLS)
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/pytest -q -m "not slow and not cuda"
 
-test: $(READY)
+test: $(TOOLS)
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/pytest -q
 
-bench: $(READY)
+bench: $(TOOLS)
 	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests
 	@$(BIN)/python tools/measure_speed.py
 	@if test -d '$(DATA)'; then $(BIN)/lightprobe bench --data '$(DATA)'; \
@@ -36,5 +37,9 @@ bench: $(READY)
 
 $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e .
+	touch $@
+
+$(TOOLS): $(READY)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
 	touch $@

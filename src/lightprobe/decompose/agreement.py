@@ -22,7 +22,6 @@ from lightprobe.render.split_sum import shade
 
 SPLITS = 2
 _SOLVES = 3  # of a part's light; from a light that knows the other part, too, fewer would do and tell nothing
-_WHOLE_SOLVES = 2  # of the light of all pixels, from one that was theirs not long ago
 _FEWEST_PIXELS = 32
 
 Half = tuple[Tensor, Tensor]  # the rows of a part, and those of the rest
@@ -36,16 +35,13 @@ def disagreement(
 
     It is the root of the squared displayed error of each half under the light of the other, less that in a photo which
     the surface explains. The halves are the darker and the brighter surfaces, and two at random. observed (P, 3):
-    linear colours of the P pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): about the one that explains
-    all of them.
+    linear colours of the P pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): the one that explains them all.
     """
     count = len(pixels.pixel)
     if count < _FEWEST_PIXELS:
         return None
     chance = torch.randperm(count, generator=random).to(light.device)
     dark_first = chance[pixels.base_color.mean(1)[chance].argsort(stable=True)]  # equally bright ones by chance
-    for _ in range(_WHOLE_SOLVES):
-        light = solve_target_light(observed, clipped, pixels, light, chance, config)
     explained, unclipped = render(pixels, light), torch.zeros_like(clipped)
     found = []
     for order in (dark_first, chance):
@@ -63,9 +59,8 @@ def _error(
 ) -> float:
     """Return the displayed error of the rest under a light solved from a part alone, of the mean colour of `light`."""
     part, rest = half
-    found = light.mean((0, 1, 2)).expand_as(light).contiguous()
-    for _ in range(_SOLVES):
-        found = solve_target_light(observed[part], clipped[part], pixels, found, part, config)
+    start = light.mean((0, 1, 2)).expand_as(light).contiguous()
+    found = solve_target_light(observed[part], clipped[part], pixels, start, part, config, _SOLVES)
     return float(displayed_error(render(pixels.select(rest), found), observed[rest], clipped[rest]))
 
 

@@ -65,8 +65,8 @@ def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float, confi
     light = lights.maps[lights.index[target.name]].detach() / factor
     observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
     every = torch.arange(len(observed), device=observed.device)
-    for _ in range(2):  # the light on the map is that of another state of the asset
-        light = solve_target_light(observed, clipped, pixels, light, every, config)
+    # Twice, as the light so far is that of another state of the asset.
+    light = solve_target_light(observed, clipped, pixels, light, every, config, times=2)
     return float(displayed_error(render(pixels, light), observed, clipped))
 
 

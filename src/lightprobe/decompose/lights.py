@@ -18,21 +18,24 @@ from lightprobe.render.transport import Transport, solve_light
 
 
 def solve_target_light(
-    observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, config: DecomposeConfig
-) -> Tensor:
+    observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, config: DecomposeConfig,
+    times: int = 1,
+) -> Tensor:  # fmt: skip
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer best, from `start`.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
-    not pin are pulled towards the mean colour of `start`.
+    not pin are pulled towards the mean colour of `start`. It is solved so `times` times, each time from the last light.
     """
-    operator = prefilters.cached(start.shape[1], start.device)
-    prior = start.mean((0, 1, 2)).expand_as(start)
-    transport = Transport(gbuffer, operator, rows)
-    light = solve_light(
-        transport, observed, tone_weight(observed.mean(1)), clipped, prior,
-        regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=start,
-    )  # fmt: skip
-    return refit_contrast(transport, light, observed, clipped)
+    transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
+    weight, light = tone_weight(observed.mean(1)), start
+    for _ in range(times):
+        prior = light.mean((0, 1, 2)).expand_as(light)
+        light = solve_light(
+            transport, observed, weight, clipped, prior,
+            regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=light,
+        )  # fmt: skip
+        light = refit_contrast(transport, light, observed, clipped)
+    return light
 
 
 class Lights:
