@@ -8,6 +8,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 TOOLS := $(VENV)/.installed-dev
+# Files of tests side by side, as many as there are cores, up to four. One thread each, and none that spins while it
+# waits: two processes that do take five times as long as one.
+PYTEST := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/pytest -q -n auto --maxprocesses 4 --dist loadfile \
+	--no-loadscope-reorder
 DATA ?= data
 
 .PHONY: demo check test bench
@@ -20,14 +24,14 @@ check: $(TOOLS)
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
-	@$(BIN)/pytest -q -m "not slow and not cuda"
+	@$(PYTEST) -m "not slow and not cuda"
 
 test: $(TOOLS)
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
-	@$(BIN)/pytest -q
+	@$(PYTEST)
 
 bench: $(TOOLS)
 	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests

@@ -56,7 +56,7 @@ TINY = [
     "--decompose.lattice-cells", "12", "--decompose.hull-voxels", "24",
     "--decompose.hash-levels", "4", "--decompose.hash-finest", "32", "--decompose.light-resolution", "8",
     "--decompose.teacher-resolution", "8", "--decompose.texture-size", "64", "--decompose.light-solve-pixels", "256",
-    "--decompose.checkpoint-every", "5", "--decompose.trial-steps", "3",
+    "--decompose.checkpoint-every", "5", "--decompose.trial-steps", "3", "--decompose.light-solve-iterations", "2",
 ]  # fmt: skip
 TINY_DISTILL = [
     "--distill.steps", "12", "--distill.samples", "64", "--distill.light-resolution", "8", "--distill.width", "16",

@@ -6,20 +6,22 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
-KILLS = 10
+SERIES, KILLS = 2, 5  # KILLS in each series; the series run side by side
 
 
 def start(scene: Path, run: Path) -> subprocess.Popen:
     code = "import sys; from lightprobe.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "train", str(scene), "-o", str(run), *TINY, *TINY_DISTILL]
-    kernels = {**os.environ, "NUMBA_CACHE_DIR": str(scene.parent / "kernels")}
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=kernels)
+    threads = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    environment = {**os.environ, **threads, "NUMBA_CACHE_DIR": str(scene.parent / "kernels")}
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment)
 
 
 def finish(scene: Path, run: Path) -> float:
@@ -42,20 +44,30 @@ def assert_same(run: Path, other: Path) -> None:
     assert [name for name in ours if ours[name] != theirs[name]] == []
 
 
+def killed_runs(scene: Path, folder: Path, seconds: float) -> list[Path]:
+    """Train, killed KILLS times, and return the runs begun: a new one each time that training got through."""
+    moments, runs = random.Random(folder.name), [folder / "killed-0"]
+    for _ in range(KILLS):
+        if (runs[-1] / "model" / "config.json").exists():  # it got through before the last kill
+            runs.append(folder / f"killed-{len(runs)}")
+        process = start(scene, runs[-1])
+        time.sleep(moments.uniform(0.3, 0.8) * seconds)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    return runs
+
+
 @pytest.mark.slow
 def test_a_run_killed_again_and_again_ends_with_the_same_bits(tmp_path):
     scene = write_toy_scene(tmp_path / "scene")
     finish(scene, tmp_path / "compiling")  # its kernels into an empty cache
     seconds = finish(scene, tmp_path / "whole")
     assert_same(tmp_path / "compiling", tmp_path / "whole")
-    moments, runs = random.Random(0), [tmp_path / "killed-0"]
-    for _ in range(KILLS):
-        if (runs[-1] / "model" / "config.json").exists():  # it got through before the last kill
-            runs.append(tmp_path / f"killed-{len(runs)}")
-        process = start(scene, runs[-1])
-        time.sleep(moments.uniform(0.3, 0.8) * seconds)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    for run in runs:
-        finish(scene, run)
-        assert_same(run, tmp_path / "whole")
+
+    def check(folder: Path) -> None:
+        for run in killed_runs(scene, folder, seconds):
+            finish(scene, run)
+            assert_same(run, tmp_path / "whole")
+
+    with ThreadPoolExecutor(SERIES) as pool:  # of one thread each
+        list(pool.map(check, (tmp_path / f"series-{i}" for i in range(SERIES))))

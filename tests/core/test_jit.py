@@ -5,6 +5,7 @@ import numpy as np
 import torch
 
 from lightprobe.core import jit
+from tests.threads import torch_threads
 
 
 def test_without_a_cache_folder_the_loop_still_compiles(monkeypatch):
@@ -26,14 +27,11 @@ def test_without_a_cache_folder_the_loop_still_compiles(monkeypatch):
 
 
 def test_threads_follow_pytorch_and_the_work():
-    before = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)
+    with torch_threads(1):
         assert jit.threads(10**9) == numba.get_num_threads() == 1
-    finally:
-        torch.set_num_threads(before)
-    assert jit.threads(10**9) == numba.get_num_threads() == min(before, numba.config.NUMBA_NUM_THREADS)
-    assert jit.threads(1000) == numba.get_num_threads() == 1
+    with torch_threads(2):
+        assert jit.threads(10**9) == numba.get_num_threads() == min(2, numba.config.NUMBA_NUM_THREADS)
+        assert jit.threads(1000) == numba.get_num_threads() == 1
 
 
 def test_arrays_are_contiguous_and_of_one_integer_type():

@@ -8,6 +8,7 @@ from torch.autograd import gradcheck
 
 from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather, weighted_scatter
 from lightprobe.kernels.reference import gather as reference
+from tests.threads import torch_threads
 
 
 def problem(n=500, k=4, rows=60, channels=3, *, seed=0, index_dtype=torch.int32):
@@ -99,13 +100,10 @@ def test_a_broken_gradient_shows(body, bad):
 
 def test_same_bits_again_and_on_one_thread(body):
     case = body.move(*problem(n=body.size(2000, 300), rows=body.size(900, 90), channels=17))
-    first, again = value_and_gradients(*case), value_and_gradients(*case)
-    threads = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)
+    with torch_threads(2):
+        first, again = value_and_gradients(*case), value_and_gradients(*case)
+    with torch_threads(1):
         alone = value_and_gradients(*case)
-    finally:
-        torch.set_num_threads(threads)
     for a, b, c in zip(first, again, alone, strict=True):
         assert torch.equal(a, b)
         assert torch.equal(a, c)

@@ -6,6 +6,7 @@ from torch.autograd import gradcheck
 
 from lightprobe.kernels import hash_encode
 from lightprobe.kernels.reference import hash_grid as reference
+from tests.threads import torch_threads
 
 CELLS = [3, 8, 21, 64]  # with 1024 rows: dense, dense, hashed, hashed
 
@@ -87,13 +88,10 @@ def test_continuous_across_cells():
 def test_same_bits_again_and_on_one_thread(body):
     count = body.size(3000, 100)
     case = body.move(*problem(n=count), torch.randn(count, len(CELLS) * 2))
-    first, again = value_and_gradient(*case), value_and_gradient(*case)
-    threads = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)
+    with torch_threads(2):
+        first, again = value_and_gradient(*case), value_and_gradient(*case)
+    with torch_threads(1):
         alone = value_and_gradient(*case)
-    finally:
-        torch.set_num_threads(threads)
     for a, b, c in zip(first, again, alone, strict=True):
         assert torch.equal(a, b)
         assert torch.equal(a, c)

@@ -7,6 +7,7 @@ from torch.autograd import gradcheck
 from lightprobe.kernels import occluded_light, occluded_light_adjoint
 from lightprobe.kernels.reference import occlusion as reference
 from lightprobe.light import cubemap
+from tests.threads import torch_threads
 
 
 def problem(pixels=700, rows=50, corners=3, resolution=8, dtype=torch.float32, seed=0):
@@ -77,14 +78,10 @@ def test_the_reference_slabs_change_nothing(monkeypatch):
 
 def test_bits_do_not_depend_on_threads():
     case, grad = problem(3000), torch.randn(3000, 7)
-    before = torch.get_num_threads()
-    try:
-        results = []
-        for count in (1, 2):
-            torch.set_num_threads(count)
+    results = []
+    for count in (1, 2):
+        with torch_threads(count):
             results.append(value_and_gradients(case, grad))
-    finally:
-        torch.set_num_threads(before)
     for one, two in zip(*results, strict=True):
         assert torch.equal(one, two)
 

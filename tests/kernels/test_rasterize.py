@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from lightprobe.kernels import rasterize
 from lightprobe.kernels.reference import rasterize as reference
+from tests.threads import torch_threads
 
 
 def soup(count, height, width, *, seed=0, size=12.0):
@@ -180,13 +181,10 @@ def test_huge_faces_are_cut_to_the_image(body):
 
 def test_same_bits_on_one_thread():
     screen, faces = soup(3000, 120, 70)
-    threads = torch.get_num_threads()
-    together = rasterize(screen, faces, 120, 70)
-    try:
-        torch.set_num_threads(1)
+    with torch_threads(2):
+        together = rasterize(screen, faces, 120, 70)
+    with torch_threads(1):
         alone = rasterize(screen, faces, 120, 70)
-    finally:
-        torch.set_num_threads(threads)
     assert torch.equal(together.face, alone.face)
     assert torch.equal(together.inverse_depth, alone.inverse_depth)
 

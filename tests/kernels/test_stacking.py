@@ -10,6 +10,7 @@ from torch.autograd import gradcheck
 
 from lightprobe.kernels import probe_weight, stack_probes
 from lightprobe.kernels.reference import stacking as reference
+from tests.threads import torch_threads
 
 
 def unit(count, random):
@@ -136,13 +137,10 @@ def test_probe_weight_is_the_weight():
 def test_same_bits_again_and_on_one_thread(body):
     pixels, texels = body.size(1500, 70), body.size(1100, 70)
     case, grad = body.move(*problem(pixels, texels)), torch.randn(texels, 3, device=body.device)
-    first, again = value_and_gradient(case, grad), value_and_gradient(case, grad)
-    threads = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)
+    with torch_threads(2):
+        first, again = value_and_gradient(case, grad), value_and_gradient(case, grad)
+    with torch_threads(1):
         alone = value_and_gradient(case, grad)
-    finally:
-        torch.set_num_threads(threads)
     for a, b, c in zip(first, again, alone, strict=True):
         assert torch.equal(a, b)
         assert torch.equal(a, c)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from lightprobe.kernels import stack_probes
 from lightprobe.light import cubemap, culled_stacking
 from lightprobe.light.culled_stacking import ERROR, stack_on_cubemap
+from tests.threads import torch_threads
 
 
 def unit(count, random):
@@ -112,13 +113,9 @@ def test_no_pixels_see_nothing():
 
 def test_bits_do_not_depend_on_threads():
     case = problem(torch.linspace(0.08, 1, 300))
-    before = torch.get_num_threads()
-    try:
-        results = []
-        for count in (1, 2):
-            torch.set_num_threads(count)
+    results = []
+    for count in (1, 2):
+        with torch_threads(count):
             results.append(stack_on_cubemap(*case, 64))
-    finally:
-        torch.set_num_threads(before)
     for one, two in zip(*results, strict=True):
         assert torch.equal(one, two)
