@@ -12,7 +12,6 @@ from lightprobe.decompose.losses import (
     material_prior,
     metal_parsimony,
     neighbour_difference,
-    one_sided,
 )
 from lightprobe.decompose.photos import Target
 from lightprobe.render.surface import View
@@ -87,16 +86,6 @@ def test_a_red_cast_of_all_lights_is_moved_to_the_surface():
     assert green < 0
     assert blue < 0
     assert torch.isclose(red + green + blue, torch.tensor(0.0), atol=1e-6)  # brightness stays
-
-
-def test_clipped_pixels_only_bound_the_light_from_below():
-    photo = torch.tensor([[0.7, 0.7, 0.7], [0.5, 0.5, 0.5]])  # the first is the mean of a white and darker pixels
-    clipped = torch.tensor([[True] * 3, [False] * 3])
-    brighter = torch.tensor([[7.0, 7.0, 7.0], [0.6, 0.6, 0.6]])
-    assert torch.equal(one_sided(brighter, photo, clipped)[0], photo[0])
-    assert torch.equal(one_sided(brighter, photo, clipped)[1], brighter[1])
-    darker = 0.5 * photo
-    assert torch.equal(one_sided(darker, photo, clipped), darker)
 
 
 def test_missing_coverage_costs_whatever_the_colour():

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import torch
 
+from lightprobe.imaging.photometry import relative_tone_weight
 from lightprobe.light import cubemap, prefilter
 from lightprobe.predict.confidence import CAUSES, Weights, _evidence, confidence, error_causes
 from lightprobe.predict.observation import observe
-from lightprobe.predict.solve import tone_weight
 from lightprobe.render.transport import Transport
 from tests.lit_sphere import CPU, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
@@ -67,7 +67,7 @@ def test_evidence_against_the_matrix_itself(observation):
     """A built column by column at 6 x 4 x 4, all channels alike: s and d by their definitions."""
     seen, pinned = _evidence(observation, 4, seed=0)
     transport = Transport(observation.gbuffer, prefilter.cached(4, CPU), observation.rows)
-    weight = tone_weight(observation.pixels.color, observation.light_level)[:, None].expand(-1, 3)
+    weight = relative_tone_weight(observation.pixels.color, observation.light_level)[:, None].expand(-1, 3)
     weight = (weight / weight.sum()).double().numpy()
     s, d, angle = np.zeros(96), np.zeros(96), cubemap.solid_angles(4).reshape(-1).double().numpy()
     for texel in range(96):

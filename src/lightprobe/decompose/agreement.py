@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.lights import solve_target_light
-from lightprobe.decompose.losses import displayed_error
+from lightprobe.imaging.photometry import displayed_error
 from lightprobe.light import prefilter as prefilters
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade

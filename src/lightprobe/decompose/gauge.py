@@ -22,8 +22,8 @@ import torch
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.agreement import render
 from lightprobe.decompose.lights import Lights, solve_target_light
-from lightprobe.decompose.losses import displayed_error
 from lightprobe.decompose.photos import Target
+from lightprobe.imaging.photometry import displayed_error
 from lightprobe.render.gbuffer import GBuffer
 
 CHOICES = 4  # checkpoints that choose

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.core.device import generator, sent
-from lightprobe.decompose.losses import tone_weight
 from lightprobe.decompose.photos import Target
+from lightprobe.imaging.photometry import tone_weight
 from lightprobe.light import prefilter as prefilters
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast

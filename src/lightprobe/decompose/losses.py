@@ -1,7 +1,4 @@
-"""Image losses of Phase I. Colours are linear and premultiplied; comparison happens after tone mapping.
-
-Tone mapping T(x) = sRGB(log(1 + x)) keeps highlights from owning the sum (Munkberg et al. 2022, section 3.4).
-"""
+"""Image losses of Phase I. Colours are linear and premultiplied; comparison happens after tone mapping."""
 
 from typing import Any
 
@@ -11,33 +8,11 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.decompose.photos import Target
 from lightprobe.imaging import srgb_encode
+from lightprobe.imaging.photometry import one_sided, tone_map
 
 USUAL_ROUGHNESS = 0.4
 _ALIKE = (0.15, 0.2)  # by how much displayed colour and roughness vary within one metal
 _DARK = 0.33  # of the mean base colour: darker metals cost less, in proportion
-
-
-def tone_map(linear: Tensor) -> Tensor:
-    """Return sRGB(log(1 + x)) of non-negative linear values, any shape."""
-    return srgb_encode(torch.log1p(linear.clamp(min=0)))
-
-
-def tone_weight(linear: Tensor) -> Tensor:
-    """Return the squared slope of `tone_map` at linear values, up to a factor: the weight of a linear residual."""
-    return (linear.clamp(min=0) + 0.02) ** -1.1
-
-
-def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Replace `render` by `photo` (both (N, 3) premultiplied) where the render is brighter and the photo `clipped`.
-
-    clipped (N, 3) bool: a saturated pixel only says that the light was at least this strong.
-    """
-    return torch.where(clipped & (render > photo), photo, render)
-
-
-def displayed_error(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return the mean absolute tone-mapped difference () of linear colours (N, 3), one-sided where `clipped` (N, 3)."""
-    return (tone_map(one_sided(render, photo, clipped)) - tone_map(photo)).abs().mean()
 
 
 def image_loss(render: Tensor, cover: Tensor, target: Target, background: Tensor, weight: float) -> Tensor:

@@ -16,9 +16,9 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.decompose.agreement import SPLITS, disagreement, render
 from lightprobe.decompose.lights import Lights, solve_target_light
-from lightprobe.decompose.losses import displayed_error
 from lightprobe.decompose.photos import Target
 from lightprobe.decompose.scaled_material import ScaledMaterial
+from lightprobe.imaging.photometry import displayed_error
 from lightprobe.render.gbuffer import GBuffer
 
 PHOTOS = 32  # that a trial learns from

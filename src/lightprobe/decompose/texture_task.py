@@ -14,10 +14,11 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator, sent
 from lightprobe.decompose.lights import Lights, solve_target_light
-from lightprobe.decompose.losses import brightness_anchor, color_gauge, displayed_error, material_prior
+from lightprobe.decompose.losses import brightness_anchor, color_gauge, material_prior
 from lightprobe.decompose.optimisation import Stage, photo_order
 from lightprobe.decompose.photos import Target
 from lightprobe.decompose.surface_model import SurfaceModel
+from lightprobe.imaging.photometry import displayed_error
 from lightprobe.kernels import weighted_gather
 from lightprobe.material.textures import bilinear_taps
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals

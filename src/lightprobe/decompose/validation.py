@@ -6,9 +6,9 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.decompose.lights import solve_target_light
-from lightprobe.decompose.losses import one_sided
 from lightprobe.decompose.photos import Target
 from lightprobe.imaging import srgb_encode
+from lightprobe.imaging.photometry import one_sided
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.resize import magnify_light
 from lightprobe.render.asset import Asset, asset_gbuffer

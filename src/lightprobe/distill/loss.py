@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import LossSpace, RadianceUnit
-from lightprobe.distill.probe_pixels import luma
+from lightprobe.imaging.photometry import luma
 
 
 def sample_weight(sampled: Tensor, total: Tensor) -> Tensor:

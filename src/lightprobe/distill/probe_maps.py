@@ -21,7 +21,8 @@ from torch import Tensor
 
 from lightprobe.core.config_distill import AlphaRule
 from lightprobe.distill.probe_distribution import stack
-from lightprobe.distill.probe_pixels import ProbePixels, luma, tone_weight
+from lightprobe.distill.probe_pixels import ProbePixels
+from lightprobe.imaging.photometry import luma, relative_tone_weight
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light
@@ -36,7 +37,7 @@ SOLVED_PIXELS = 1024
 
 def evidence(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> Tensor:
     """Return the coarse lights (2, 384, 3) that explain the pixels' colours (P, 3), relative to the light level."""
-    weight = tone_weight(color, light_level)[:, None].expand_as(color)
+    weight = relative_tone_weight(color, light_level)[:, None].expand_as(color)
     return transport.solve(color, weight, light_level, STRENGTHS) / light_level
 
 

@@ -4,17 +4,15 @@ Notation: c linear colour, k_d base colour, k_s = F0, n normal, r roughness, w_o
 furnace: the pixel's colour under a constant environment of radiance 1, so c / furnace is the average light a pixel saw.
 """
 
-import functools
 from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
+from lightprobe.imaging.photometry import luma
 from lightprobe.render.brdf import base_reflectance
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import furnace
-
-_LUMA = (0.299, 0.587, 0.114)  # the paper's weights (Equation 6)
 
 
 @dataclass(frozen=True)
@@ -54,21 +52,6 @@ class ProbePixels:
         It carries the photo's exposure: everything learned is relative to it.
         """
         return (luma(self.color).sum() / luma(self.furnace).sum().clamp_min(1e-6)).clamp_min(1e-6)
-
-
-def luma(rgb: Tensor) -> Tensor:
-    """Return .299 R + .587 G + .114 B of (..., 3)."""
-    return (rgb * _luma_weights(rgb.device, rgb.dtype)).sum(-1)
-
-
-@functools.lru_cache(maxsize=8)
-def _luma_weights(device: torch.device, dtype: torch.dtype) -> Tensor:
-    return torch.tensor(_LUMA, dtype=dtype, device=device)
-
-
-def tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
-    """Return pixel weights (K,) that make squared errors count as in a tone-mapped picture, at any exposure."""
-    return (color.mean(-1) / light_level + 0.05).reciprocal()
 
 
 def probe_pixels(gbuffer: GBuffer, rows: Tensor, color: Tensor) -> ProbePixels:

@@ -16,13 +16,12 @@ from torch import Tensor
 
 from lightprobe.core.device import generator
 from lightprobe.imaging import srgb_decode, srgb_encode
+from lightprobe.imaging.photometry import USUAL_MEAN
 from lightprobe.light import prefilter
 from lightprobe.light.generated import Draw, beside, generated_light, upright
 from lightprobe.light.resize import rotate_light
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import furnace, shade
-
-_USUAL_MEAN = 0.22  # linear mean of a well-exposed object
 
 
 class LightPool:
@@ -84,7 +83,7 @@ def erroneous(gbuffer: GBuffer, draw: Draw) -> GBuffer:
 def photograph(radiance: Tensor, draw: Draw) -> tuple[Tensor, float]:
     """Return the colours (P, 3) that an 8-bit photo shows of linear `radiance` (P, 3), and the exposure it took."""
     luminance = radiance.mean(1)
-    exposure = _USUAL_MEAN / float(luminance.minimum(4 * luminance.median()).mean().clamp(min=1e-9))
+    exposure = USUAL_MEAN / float(luminance.minimum(4 * luminance.median()).mean().clamp(min=1e-9))
     exposure *= 2 ** draw.uniform(-0.8, 0.8)
     noise = beside(draw.normal(2, *radiance.shape), radiance)
     exposed = radiance * exposure * (1 + 0.03 * noise[0]) + 0.002 * noise[1]

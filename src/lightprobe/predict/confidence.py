@@ -23,10 +23,10 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import generator
+from lightprobe.imaging.photometry import relative_tone_weight
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.predict.observation import Observation
-from lightprobe.predict.solve import tone_weight
 from lightprobe.render.transport import Transport
 
 _RESOLUTION = 16  # texels along a cubemap edge of the transport looked at
@@ -93,7 +93,7 @@ def _evidence(observation: Observation, resolution: int, seed: int) -> tuple[Ten
     device = observation.rows.device
     chosen = torch.linspace(0, count - 1, min(count, _PIXELS), device=device).round().long()
     transport = Transport(observation.gbuffer, prefilter.cached(resolution, device), observation.rows[chosen])
-    weight = tone_weight(observation.pixels.color[chosen], observation.light_level)[:, None].expand(-1, 3)
+    weight = relative_tone_weight(observation.pixels.color[chosen], observation.light_level)[:, None].expand(-1, 3)
     weight = weight / weight.sum()
     angle = cubemap.solid_angles(resolution, device)
     seen = transport.adjoint(weight).mean(-1) / angle

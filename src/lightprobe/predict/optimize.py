@@ -25,7 +25,7 @@ from torch.optim.adam import adam
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.recording import Recorded, recorder_for
-from lightprobe.imaging import srgb_encode
+from lightprobe.imaging.photometry import exposure_unit, one_sided_residual, tone_map
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light, resize_light
@@ -37,7 +37,6 @@ _BROAD = 2  # texels along each edge
 _DARK = 1e-4  # relative to the light level
 _LEAST_EPS = 1e-8  # Adam's own
 _BETAS = 0.9, 0.999  # Adam's own
-_USUAL_MEAN = 0.22  # linear mean of a well-exposed object: the loss is taken as if the photo were exposed so
 
 
 @dataclass(frozen=True)
@@ -131,8 +130,8 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     operator = prefilters.cached(start.shape[1], start.device)
     transport = Transport(observation.gbuffer, operator, observation.rows[chosen])
     color, clipped = observation.pixels.color[chosen], observation.clipped[chosen]
-    unit = color.mean().clamp(min=1e-9) / _USUAL_MEAN
-    target = _displayed(color / unit)
+    unit = exposure_unit(color)  # the loss is taken as if the photo were well exposed
+    target = tone_map(color / unit)
     first = (start / unit).clamp(min=1e-4).log()
     recorder = recorder_for(start.device)
     parts = _parts(start, config, recorded=recorder is not None)
@@ -147,8 +146,7 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     def descend(share: Tensor) -> Tensor:
         with torch.enable_grad():
             sought = light()
-            difference = _displayed(_Render.apply(sought, transport)) - target
-            difference = torch.where(clipped, difference.clamp(max=0), difference)
+            difference = one_sided_residual(tone_map(_Render.apply(sought, transport)), target, clipped)
             chroma = (sought - sought.mean(-1, keepdim=True)).abs().mean()
             loss = difference.abs().mean() + config.grey * chroma
         for part, gradient in zip(parts, torch.autograd.grad(loss, changes), strict=True):
@@ -190,8 +188,3 @@ def refine_environment(observation: Observation, prior: Tensor, config: Optimize
     dark = _DARK * observation.light_level
     factor = (optimize_environment(observation, coarse, config, seed) + dark) / (coarse + dark)
     return prior * magnify_light(factor.log(), prior.shape[1]).exp()
-
-
-def _displayed(color: Tensor) -> Tensor:
-    """Return sRGB(log(1 + x)) of linear colours."""
-    return srgb_encode(torch.log1p(color.clamp(min=0)))

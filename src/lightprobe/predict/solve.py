@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.distill.probe_pixels import tone_weight
+from lightprobe.imaging.photometry import one_sided_residual, relative_tone_weight
 from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
@@ -65,13 +65,12 @@ class Evidence:
         """Return at most `count` of the trusted pixels `candidates` (N,) int64, chosen at random."""
         chosen = draw_rows(candidates, count, generator(seed, f"solve-{name}")).to(observation.rows.device)
         color = observation.pixels.color[chosen]
-        weight = tone_weight(color, observation.light_level)
+        weight = relative_tone_weight(color, observation.light_level)
         return Evidence(observation.rows[chosen], color, weight, observation.clipped[chosen])
 
     def one_sided(self, render: Tensor) -> Tensor:
         """Return render - observed (K, 3), zero where a clipped pixel is rendered brighter."""
-        difference = render - self.observed
-        return torch.where(self.clipped, difference.clamp(max=0), difference)
+        return one_sided_residual(render, self.observed, self.clipped)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.decompose.losses import tone_map
-from lightprobe.distill.probe_pixels import tone_weight
+from lightprobe.imaging.photometry import exposure_unit, one_sided_residual, relative_tone_weight, tone_map
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.predict.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport
@@ -38,7 +37,6 @@ _SIDE = 4  # texels along a cubemap edge of the light that is fitted
 _STRENGTH = 0.03  # of the pull to a grey light, relative to what the pixels weigh
 _STEPS = 50
 _SQUARES = 6  # of the chess board, along the side of a square with the object's area
-_USUAL_MEAN = 0.22  # linear mean of a well-exposed object
 _NOISE = 0.02  # displayed; contrast below it is as good as none
 
 # The limits lie between 36 good test photos of three objects, two of them trained briefly, and the same photos spoilt
@@ -156,16 +154,16 @@ def _differences(observation: Observation, seed: int) -> tuple[Tensor, Tensor]:
     every = torch.arange(len(observation.rows), device=observation.rows.device)
     chosen = draw_rows(every, _PIXELS, generator(seed, "verdict"))
     color, clipped = observation.pixels.color[chosen], observation.clipped[chosen].T
-    unit = color.mean().clamp(min=1e-9) / _USUAL_MEAN
+    unit = exposure_unit(color)
     matrix = _broader(CoarseTransport.of(observation.gbuffer.select(observation.rows[chosen])).matrix)
-    trust = tone_weight(color, observation.light_level) * ~clipped  # (3, P)
+    trust = relative_tone_weight(color, observation.light_level) * ~clipped  # (3, P)
     black = _black_squares(observation, chosen)
     halves = torch.stack([trust * ~black, trust * black])
     lights = _fitted(matrix, color.T / unit, halves, observation.light_level / unit)
     renders = (matrix @ lights[..., None])[..., 0]  # (2, 3, P)
     target = tone_map(color.T / unit)
-    difference = tone_map(torch.where(black, renders[0], renders[1])) - target
-    return torch.where(clipped, difference.clamp(max=0), difference), target
+    shown = tone_map(torch.where(black, renders[0], renders[1]))
+    return one_sided_residual(shown, target, clipped), target
 
 
 def _explained(difference: Tensor, target: Tensor) -> float:

@@ -9,10 +9,10 @@ and contrast 29 % too low; afterwards the material's gradient along brightness i
 import torch
 from torch import Tensor
 
+from lightprobe.imaging.photometry import exposure_unit, tone_slope
 from lightprobe.render.transport import Transport
 
 _ROUNDS = 6  # of iteratively reweighted least squares
-_USUAL_MEAN = 0.22  # linear mean of a well-exposed object: errors are compared as if the photo were exposed so
 _FLOOR = 0.005  # displayed error below which all pixels count alike
 _LEAST, _MOST = 0.5, 2.0  # a light is never changed by more
 
@@ -24,7 +24,7 @@ def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clippe
     a and b, per channel, minimise the sum of absolute displayed errors of the pixels `observed` (P, 3) linear; where
     `clipped` (P, 3) bool, a brighter render is no error. Scales with the photo's exposure.
     """
-    unit = observed.mean().clamp(min=1e-9) / _USUAL_MEAN
+    unit = exposure_unit(observed)  # errors are compared as if the photo were well exposed
     flat = light.mean((0, 1, 2)).expand_as(light)
     mean = transport.apply(flat) / unit
     varying = transport.apply(light) / unit - mean
@@ -32,7 +32,7 @@ def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clippe
     a, b = torch.ones(2, 3, device=light.device)
     for _ in range(_ROUNDS):
         render = (a * mean + b * varying).clamp(min=0)
-        slope = (render + 0.02) ** -0.55  # of the tone curve, as in the image loss of Phase I
+        slope = tone_slope(render)
         weight = slope.square() / (slope * (render - target).abs() + _FLOOR)
         weight = torch.where(clipped & (render > target), 0.0, weight)
         a, b = _least_squares(mean, varying, target, weight)

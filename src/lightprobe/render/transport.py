@@ -13,6 +13,7 @@ import scipy.sparse
 import torch
 from torch import Tensor
 
+from lightprobe.imaging.photometry import one_sided_residual
 from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS, Prefilter, PrefilterPart
@@ -209,8 +210,7 @@ class _Problem:
 
     def residual(self, render: Tensor) -> Tensor:
         """Return render - observed, zero where a clipped pixel is rendered brighter."""
-        difference = render - self.observed
-        return torch.where(self.clipped, difference.clamp(max=0.0), difference)
+        return one_sided_residual(render, self.observed, self.clipped)
 
     def gradient(self, state: _State) -> Tensor:
         """Return half the gradient of the objective, (6, R, R, 3)."""
