@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.distill.lesson import Desk, Lesson
+from lightprobe.lessons.lesson import Desk, Lesson
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, rasterize_asset

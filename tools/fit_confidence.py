@@ -26,14 +26,14 @@ from torch import Tensor
 from lightprobe.core.device import generator
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition
-from lightprobe.distill.synthetic import mean_up, rerender
-from lightprobe.evaluate.metrics import aligned, log_difference
+from lightprobe.evaluation.metrics import aligned, log_difference
+from lightprobe.lessons.generated_lights import Draw, generated_light
+from lightprobe.lessons.synthetic import mean_up, rerender
 from lightprobe.light import cubemap
-from lightprobe.light.generated import Draw, generated_light
-from lightprobe.predict import Method, Predictor
-from lightprobe.predict.confidence import CAUSES, ESTIMATED, FITTED, Weights, error_causes
-from lightprobe.predict.observation import observe
+from lightprobe.models import Decomposition
+from lightprobe.prediction import Method, Predictor
+from lightprobe.prediction.confidence import CAUSES, ESTIMATED, FITTED, Weights, error_causes
+from lightprobe.prediction.observation import observe
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera

@@ -17,7 +17,7 @@ import torch
 
 from lightprobe.core.config import quick
 from lightprobe.core.errors import LightprobeError
-from lightprobe.decompose.photos import load_targets
+from lightprobe.reconstruction.photos import load_targets
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.photo import CLIPPED, Photo, Scene
 

@@ -5,7 +5,7 @@
 What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to trust, how
 far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on one object has time
 for a few hundred lights; this one sees 17 000, turned and mirrored, on random solids of random materials under the
-generated places of `lightprobe.light.generated`. No photo and no light of any scene enters.
+generated places of `lightprobe.lessons.generated_lights`. No photo and no light of any scene enters.
 """
 
 import argparse
@@ -18,7 +18,7 @@ import torch
 
 from lightprobe.core.checkpoint import save_tensors
 from lightprobe.core.config_distill import quick
-from lightprobe.distill.training import train
+from lightprobe.distillation.training import train
 from pretraining.photos import lessons_of
 
 TARGET = Path(__file__).parents[1] / "src/lightprobe/assets/sphere_net.safetensors"

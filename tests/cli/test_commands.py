@@ -196,8 +196,8 @@ def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
     stored = {phase: {k: v for k, v in run.config(phase).items() if k not in ("seed", "hdri")} for phase in PHASES}
     short = {"decompose": DecomposeConfig.from_json(stored["decompose"]),
              "distill": DistillConfig.from_json(stored["distill"])}  # fmt: skip
-    monkeypatch.setattr("lightprobe.decompose.phase1.DecomposeConfig", lambda: short["decompose"])
-    monkeypatch.setattr("lightprobe.distill.training.DistillConfig", lambda: short["distill"])
+    monkeypatch.setattr("lightprobe.reconstruction.phase1.DecomposeConfig", lambda: short["decompose"])
+    monkeypatch.setattr("lightprobe.distillation.training.DistillConfig", lambda: short["distill"])
     monkeypatch.chdir(tmp_path)
     readme = (Path(__file__).parents[2] / "README.md").read_text()
     names: dict = {}

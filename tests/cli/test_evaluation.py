@@ -11,10 +11,10 @@ from lightprobe.cli.main import main
 from lightprobe.core import config, config_distill
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluate import Evaluation, Protocols
-from lightprobe.evaluate.headings import LIGHTS, OBJECT
-from lightprobe.evaluate.run_info import read_phases, training_commands
-from lightprobe.predict import Method
+from lightprobe.evaluation import Evaluation, Protocols
+from lightprobe.evaluation.headings import LIGHTS, OBJECT
+from lightprobe.evaluation.run_info import read_phases, training_commands
+from lightprobe.prediction import Method
 
 OWN, OTHER = Method.PROBE_NET_OPTIMIZE, Method.CONSTANT
 

@@ -8,9 +8,9 @@ import pytest
 from lightprobe.cli.main import main
 from lightprobe.core.checkpoint import load_tensors
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose.decomposition import LIGHTS_FILE
 from lightprobe.imaging import read_hdr
 from lightprobe.light import culled_stacking
+from lightprobe.models.decomposition import LIGHTS_FILE
 from tests.toy_scene import write_toy_scene
 
 # Only sizes and lengths: what is done stays the paper's.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.evaluate import load_environment
+from lightprobe.evaluation import load_environment
 from lightprobe.export import write_environment, write_mesh
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.imaging import read_hdr

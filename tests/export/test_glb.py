@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from lightprobe.core.errors import InputError
-from lightprobe.decompose import Decomposition
 from lightprobe.export import export, write_mesh
 from lightprobe.geometry.mesh import Mesh, vertex_normals
 from lightprobe.material.textures import Textures
+from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.render.openness import Surroundings
 from lightprobe.scene.camera import Similarity

@@ -10,10 +10,10 @@ import fit_confidence
 from fit_confidence import Samples, binned, fit, gap, photograph, report, samples
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition
-from lightprobe.light.generated import generated_light
-from lightprobe.predict import Method, PredictConfig, Predictor
-from lightprobe.predict.confidence import CAUSES, FITTED, Weights
+from lightprobe.lessons.generated_lights import generated_light
+from lightprobe.models import Decomposition
+from lightprobe.prediction import Method, PredictConfig, Predictor
+from lightprobe.prediction.confidence import CAUSES, FITTED, Weights
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import scene_record

@@ -9,10 +9,10 @@ import pretrain_sphere_net
 from lightprobe.core.checkpoint import load_tensors
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
-from lightprobe.distill.probe_model import new_network, new_sphere
-from lightprobe.distill.sphere_training import fill_album, sphere_loss
+from lightprobe.distillation.sphere_training import fill_album, sphere_loss
 from lightprobe.geometry.mesh import is_closed
-from lightprobe.light.generated import Draw
+from lightprobe.lessons.generated_lights import Draw
+from lightprobe.models.probe_model import new_network, new_sphere
 from pretraining import photos
 from pretraining.photos import LIGHTS, VIEWS, lessons_of
 from pretraining.solids import random_solid

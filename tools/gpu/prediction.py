@@ -10,7 +10,7 @@ from gpu.boxes import Setting
 from gpu.training import scene
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
-from lightprobe.predict import Method, PredictConfig, Prediction, Predictor, methods_for
+from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, methods_for
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 from speed.target import PARTS, SIDE, TEXELS, resample

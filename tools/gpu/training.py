@@ -15,14 +15,14 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.files import write_json
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition, decompose
-from lightprobe.decompose.optimisation import Progress
-from lightprobe.distill import ProbeModel
-from lightprobe.distill.training import distill
-from lightprobe.evaluate import evaluate
-from lightprobe.evaluate.evaluation import Protocols
-from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
-from lightprobe.predict import methods_for
+from lightprobe.distillation.training import distill
+from lightprobe.evaluation import evaluate
+from lightprobe.evaluation.evaluation import Protocols
+from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.prediction import methods_for
+from lightprobe.reconstruction import decompose
+from lightprobe.reconstruction.optimisation import Progress
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record

@@ -10,12 +10,12 @@ from torch.nn.functional import normalize
 
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.distill.lesson import Desk, Lesson
-from lightprobe.distill.probe_maps import RESOLUTION
-from lightprobe.distill.synthetic import rerender
-from lightprobe.evaluate.viewpoints import look_at
+from lightprobe.evaluation.viewpoints import look_at
 from lightprobe.geometry.mesh import vertex_normals
-from lightprobe.light.generated import Draw, generated_light
+from lightprobe.lessons.generated_lights import Draw, generated_light
+from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.lessons.synthetic import rerender
+from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.openness import Openness
 from lightprobe.render.surface import View, face_camera, visible_surface

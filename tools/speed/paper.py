@@ -13,11 +13,11 @@ import torch
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset
 from lightprobe.core.errors import InputError
 from lightprobe.core.memory import peak_memory
-from lightprobe.decompose import Progress, decompose
-from lightprobe.distill.lesson import Lesson
-from lightprobe.distill.lessons import collect_lessons
-from lightprobe.distill.training import train
-from lightprobe.evaluate.provenance import commit, machine
+from lightprobe.distillation.training import train
+from lightprobe.evaluation.provenance import commit, machine
+from lightprobe.lessons.lesson import Lesson
+from lightprobe.lessons.lessons import collect_lessons
+from lightprobe.reconstruction import Progress, decompose
 from lightprobe.scene.photo import Scene
 from speed.clock import median_gap
 from speed.kernels import LOBE

@@ -9,13 +9,13 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.decompose.image_task import ImageTask
-from lightprobe.decompose.lattice_model import LatticeModel
-from lightprobe.decompose.lights import Lights
-from lightprobe.decompose.optimisation import Progress, Stage, optimise
-from lightprobe.decompose.photos import Target
-from lightprobe.decompose.start import BOX, start_from_hull
-from lightprobe.decompose.surface_model import SurfaceModel
+from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction.lattice_model import LatticeModel
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.optimisation import Progress, Stage, optimise
+from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.start import BOX, start_from_hull
+from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View

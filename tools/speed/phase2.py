@@ -8,11 +8,11 @@ import torch
 from torch import nn
 
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.distill.lesson import Desk, Lesson
-from lightprobe.distill.probe_model import new_network, new_sphere
-from lightprobe.distill.sphere_training import batch, fill_album, sphere_loss
-from lightprobe.distill.training import lesson_loss, lesson_tensors, train
+from lightprobe.distillation.sphere_training import batch, fill_album, sphere_loss
+from lightprobe.distillation.training import lesson_loss, lesson_tensors, train
+from lightprobe.lessons.lesson import Desk, Lesson
 from lightprobe.light import cubemap
+from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.render.asset import Asset, rasterize_asset
 from speed.ball import CPU, LIT, camera, light
 from speed.clock import WARM, Parts, median_gap

@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from lightprobe.decompose import Decomposition
 from lightprobe.light import prefilter
-from lightprobe.predict import Method, PredictConfig, Predictor
-from lightprobe.predict.confidence import confidence
-from lightprobe.predict.observation import observe
-from lightprobe.predict.prior import constant_light
-from lightprobe.predict.solve import solve_environment
+from lightprobe.models import Decomposition
+from lightprobe.prediction import Method, PredictConfig, Predictor
+from lightprobe.prediction.confidence import confidence
+from lightprobe.prediction.observation import observe
+from lightprobe.prediction.prior import constant_light
+from lightprobe.prediction.solve import solve_environment
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.picture import Picture
 from lightprobe.render.transport import Transport

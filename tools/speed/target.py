@@ -16,9 +16,8 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition
-from lightprobe.distill import ProbeModel
-from lightprobe.predict import PredictConfig, Predictor, methods_for
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.prediction import PredictConfig, Predictor, methods_for
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels

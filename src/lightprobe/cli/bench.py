@@ -13,11 +13,11 @@ from lightprobe.cli.options import option
 from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.files import write_bytes
-from lightprobe.evaluate.bench_results import BenchResults
-from lightprobe.evaluate.bench_scenes import BENCH_SCENES
-from lightprobe.evaluate.paper_tables import paper_page
-from lightprobe.evaluate.records import Kind, read_records
-from lightprobe.evaluate.results import results_page
+from lightprobe.evaluation.bench_results import BenchResults
+from lightprobe.evaluation.bench_scenes import BENCH_SCENES
+from lightprobe.evaluation.paper_tables import paper_page
+from lightprobe.evaluation.records import Kind, read_records
+from lightprobe.evaluation.results import results_page
 from lightprobe.light.files import environment_files
 
 

@@ -10,10 +10,10 @@ from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.distill import ProbeModel
-from lightprobe.evaluate.bench_results import PAPER_LESSONS, PAPER_METHOD
-from lightprobe.evaluate.provenance import commit, machine, threads, training_costs, without_places
-from lightprobe.evaluate.records import Kind, Record
+from lightprobe.evaluation.bench_results import PAPER_LESSONS, PAPER_METHOD
+from lightprobe.evaluation.provenance import commit, machine, threads, training_costs, without_places
+from lightprobe.evaluation.records import Kind, Record
+from lightprobe.models import ProbeModel
 
 LOSSES_SCENE = "chair"
 PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II on photos alone, without the network

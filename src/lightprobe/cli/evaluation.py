@@ -22,9 +22,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.core.stored import checked_object, read_object
-from lightprobe.decompose import Decomposition
-from lightprobe.distill import ProbeModel
-from lightprobe.evaluate import (
+from lightprobe.evaluation import (
     Evaluation,
     Protocols,
     Report,
@@ -36,9 +34,10 @@ from lightprobe.evaluate import (
     view_pictures,
     write_report,
 )
-from lightprobe.evaluate.headings import IMAGES, LIGHTS, MAPS, OBJECT
-from lightprobe.evaluate.run_info import read_phases, training_commands, training_facts
-from lightprobe.predict import Method, methods_for, recorded_config
+from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.evaluation.run_info import read_phases, training_commands, training_facts
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.prediction import Method, methods_for, recorded_config
 from lightprobe.scene.photo import Scene
 
 # title -> the scores that fit side by side in 80 columns

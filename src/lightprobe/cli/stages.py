@@ -16,10 +16,11 @@ from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition, Progress, decompose
-from lightprobe.distill import ProbeModel, distill
+from lightprobe.distillation import distill
 from lightprobe.export import write_run_outputs
 from lightprobe.light.files import load_environments
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.reconstruction import Progress, decompose
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record

@@ -17,7 +17,7 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, disti
 from lightprobe.core.config_predict import Method, PredictConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition
+from lightprobe.models import Decomposition
 from lightprobe.scene import load_scene
 
 PresetArg = Annotated[

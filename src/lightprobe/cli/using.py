@@ -17,12 +17,12 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition
-from lightprobe.evaluate import load_environment, turntable, write_prediction
-from lightprobe.evaluate import relight as relight_image
+from lightprobe.evaluation import load_environment, turntable, write_prediction
+from lightprobe.evaluation import relight as relight_image
 from lightprobe.export import export as export_files
 from lightprobe.imaging import write_exr, write_png
-from lightprobe.predict import Method, Prediction, Predictor, check_names, methods_for, recorded_config
+from lightprobe.models import Decomposition
+from lightprobe.prediction import Method, Prediction, Predictor, check_names, methods_for, recorded_config
 from lightprobe.scene import load_pixels, new_photo, read_camera
 from lightprobe.scene.frame import cut_name
 from lightprobe.scene.record import read_record

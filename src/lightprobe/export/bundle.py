@@ -6,11 +6,11 @@ from torch import Tensor
 
 from lightprobe.core.files import named_file
 from lightprobe.core.run import RunFolder
-from lightprobe.decompose import Decomposition
 from lightprobe.export.glb import write_glb
 from lightprobe.export.gltf_mesh import gltf_mesh
 from lightprobe.export.pictures import write_pictures
 from lightprobe.light.files import panorama, write_map
+from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 

@@ -1,0 +1,108 @@
+"""Training of the sphere network on lessons turned into maps.
+
+Notation: E, P true and predicted light relative to the light level, (B, 3, 1536) texels; g(x) = log(x + e).
+
+    loss = mean |g(E) - g(P)|^2  +  sum_k mean |log(K_k E + e) - log(K_k P + e)|^2
+
+K_k are averages over lobes of two widths, a cosine and one of about 20 degrees. The first term alone would predict the
+typical log radiance of each texel, and with it too dim a lamp wherever its place is uncertain; the others ask for the
+light that matte and satin surfaces would receive. Directions count by solid angle.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.device import generator, sent
+from lightprobe.lessons.lesson import Lesson
+from lightprobe.light import cubemap
+from lightprobe.light.resize import magnify_light, resize_light
+from lightprobe.models.illumination_mlp import IlluminationMlp
+from lightprobe.models.probe_maps import BLACK, RESOLUTION, probe_maps, turned
+from lightprobe.models.sampling import sample_pixels
+
+_SATIN = 0.06  # exponential width in 1 - cosine
+
+
+@dataclass(frozen=True)
+class Album:
+    """All lessons as the sphere network sees them."""
+
+    maps: Tensor  # (L, 19, 6, 16, 16)
+    lights: Tensor  # (L, 3, 1536) relative radiance
+    count: int
+
+
+@torch.no_grad()
+def fill_album(network: IlluminationMlp, lessons: Sequence[Lesson], config: DistillConfig, seed: int) -> Album:
+    """Return the maps of all lessons, from as many pixels as the MLP's training steps take."""
+    maps, lights = [], []
+    for number, lesson in enumerate(lessons):
+        chosen = sample_pixels(
+            lesson.pixels.roughness, config.samples, seed=seed, stream="album-pixels", step=number
+        )  # fmt: skip
+        pixels = lesson.pixels.take(chosen)
+        colors = network(pixels, lesson.light_level)
+        clipped = lesson.clipped[chosen]
+        level, solved = lesson.light_level, lesson.solved
+        maps.append(probe_maps(pixels, colors, clipped, level, solved, lesson.up, config.alpha_rule))
+        lights.append(_at_resolution(lesson.teacher).reshape(-1, 3).T)
+    return Album(torch.stack(maps), torch.stack(lights).contiguous(), len(lessons))
+
+
+def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
+    """Return the loss () of the network's output (B, 3, 6, 16, 16) against relative lights (B, 3, 1536)."""
+    log_light = log_light.flatten(2)
+    loss = ((log_light - (lights + BLACK).log()).square() * _shares(lights.device)).sum(-1).mean()
+    light = (log_light.clamp(max=12.0).exp() - BLACK).clamp(min=0)
+    for lobe in _lobes(lights.device):
+        difference = (light @ lobe + BLACK).log() - (lights @ lobe + BLACK).log()
+        loss = loss + difference.square().mean()
+    return loss
+
+
+def batch(album: Album, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, Tensor]:
+    """Return the maps and lights of the lessons of `step`, drawn at random, each turned or mirrored at random.
+
+    Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
+    """
+    random = generator(seed, "sphere-batch", step)
+    chosen = sent(torch.randint(album.count, (config.sphere_batch,), generator=random), album.maps.device)
+    symmetries, _ = cubemap.symmetries(RESOLUTION, album.maps.device)
+    turn = sent(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), album.maps.device)
+    lights = album.lights[chosen]
+    return turned(album.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
+
+
+def learning_rate(config: DistillConfig, step: int) -> float:
+    """Return the Adam step: a short warm-up, then down along a cosine."""
+    warm = min(1.0, (step + 1) / 50)
+    return config.sphere_learning_rate * warm * 0.5 * (1 + math.cos(math.pi * step / config.sphere_steps))
+
+
+@functools.lru_cache(maxsize=4)
+def _shares(device: torch.device) -> Tensor:
+    """Return the texels' shares of the sphere, (1536,)."""
+    return cubemap.solid_angles(RESOLUTION, device).reshape(-1) / (4 * math.pi)
+
+
+@functools.lru_cache(maxsize=4)
+def _lobes(device: torch.device) -> tuple[Tensor, ...]:
+    """Return averaging matrices (1536, 384): under a cosine and a satin lobe around 6 x 8 x 8 directions."""
+    texels = cubemap.directions(RESOLUTION, device).reshape(-1, 3)
+    cosine = texels @ cubemap.directions(RESOLUTION // 2, device).reshape(-1, 3).T
+    angle = cubemap.solid_angles(RESOLUTION, device).reshape(-1, 1)
+    lobes = (cosine.clamp(min=0) * angle, torch.exp((cosine - 1) / _SATIN) * angle)
+    return tuple(lobe / lobe.sum(0) for lobe in lobes)
+
+
+def _at_resolution(teacher: Tensor) -> Tensor:
+    """Return relative radiance (M, 3) on a cubemap of any resolution as (6, 16, 16, 3)."""
+    side = math.isqrt(len(teacher) // 6)
+    light = teacher.reshape(6, side, side, 3)
+    return resize_light(light, RESOLUTION) if side >= RESOLUTION else magnify_light(light, RESOLUTION)

@@ -1,0 +1,31 @@
+"""A predicted environment in files: the map, a picture of it, and its confidence."""
+
+from pathlib import Path
+
+import numpy as np
+
+from lightprobe.imaging import write_png
+from lightprobe.light.files import panorama, write_map
+from lightprobe.prediction import Prediction
+
+_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+def exposure(image: np.ndarray) -> float:
+    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, whatever suns it has."""
+    luma = image @ _LUMA
+    typical = float(np.minimum(luma, 5 * np.median(luma)).mean())
+    return 0.5 / typical if typical > 0 else 1.0
+
+
+def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:
+    """Return linear display values in [0, 1): 1 - exp(-factor * radiance), highlights bent, not cut."""
+    return 1 - np.exp(-factor * np.maximum(image, 0))
+
+
+def write_prediction(prediction: Prediction, path: Path) -> None:
+    """Write `path` (.exr or .hdr), and beside it the tone-mapped .png and the .confidence.exr."""
+    image = panorama(prediction.environment)
+    write_map(path, image)
+    write_png(path.with_suffix(".png"), tone_mapped(image, exposure(image)))
+    prediction.save_confidence(path.with_suffix(".confidence.exr"))

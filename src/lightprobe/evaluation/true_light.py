@@ -1,0 +1,91 @@
+"""A predicted light against the true one: by solid angle, by three spheres, and by bins of its own confidence."""
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.evaluation.metrics import aligned, brightest, environment_log_rmse, log_difference
+from lightprobe.evaluation.relighting import load_environment
+from lightprobe.evaluation.three_spheres import HEIGHT, Disc, ThreeSpheres, reduced, sphere_scores
+from lightprobe.imaging import read_hdr
+from lightprobe.light import cubemap, equirect
+from lightprobe.prediction import Prediction
+from lightprobe.scene.camera import Camera
+
+BINS = 5
+Scores = dict[str, float]
+
+
+@dataclass(frozen=True)
+class TrueLight:
+    """The true light of one photo, read once for all methods."""
+
+    cube: Tensor  # (6, R, R, 3), as the predictions
+    height: int  # rows of the maps that light the spheres
+    spheres: ThreeSpheres
+    discs: dict[str, Disc]  # the three spheres under it
+
+    @staticmethod
+    def load(path: Path, camera: Camera, center: np.ndarray, resolution: int, device: torch.device) -> "TrueLight":
+        """Read an environment file and light spheres with it at `center` (3,), seen by an input-frame camera."""
+        cube = load_environment(path, device, resolution)
+        light = reduced(torch.from_numpy(np.ascontiguousarray(read_hdr(path)[..., :3], np.float32)), HEIGHT)
+        up = torch.from_numpy(camera.camera_to_world[:3, 1].copy())
+        spheres = ThreeSpheres(torch.from_numpy(camera.position - center), up)
+        return TrueLight(cube, len(light), spheres, spheres.light(light))
+
+    def scores(self, prediction: Prediction) -> Scores:
+        """Return the errors of ln radiance (raw, weighted by confidence, after one factor or three) and of spheres.
+
+        Those of the brightest percent of the true light alone are raw and after the whole map's one factor.
+        """
+        difference, bright = log_difference(prediction.environment, self.cube), brightest(self.cube)
+        shown = equirect.from_cubemap(prediction.environment.cpu(), self.height)
+        return {
+            "light_log_rmse": environment_log_rmse(difference),
+            "light_log_rmse_confident": environment_log_rmse(difference, prediction.confidence),
+            "light_log_rmse_scaled": environment_log_rmse(aligned(difference)),
+            "light_log_rmse_channels": environment_log_rmse(aligned(difference, per_channel=True)),
+            "light_log_rmse_bright": environment_log_rmse(difference, bright),
+            "light_log_rmse_bright_scaled": environment_log_rmse(aligned(difference), bright),
+            **sphere_scores(self.spheres.light(shown), self.discs),
+        }
+
+
+class ConfidenceBins:
+    """Gathers the errors of one method by confidence: five bins of equal solid angle over all photos together."""
+
+    def __init__(self) -> None:
+        self._rows: list[Tensor] = []  # (T, 4): confidence, solid angle, squared error raw and after one factor
+
+    def add(self, prediction: Prediction, true: Tensor) -> None:
+        """Add a map with its truth (6, R, R, 3)."""
+        difference = log_difference(prediction.environment, true)
+        angle = cubemap.solid_angles(true.shape[1])
+        errors = [d.square().mean(-1).cpu() for d in (difference, aligned(difference))]
+        self._rows.append(torch.stack([prediction.confidence.cpu(), angle, *errors], -1).reshape(-1, 4))
+
+    def result(self) -> list[Scores]:
+        """Return the bins from the least to the most confident: mean confidence and log-RMSE, raw and scaled."""
+        if not self._rows:
+            return []
+        rows = torch.cat(self._rows).double()
+        rows = rows[torch.argsort(rows[:, 0], stable=True)]
+        share = (rows[:, 1].cumsum(0) - rows[:, 1] / 2) / rows[:, 1].sum()
+        bins = []
+        for part in range(BINS):
+            chosen = rows[(share * BINS).long() == part]
+            mean = (chosen * chosen[:, 1:2]).sum(0) / chosen[:, 1].sum()
+            errors = {"log_rmse": float(mean[2].sqrt()), "log_rmse_scaled": float(mean[3].sqrt())}
+            bins.append({"confidence": float(mean[0]), **errors})
+        return bins
+
+
+def falls(bins: list[Scores], name: str = "log_rmse_scaled") -> bool:
+    """Return whether the error falls from each bin to the next more confident one."""
+    errors = [scores[name] for scores in bins]
+    return all(a > b for a, b in itertools.pairwise(errors))

@@ -1,0 +1,132 @@
+"""Comparisons of the asset with ground truth, where a synthetic scene brings it: material, surface, relighting.
+
+Truth is only ever read here, never by training or prediction.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.evaluation.chamfer import mesh_chamfer
+from lightprobe.evaluation.metrics import (
+    channel_scale,
+    image_scores,
+    mean_angle,
+    on_white,
+    psnr,
+)
+from lightprobe.evaluation.relighting import load_environment, relight
+from lightprobe.evaluation.views import TestView
+from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
+from lightprobe.models import Decomposition
+from lightprobe.scene.photo import Photo, Scene
+
+Scores = dict[str, float]
+_DARKEST = 3e-4  # linear base colour of the darkest grey that 8 bits of sRGB tell from black
+
+
+def surface_scores(decomposition: Decomposition, mesh_file: Path) -> Scores:
+    """Return the mean symmetric Chamfer distance to the true mesh, in units of the object's radius."""
+    import trimesh
+
+    true = trimesh.load_mesh(mesh_file, process=False)
+    mesh = decomposition.asset.mesh
+    vertices = decomposition.similarity.invert(mesh.vertices.detach().cpu().numpy())
+    return {"chamfer": mesh_chamfer((vertices, mesh.faces.cpu().numpy()), (np.asarray(true.vertices), true.faces))}
+
+
+class MaterialScores:
+    """Gathers the material of the object's pixels view by view and compares it with the truth maps."""
+
+    def __init__(self) -> None:
+        self._colors: list[tuple[Tensor, Tensor]] = []  # (predicted, true) linear base colours (N, 3)
+        self._errors: dict[str, list[np.ndarray]] = {"roughness_mae": [], "metallic_mae": []}
+        self._normals: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def add(self, view: TestView) -> None:
+        """Add the pixels of a view that the photo and the asset both cover; views without truth add nothing."""
+        chosen = view.mask.reshape(-1)[view.gbuffer.pixel]
+        pixel = view.gbuffer.pixel[chosen].cpu().numpy()
+        truth = view.photo.truth
+        if truth.base_color:
+            true = torch.from_numpy(read_ldr(truth.base_color)[0].reshape(-1, 3)[pixel])
+            self._colors.append((view.gbuffer.base_color[chosen].cpu(), true))
+        if truth.orm:
+            orm = read_ldr(truth.orm, srgb=False)[0].reshape(-1, 3)[pixel]
+            for name, mine, channel in (("roughness_mae", "roughness", 1), ("metallic_mae", "metallic", 2)):
+                values = getattr(view.gbuffer, mine)[chosen].cpu().numpy()
+                self._errors[name].append(np.abs(values - orm[:, channel]))
+        if truth.normal:
+            normal = read_hdr(truth.normal)[..., :3].reshape(-1, 3)[pixel]
+            known = np.linalg.norm(normal, axis=1) > 0.5
+            self._normals.append((view.gbuffer.normal[chosen].cpu().numpy()[known], normal[known]))
+
+    def result(self) -> Scores:
+        """Return base colour PSNR (sRGB; raw, and with one linear factor per channel), ratio, errors, normal angle."""
+        scores: Scores = {}
+        if self._colors:
+            mine, true = (torch.cat(parts) for parts in zip(*self._colors, strict=True))
+            scores["base_color_psnr"] = _srgb_psnr(mine, true)
+            scores["base_color_psnr_scaled"] = _srgb_psnr(mine * channel_scale(mine, true), true)
+            scores |= _mean_ratios(mine, true)
+        for name, errors in self._errors.items():
+            if errors:
+                scores[name] = float(np.concatenate(errors).mean())
+        if self._normals:
+            mine_normals, true_normals = (np.concatenate(parts) for parts in zip(*self._normals, strict=True))
+            scores["normal_degrees"] = mean_angle(mine_normals, true_normals)
+        return scores
+
+
+def _mean_ratios(mine: Tensor, true: Tensor) -> Scores:
+    """Return the ratios of mean linear base colours (N, 3) to the true one: over all channels, and the worst one's."""
+    means = [values.double().mean(0).clamp(min=_DARKEST) for values in (mine, true)]
+    logs = (means[0] / means[1]).log()
+    worst = logs[logs.abs().argmax()]
+    return {"base_color_ratio": float(logs.mean().exp()), "base_color_ratio_worst": float(worst.exp())}
+
+
+def relight_scores(decomposition: Decomposition, scene: Scene, device: torch.device) -> Scores:
+    """Return masked PSNR and SSIM of the object under the scene's novel lights against their linear renders.
+
+    Raw, and with one linear factor per channel over all photos, which takes the freedom between light and albedo out.
+    """
+    pairs = list(_relit_pairs(decomposition, scene.relight, device))
+    if not pairs:
+        return {}
+    inside = [(image[mask], true[mask]) for image, true, mask in pairs]
+    # Scores look at displayed values, so the scale does too: in linear light one highlight would decide it.
+    mine, theirs = (torch.cat(parts).clamp(0, 1) for parts in zip(*inside, strict=True))
+    scale = channel_scale(mine, theirs)
+    scores: Scores = {}
+    for suffix, factor in (("", torch.ones_like(scale)), ("_scaled", scale)):
+        each = [_relit_scores(image * factor, true, mask) for image, true, mask in pairs]
+        for i, name in enumerate(("psnr", "ssim")):
+            scores[f"relight_{name}{suffix}"] = float(np.mean([s[i] for s in each]))
+    return scores
+
+
+def _relit_pairs(
+    decomposition: Decomposition, photos: Iterable[Photo], device: torch.device
+) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
+    """Yield (render, truth, mask): linear premultiplied (H, W, 3) twice and the true object's pixels (H, W)."""
+    for photo in photos:
+        if photo.truth.environment is None or photo.truth.linear is None:
+            continue
+        true = torch.from_numpy(np.ascontiguousarray(read_hdr(photo.truth.linear), np.float32)).to(device)
+        image, _ = relight(decomposition, load_environment(photo.truth.environment, device), photo.camera)
+        yield image, true[..., :3], true[..., 3] > 0.5
+
+
+def _relit_scores(image: Tensor, true: Tensor, mask: Tensor) -> tuple[float, float]:
+    """Compare on black, which both have: only pixels of the object count."""
+    opaque = torch.ones_like(image[..., 0])
+    scores = image_scores(on_white(image, opaque), on_white(true, opaque), mask)
+    return scores.psnr_masked, scores.ssim_masked
+
+
+def _srgb_psnr(values: Tensor, reference: Tensor) -> float:
+    return psnr(srgb_encode(values.clamp(0, 1)), srgb_encode(reference.clamp(0, 1)))

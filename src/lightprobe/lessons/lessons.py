@@ -1,0 +1,99 @@
+"""What the training loops look at: photos with their Phase I environments, and re-rendered ones under known lights.
+
+Everything that does not change while training is computed here once.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config_distill import DistillConfig, Lessons
+from lightprobe.core.device import draw_rows, generator, sent
+from lightprobe.core.errors import InputError
+from lightprobe.lessons.generated_lights import Draw
+from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.lessons.synthetic import LightPool, mean_up, rerender
+from lightprobe.models.probe_maps import RESOLUTION
+from lightprobe.render.asset import Asset, rasterize_asset
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.scene import load_pixels
+from lightprobe.scene.photo import CLIPPED, Photo, Scene
+
+_OPAQUE = 0.9  # below this coverage a pixel's colour is partly extrapolated from its neighbours
+_FEWEST_PIXELS = 16
+_SYNTHETIC_PIXELS = 2048
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The trusted pixels of a training photo."""
+
+    photo: Photo
+    gbuffer: GBuffer  # N pixels
+    color: Tensor  # (N, 3) linear
+    clipped: Tensor  # (N, 3) bool
+
+
+def collect_lessons(
+    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int,
+    maps: Sequence[Tensor] = (), on_lesson: Callable[[int, int], None] | None = None,
+) -> list[Lesson]:  # fmt: skip
+    """Return the lessons from each training photo that has a light and shows the object, in the scene's order.
+
+    `maps`: environments (6, R, R, 3), z up, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
+    Raises `InputError` when no photo shows the object.
+    """
+    up = mean_up([torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train])
+    pool = LightPool(up, [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed, device)
+    lessons: list[Lesson] = []
+    for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
+        if config.lessons is not Lessons.SYNTHETIC:
+            desk = Desk(look.gbuffer, up, config)
+            light = lights[look.photo.name].to(device)
+            lessons.append(desk.lesson(look.photo.name, look.color, look.clipped, light))
+        if config.lessons is not Lessons.TEACHER:
+            first, last = (i * config.synthetic_lessons // len(scene.train) for i in (done, done + 1))
+            lessons += _synthetic(look, pool, range(first, last), config, seed)
+        if on_lesson is not None:
+            on_lesson(done + 1, len(scene.train))
+    if not lessons:
+        raise InputError(
+            f"None of the {len(scene.train)} training photos in {scene.root} shows the reconstructed object; "
+            "look at the masks and poses with `lightprobe inspect`."
+        )
+    return lessons
+
+
+def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
+    """Return the re-rendered lessons `numbers` in the camera of a photo."""
+    order = torch.randperm(len(look.color), generator=generator(seed, f"distill-rerender/{look.photo.name}"))
+    gbuffer = look.gbuffer.select(sent(order[:_SYNTHETIC_PIXELS], look.color.device))
+    desk, lessons = Desk(gbuffer, pool.up, config), []
+    for number in numbers:
+        light = pool.light(number)
+        color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", number)))
+        lessons.append(desk.lesson(f"synthetic {number}", color, color >= CLIPPED, light, exposure))
+    return lessons
+
+
+def _looks(
+    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int
+) -> Iterator[_Look]:
+    """Yield at most `pixels_per_photo` object pixels of each usable training photo, chosen at random."""
+    for photo in scene.train:
+        if photo.name not in lights:
+            continue
+        loaded, camera = load_pixels(photo, config.max_side)
+        gbuffer = rasterize_asset(asset, camera.normalised(scene.similarity), device)
+        opaque = torch.from_numpy(loaded.alpha).to(device).reshape(-1)[gbuffer.pixel] >= _OPAQUE
+        rows = opaque.nonzero()[:, 0]
+        if len(rows) < _FEWEST_PIXELS:
+            continue
+        rows = draw_rows(rows, config.pixels_per_photo, generator(seed, f"distill-keep/{photo.name}"))
+        at = gbuffer.pixel[rows]
+        color, clipped = (
+            torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped)
+        )
+        yield _Look(photo, gbuffer.select(rows), color, clipped)

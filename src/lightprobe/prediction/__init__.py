@@ -1,0 +1,11 @@
+"""One photo, camera and mask in, an environment map with a confidence for every direction out."""
+
+from lightprobe.core.config_predict import Method, PredictConfig
+from lightprobe.prediction.prediction import Prediction, check_names
+from lightprobe.prediction.predictor import Predictor, methods_for, recorded_config
+from lightprobe.prediction.verdict import Status, Verdict
+
+__all__ = [
+    "Method", "PredictConfig", "Prediction", "Predictor", "Status", "Verdict", "check_names", "methods_for",
+    "recorded_config",
+]  # fmt: skip

@@ -1,0 +1,114 @@
+"""How far a predicted map can be trusted, direction by direction.
+
+    confidence = exp(-e),   e = the error to expect of ln radiance
+
+so that .5 says: probably off by a factor of two. e is a weighted sum of what raises it, every weight >= 0:
+
+    unseen      1 / (1 + s / mean s),  s = A^T w: how much of the photo's light came from there, shadows included
+    unpinned    1 / (1 + d / mean d),  d = diag(A^T W A): how much the photo would change if that direction did. Many
+                directions that all but share their pixels, as under a matte surface, have much s and little d
+    bright,     how many e-folds the map lies above or below its own mean there: what stands out is seldom all true,
+    dark        lamps are sharper than any prediction and darkness is often only what a fit left over
+    rough       e-folds between a direction and its surroundings of some ten degrees: detail is the least certain
+
+A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is estimated with
+random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to training photos of three
+scenes with known lights; `tools/fit_confidence.py` fits them to lights that the project makes, and benchmarks/NOTES.md
+says what it found. The evaluation checks them on test photos.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.device import generator
+from lightprobe.imaging.photometry import relative_tone_weight
+from lightprobe.light import cubemap, prefilter
+from lightprobe.light.resize import magnify_light, resize_light
+from lightprobe.prediction.observation import Observation
+from lightprobe.render.transport import Transport
+
+_RESOLUTION = 16  # texels along a cubemap edge of the transport looked at
+_SURROUNDINGS = 8  # the same of the blurred map that detail is measured against
+_PIXELS = 2048
+_PROBES = 4  # random sign vectors; three channels each
+_FLOOR = 0.02  # of the mean radiance: darker is all alike
+
+CAUSES = ("unseen", "unpinned", "bright", "dark", "rough")
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much each cause adds to the expected error of ln radiance, and what is left without any."""
+
+    unseen: float
+    unpinned: float
+    bright: float
+    dark: float
+    rough: float
+    least: float
+
+
+FITTED = Weights(unseen=0.0, unpinned=0.15, bright=0.25, dark=0.20, rough=0.40, least=0.52)
+# The error of maps that never met the photo's pixels did not follow what the photo pins.
+ESTIMATED = Weights(unseen=0.0, unpinned=0.0, bright=0.39, dark=0.0, rough=0.64, least=0.80)
+
+
+def confidence(observation: Observation, environment: Tensor, *, fitted: bool, seed: int, doubt: float = 0.0) -> Tensor:
+    """Return the confidence (6, R, R) in (0, 1) of a map (6, R, R, 3) predicted from `observation`; deterministic.
+
+    fitted: whether the map was fitted to the photo's pixels, which leaves errors of another kind.
+    doubt: what the photo's verdict adds to the error, >= 0 (`prediction.verdict`); 0 for a good photo.
+    """
+    weights = FITTED if fitted else ESTIMATED
+    error = torch.full_like(environment[..., 0], weights.least + doubt)
+    for name, cause in error_causes(observation, environment, seed).items():
+        error += getattr(weights, name) * cause
+    return torch.exp(-error)
+
+
+@torch.no_grad()
+def error_causes(observation: Observation, environment: Tensor, seed: int) -> dict[str, Tensor]:
+    """Return what may make the map wrong, each (6, R, R) >= 0, by the names in `CAUSES`."""
+    resolution = environment.shape[1]
+    causes = {
+        name: _lack(magnify_light(seen[..., None].expand(-1, -1, -1, 3).contiguous(), resolution)[..., 0])
+        for name, seen in zip(CAUSES, _evidence(observation, min(_RESOLUTION, resolution), seed), strict=False)
+    }
+    radiance = environment.mean(-1)
+    floor = _FLOOR * _mean(radiance)
+    if float(floor) <= 0:  # a black map: nothing stands out
+        return causes | {name: torch.zeros_like(radiance) for name in CAUSES[2:]}
+    folds = torch.log(radiance + floor)
+    around = magnify_light(resize_light(environment, min(_SURROUNDINGS, resolution)), resolution).mean(-1)
+    above = folds - _mean(folds)
+    detail = (folds - torch.log(around + floor)).abs()
+    return causes | {"bright": above.clamp(min=0), "dark": (-above).clamp(min=0), "rough": detail}
+
+
+def _evidence(observation: Observation, resolution: int, seed: int) -> tuple[Tensor, Tensor]:
+    """Return s and d (6, r, r) per steradian and per square steradian, from evenly chosen pixels."""
+    count = len(observation.rows)
+    device = observation.rows.device
+    chosen = torch.linspace(0, count - 1, min(count, _PIXELS), device=device).round().long()
+    transport = Transport(observation.gbuffer, prefilter.cached(resolution, device), observation.rows[chosen])
+    weight = relative_tone_weight(observation.pixels.color[chosen], observation.light_level)[:, None].expand(-1, 3)
+    weight = weight / weight.sum()
+    angle = cubemap.solid_angles(resolution, device)
+    seen = transport.adjoint(weight).mean(-1) / angle
+    pinned = torch.zeros_like(seen)
+    for probe in range(_PROBES):
+        signs = torch.randint(0, 2, weight.shape, generator=generator(seed, "confidence", probe)).to(weight) * 2 - 1
+        pinned += transport.adjoint(weight.sqrt() * signs).square().mean(-1)
+    return seen, pinned / (_PROBES * angle.square())
+
+
+def _lack(measure: Tensor) -> Tensor:
+    """Return 1 / (1 + measure / mean measure): 1 where there is none of it, 1/2 where there is as much as usual."""
+    return 1 / (1 + measure / _mean(measure).clamp_min(1e-30))
+
+
+def _mean(values: Tensor) -> Tensor:
+    angle = cubemap.solid_angles(values.shape[1], values.device)
+    return (values * angle).sum() / angle.sum()

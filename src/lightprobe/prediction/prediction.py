@@ -1,0 +1,55 @@
+"""What a prediction is, and its files."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from lightprobe.core.errors import ConfigError, ConvergenceError
+from lightprobe.imaging import write_exr
+from lightprobe.light.files import check_map_name, panorama, write_map
+from lightprobe.prediction.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The light around the object in one photo, in the input frame's axes and the photo's exposure."""
+
+    environment: Tensor  # (6, R, R, 3) linear radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
+    confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
+    seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
+    verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
+
+    def __post_init__(self) -> None:
+        """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no further."""
+        finite = self.environment.isfinite().all() & (self.environment >= 0).all() & self.confidence.isfinite().all()
+        if not finite:
+            raise ConvergenceError(
+                "The predicted light came out negative, infinite or NaN: check the photo, its camera and mask, try "
+                "another --method, or train the run anew."
+            )
+
+    def save(self, path: Path | str, confidence: Path | str | None = None) -> None:
+        """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has a path.
+
+        Raises `ConfigError` for other names, before anything is written.
+        """
+        path, confidence = Path(path), None if confidence is None else Path(confidence)
+        check_names(path, confidence)
+        write_map(path, panorama(self.environment))
+        if confidence is not None:
+            self.save_confidence(confidence)
+
+    def save_confidence(self, path: Path) -> None:
+        """Write the confidence as a one-channel equirectangular EXR."""
+        write_exr(path, panorama(self.confidence[..., None])[..., 0])
+
+
+def check_names(path: Path | None, confidence: Path | None) -> None:
+    """Raise `ConfigError` when a map and its confidence cannot be written under these names."""
+    if path is not None:
+        check_map_name(path)
+    if confidence is not None and confidence.suffix.lower() != ".exr":
+        raise ConfigError(f"Cannot write a confidence as '{confidence.name}': name it .exr.")
+    if path is not None and confidence is not None and path.resolve() == confidence.resolve():
+        raise ConfigError(f"Map and confidence would both be {path}: give them two names.")

@@ -1,0 +1,191 @@
+"""One photo in, the environment around the object out: the predictors behind one interface.
+
+    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo -> Prediction
+
+Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's plain
+network (`NetworkForm.PLAIN`) does not know that.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config_predict import Method, PredictConfig
+from lightprobe.core.device import full_precision
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.models import Decomposition
+from lightprobe.models.probe_model import ProbeModel
+from lightprobe.prediction.confidence import confidence
+from lightprobe.prediction.observation import Observation, observe
+from lightprobe.prediction.optimize import OptimizeConfig, brief, optimize_environment, refine_environment
+from lightprobe.prediction.prediction import Prediction
+from lightprobe.prediction.prior import calmed, constant_light, network_light, sampled_probes, stacked_light
+from lightprobe.prediction.solve import SolveConfig, solve_environment
+from lightprobe.prediction.verdict import Status, judge
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Pixels
+
+
+def methods_for(model: ProbeModel | None, config: PredictConfig | None = None) -> tuple[Method, ...]:
+    """Return the methods that a run with this model can compare in seconds a photo, the one to be used first.
+
+    That is the configured one if there is one and the run has the model for it, else the best.
+    """
+    if model is None:
+        return (Method.SOLVE, Method.CONSTANT)
+    every: tuple[Method, ...] = (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
+    if model.sphere is not None:
+        every = (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *every)
+    chosen = None if config is None else config.method
+    return every if chosen is None else (chosen, *(method for method in every if method is not chosen))
+
+
+def recorded_config(run: RunFolder) -> PredictConfig:
+    """Return the configuration that a run keeps for predictions; runs of before there was one get the usual one."""
+    return PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else PredictConfig()
+
+
+class Predictor:
+    """Predicts light for photos of one object; holds its asset, and the model when the learned methods are wanted."""
+
+    def __init__(
+        self,
+        decomposition: Decomposition,
+        model: ProbeModel | None = None,
+        device: torch.device | None = None,
+        *,
+        config: PredictConfig | None = None,
+        solve: SolveConfig | None = None,
+        optimize: OptimizeConfig | None = None,
+        seed: int = 0,
+    ):
+        """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset `quick`."""
+        self.device = full_precision(device or torch.device("cpu"))
+        self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
+        self.model = None if model is None else model.to(self.device)
+        self.config = config or PredictConfig()
+        self.solve = solve or SolveConfig()
+        self.optimize = optimize or OptimizeConfig()
+        self.refine = brief()
+        self.seed = seed
+
+    @staticmethod
+    def load(run: Path | str, device: torch.device | None = None, config: PredictConfig | None = None) -> "Predictor":
+        """Return the predictor of a run folder, with its model if Phase II has finished there.
+
+        Without `config` it predicts as the run is configured to.
+
+        Raises `InputError` when `run` is no run folder or Phase I has not finished in it.
+        """
+        folder, where = RunFolder.open(Path(run)), device or torch.device("cpu")
+        model = ProbeModel.load(folder.model_folder) if ProbeModel.exists(folder.model_folder) else None
+        return Predictor(
+            Decomposition.load(folder, where), model, where, config=config or recorded_config(folder)
+        )  # fmt: skip
+
+    @torch.no_grad()
+    def predict(
+        self, pixels: Pixels, camera: Camera, method: Method | None = None, *, refuse: bool = True
+    ) -> Prediction:
+        """Return the light in the photo `pixels` taken by the input-frame `camera`.
+
+        On a CPU the same call gives the same bits.
+        method: by default the first of `methods_for`. refuse: whether a photo may be refused; an evaluation scores all.
+
+        Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
+        `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
+        """
+        method = method or methods_for(self.model, self.config)[0]
+        clock = _Clock(self.device)
+        with clock.part("rasterise"):
+            camera = camera.normalised(self.decomposition.similarity)
+            observation = observe(self.decomposition.asset, pixels, camera, self.device, self.config.max_pixels)
+            chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
+        with clock.part("verdict"):
+            verdict = judge(observation, self.seed)
+        if refuse and verdict.status is Status.REFUSED:
+            raise InputError(" ".join(verdict.sentences))
+        environment = _PRIORS[method](self, observation, chosen, clock)
+        if method in _FITTED:
+            with clock.part("solve"):
+                environment = _FITTED[method](self, observation, environment)
+        with clock.part("confidence"):
+            trust = confidence(observation, environment, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+        return Prediction(environment, trust, clock.finish(), verdict)
+
+    def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        return constant_light(observation, self.config.light_resolution)
+
+    def _stacked(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        model, level, probes = self._trained(), observation.light_level, observation.pixels.take(chosen)
+        with clock.part("network"):
+            colors = model.network(probes, level)
+        with clock.part("stack"):
+            return stacked_light(model, colors, probes, level, self.config)
+
+    def _network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        model, probes = self._trained(), observation.pixels.take(chosen)
+        with clock.part("network"):
+            return network_light(model, observation, probes, chosen, self.config.light_resolution, self.seed)
+
+    def _calmed_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        return calmed(self._network(observation, chosen, clock), observation.light_level)
+
+    def _solved(self, observation: Observation, prior: Tensor) -> Tensor:
+        return solve_environment(observation, prior, self.solve, self.seed)
+
+    def _optimized(self, observation: Observation, prior: Tensor) -> Tensor:
+        return optimize_environment(observation, prior, self.optimize, self.seed)
+
+    def _refined(self, observation: Observation, prior: Tensor) -> Tensor:
+        return refine_environment(observation, prior, self.refine, self.seed)
+
+    def _trained(self) -> ProbeModel:
+        if self.model is None:
+            raise ConfigError("This run has no trained model; run `lightprobe distill` on it, or use --method solve.")
+        return self.model
+
+
+_PRIORS = {
+    Method.CONSTANT: Predictor._constant,
+    Method.SOLVE: Predictor._constant,
+    Method.OPTIMIZE: Predictor._constant,
+    Method.PROBE_MLP: Predictor._stacked,
+    Method.PROBE_MLP_SOLVE: Predictor._stacked,
+    Method.PROBE_NET: Predictor._network,
+    Method.PROBE_NET_SOLVE: Predictor._calmed_network,
+    Method.PROBE_NET_OPTIMIZE: Predictor._calmed_network,
+}
+_FITTED = {
+    Method.SOLVE: Predictor._solved,
+    Method.PROBE_MLP_SOLVE: Predictor._solved,
+    Method.PROBE_NET_SOLVE: Predictor._solved,
+    Method.OPTIMIZE: Predictor._optimized,
+    Method.PROBE_NET_OPTIMIZE: Predictor._refined,
+}
+
+
+class _Clock:
+    """Wall time of the parts of a prediction."""
+
+    def __init__(self, device: torch.device) -> None:
+        self._device = device
+        self._begin = time.perf_counter()
+        self._seconds = dict.fromkeys(("rasterise", "verdict", "network", "stack", "solve", "confidence"), 0.0)
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        if self._device.type == "cuda":  # its kernels run on while we go on
+            torch.cuda.synchronize(self._device)
+        self._seconds[name] += time.perf_counter() - begin
+
+    def finish(self) -> dict[str, float]:
+        return {**self._seconds, "total": time.perf_counter() - self._begin}

@@ -1,0 +1,100 @@
+"""First guesses of a photo's light.
+
+Notation: W(w) = mean_p D_p(w) the mean distribution of the sampled pixels (1/sr), Wbar its mean over the sphere, s the
+photo's light level, P the stacked probes (Equation 5), E_m the lessons' mean light relative to their levels.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.device import draw_rows, generator
+from lightprobe.core.errors import ConfigError
+from lightprobe.light import cubemap
+from lightprobe.light.resize import magnify_light, resize_light
+from lightprobe.models.probe_distribution import stack_everywhere
+from lightprobe.models.probe_maps import SOLVED_PIXELS, evidence, probe_maps
+from lightprobe.models.probe_model import ProbeModel
+from lightprobe.models.probe_pixels import ProbePixels
+from lightprobe.models.sampling import sample_pixels
+from lightprobe.models.sphere_net import light_of, mean_over_turns
+from lightprobe.prediction.observation import Observation
+from lightprobe.render.coarse_transport import CoarseTransport
+
+_TURNS = 6  # of the maps that the network answers; the mean of 24 is no better
+_HUE_KEPT = 0.25
+_CALM_DARK = 0.01  # relative to the light level: darker has no hue
+
+
+def sampled_probes(observation: Observation, share: float, seed: int) -> Tensor:
+    """Return the indices (N,) of a share of the trusted pixels, in order, smooth ones preferred (section 3.2.3)."""
+    count = math.ceil(share * len(observation.pixels))
+    return sample_pixels(observation.pixels.roughness, count, seed=seed, stream="predict-pixels").sort().values
+
+
+def constant_light(observation: Observation, resolution: int) -> Tensor:
+    """Return the grey map (6, R, R, 3) at the photo's light level."""
+    return observation.light_level.expand(6, resolution, resolution, 3).contiguous()
+
+
+def stacked_light(
+    model: ProbeModel, colors: Tensor, probes: ProbePixels, light_level: Tensor, config: PredictConfig
+) -> Tensor:
+    """Return the map (6, R, R, 3) of the network's probe `colors` (N, 3).
+
+    Directions at which hardly a pixel looks take over the light that is usual there:
+    E = (W P + e Wbar s E_m) / (W + e Wbar), e = `unseen_share`; with e = 0 the map is P (the paper).
+    """
+    stacked, weight = stack_everywhere(probes, colors, config.light_resolution, model.config.alpha_rule)
+    if config.unseen_share == 0:
+        return stacked
+    usual = light_level * resize_light(model.mean_light, config.light_resolution)
+    share = (config.unseen_share * _sphere_mean(weight)).clamp_min(1e-12)
+    seen = weight[..., None]
+    return (seen * stacked + share * usual) / (seen + share)
+
+
+def network_light(
+    model: ProbeModel, observation: Observation, probes: ProbePixels, chosen: Tensor, resolution: int, seed: int
+) -> Tensor:
+    """Return the sphere network's map (6, R, R, 3) from the pixels `probes`, which are the observation's `chosen`.
+
+    Raises `ConfigError` when the model was trained without that network.
+    """
+    if model.sphere is None:
+        raise ConfigError(
+            "This run was trained without the sphere network; distill it again with --distill.sphere-steps above 0."
+        )
+    level, seen = observation.light_level, observation.pixels
+    every = torch.arange(len(seen), device=chosen.device)
+    some = draw_rows(every, SOLVED_PIXELS, generator(seed, "subset/coarse-light"))
+    transport = CoarseTransport.of(observation.gbuffer.select(observation.rows[some]))
+    solved = evidence(transport, seen.color[some], level)
+    colors = model.network(probes, level)
+    clipped = observation.clipped[chosen]
+    maps = probe_maps(probes, colors, clipped, level, solved, model.up, model.config.alpha_rule)
+    predicted = mean_over_turns(model.sphere, maps[None], _TURNS)[0]
+    log_light = magnify_light(predicted.permute(1, 2, 3, 0).contiguous(), resolution)
+    return light_of(log_light.permute(3, 0, 1, 2), level)
+
+
+def calmed(light: Tensor, light_level: Tensor) -> Tensor:
+    """Return a map (6, R, R, 3) whose hues keep a quarter of their distance from the mean one, at the same brightness.
+
+    Which directions are bright, a network knows better than of what colour each is: lights are mostly greyer than the
+    surfaces they are read from. What the photo says about colour, a fit adds.
+    """
+    dark = _CALM_DARK * light_level
+    log = (light + dark).log()
+    brightness = log.mean(-1, keepdim=True)
+    hue = log - brightness
+    weight = brightness.exp() * cubemap.solid_angles(light.shape[1], light.device)[..., None]
+    mean = (hue * weight).sum((0, 1, 2)) / weight.sum()
+    return ((brightness + mean + _HUE_KEPT * (hue - mean)).exp() - dark).clamp(min=0)
+
+
+def _sphere_mean(weight: Tensor) -> Tensor:
+    angle = cubemap.solid_angles(weight.shape[1], weight.device)
+    return (weight * angle).sum() / (4 * math.pi)

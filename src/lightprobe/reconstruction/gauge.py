@@ -1,0 +1,85 @@
+"""How bright the surface is: the factor that light and base colour share, found by trying.
+
+A photo under an unknown light leaves it nearly open; only reflections that do not take the surface's colour tell. The
+gradient cannot be trusted with it: at a light that is not perfectly solved it points along the light's own errors (too
+dim a light asks for brighter colours), and visit by visit the two drift off together. So the mean base colour is held,
+and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
+
+A factor changes nothing but the base colours, to which roughness and metallic have fitted themselves, so it finds only
+the nearest good one. Once, when the shape is roughly known, the material is therefore fitted anew from several
+brightnesses (`reconstruction.material_trials`).
+
+Only the first checkpoints choose. Later the materials have grown used to what was chosen, and a choice follows their
+errors: a bottle of gilt and leather went on darkening by a tenth each time, to half its brightness.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import torch
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.imaging.photometry import displayed_error
+from lightprobe.reconstruction.agreement import render
+from lightprobe.reconstruction.lights import Lights, solve_target_light
+from lightprobe.reconstruction.photos import Target
+from lightprobe.render.gbuffer import GBuffer
+
+CHOICES = 4  # checkpoints that choose
+TRIALS_AT = 2  # which of them fits the material anew
+START = 0.45  # mean linear base colour that Phase I starts with
+DARKEST, BRIGHTEST = 0.02, 0.8  # mean linear base colours that no choice goes beyond
+_PHOTOS = 8
+_STEP = math.log(1.4)  # factors tried: one over, none and once this
+_REACH = 1.5  # of it, at most, in one choice
+
+
+def spread(targets: list[Target], count: int = _PHOTOS) -> list[Target]:
+    """Return `count` photos spread evenly over the list, all where there are fewer."""
+    count = min(count, len(targets))
+    return [targets[int((k + 0.5) * len(targets) / count)] for k in range(count)]
+
+
+@torch.no_grad()
+def choose_brightness(
+    shown: Iterable[tuple[Target, GBuffer]], lights: Lights, config: DecomposeConfig, step: int, mean: float
+) -> float:
+    """Return the factor on all base colours under which photos re-render best, lights solved anew; deterministic.
+
+    `shown`: photos, and the present asset's G-buffers in them; `mean`: its mean base colour.
+    """
+    errors = torch.zeros(3, dtype=torch.float64)
+    for target, gbuffer in shown:
+        rows = lights.rows(target, gbuffer, step, config.light_solve_pixels)
+        if len(rows) > 0:
+            pixels = gbuffer.select(rows)
+            for i in range(3):
+                errors[i] += _error(target, pixels, lights, math.exp((i - 1) * _STEP), config)
+    return min(max(_least(*errors.tolist()), DARKEST / mean), BRIGHTEST / mean)
+
+
+def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float, config: DecomposeConfig) -> float:
+    """Return the mean displayed error of pixels with base colours times `factor`."""
+    pixels = brightened(pixels, factor)
+    light = lights.maps[lights.index[target.name]].detach() / factor
+    observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
+    every = torch.arange(len(observed), device=observed.device)
+    # Twice, as the light so far is that of another state of the asset.
+    light = solve_target_light(observed, clipped, pixels, light, every, config, times=2)
+    return float(displayed_error(render(pixels, light), observed, clipped))
+
+
+def brightened(pixels: GBuffer, factor: float) -> GBuffer:
+    """Return the pixels with base colours times `factor`, at most 1, also of what they see of the object."""
+    around = None if pixels.openness is None else pixels.openness.brightened(factor)
+    return replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1), openness=around)
+
+
+def _least(below: float, here: float, above: float) -> float:
+    """Return the factor with the least error, by the parabola through the errors of the three that were tried."""
+    curvature = below - 2 * here + above
+    if curvature <= 0:
+        return math.exp(math.copysign(_STEP, below - above)) if below != above else 1.0
+    best = 0.5 * (below - above) / curvature
+    return math.exp(_STEP * min(max(best, -_REACH), _REACH))

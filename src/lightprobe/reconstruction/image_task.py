@@ -1,0 +1,160 @@
+"""The first two passes' task: whole photos, silhouettes included, one per step."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig, ImageLoss
+from lightprobe.core.device import generator, sent
+from lightprobe.reconstruction.frame_loss import frame_loss
+from lightprobe.reconstruction.gauge import CHOICES, TRIALS_AT, choose_brightness, spread
+from lightprobe.reconstruction.lattice_model import LatticeModel, Seen
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
+from lightprobe.reconstruction.material_trials import PHOTOS, Sample, best_trial
+from lightprobe.reconstruction.optimisation import Stage, photo_order
+from lightprobe.reconstruction.photos import Target
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import View
+
+_POINTS = 512  # whose materials are compared in a step
+
+
+class Model(Protocol):
+    """The unknowns of a pass."""
+
+    @property
+    def mean_color(self) -> Tensor:
+        """The mean () that base colours are held at."""
+
+    def groups(self) -> list[dict]:
+        """Return the optimiser's parameter groups."""
+
+    def see(self, view: View, step: int, progress: float) -> Seen:
+        """Return what a camera sees, and the regularisation loss."""
+
+    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+        """Yield the G-buffers of the present surface in several views, without gradient."""
+
+    def parameters(self):
+        """Return the trainable tensors, as `torch.nn.Module` does."""
+
+    def renew(self) -> None:
+        """Update what follows the surface only now and then: its shadows, and the colours it sees around it."""
+
+    def brighten(self, factor: float) -> None:
+        """Multiply all base colours, and the mean they are held at, by `factor`."""
+
+    def project(self) -> None:
+        """Bring parameters back into their valid ranges after a step."""
+
+
+@dataclass
+class ImageTask:
+    """Fit a model and the lights to photos, one after the other."""
+
+    model: Model
+    targets: list[Target]
+    lights: Lights
+    stage: Stage
+    config: DecomposeConfig
+    seed: int
+
+    def groups(self) -> list[dict]:
+        """Return the model's parameter groups."""
+        return self.model.groups()
+
+    def project(self) -> None:
+        """Bring the model's parameters back into their valid ranges."""
+        self.model.project()
+
+    def photos(self, iteration: int) -> str:
+        """Return the name of the photo of a step, in quotes."""
+        return f"'{self.target(iteration).name}'"
+
+    def refresh(self, iteration: int, fraction: float) -> None:
+        """Renew the shadows; early on also choose the base colours' brightness, its product with each light kept."""
+        self.model.renew()
+        step = self.stage.first_step + iteration
+        late = step > CHOICES * self.config.checkpoint_every
+        if iteration == 0 or late or self.config.brightness_anchor == 0:
+            return
+        due = self.config.trial_steps > 0 and iteration == TRIALS_AT * self.config.checkpoint_every
+        if due and isinstance(self.model, LatticeModel):
+            self._try_materials(self.model, fraction)
+        chosen = spread(self.targets)
+        shown = zip(chosen, self.model.look([target.view for target in chosen], fraction), strict=True)
+        mean = float(self.model.mean_color)
+        factor = choose_brightness(shown, self.lights, self.config, step, mean)
+        self.model.brighten(factor)
+        self.lights.dim(factor)
+
+    def _try_materials(self, model: LatticeModel, fraction: float) -> None:
+        """Give the model the material of another brightness where that explains the photos better."""
+        chosen, mean = spread(self.targets, PHOTOS), float(model.mean_color)
+        shown = zip(chosen, model.look([target.view for target in chosen], fraction), strict=True)
+        samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
+        best = best_trial(samples, self.lights, mean, self.config, self.seed)
+        if best is None:
+            return
+        trial, factor = best
+        self.lights.dim(float(trial.material.mean_color) / mean)
+        for name, light in trial.lights.items():
+            self.lights.replace(name, light)
+        model.material.take_over(trial.material)
+        model.renew()
+        model.brighten(factor)
+        self.lights.dim(factor)
+
+    @property
+    def steady(self) -> bool:
+        """Whether a step depends on what it is given alone: no, each photo covers another number of pixels."""
+        return False
+
+    def given(self, iteration: int) -> tuple[Tensor, ...]:
+        """Return nothing, as `loss` finds its photo by itself."""
+        return ()
+
+    def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
+        """Return the loss of one photo: image, coverage, light and model regularisation."""
+        target, step = self.target(iteration), self.stage.first_step + iteration
+        seen = self.model.see(target.view, step, fraction)
+        levels, light_loss = self.lights.levels(target, seen.gbuffer, step)
+        radiance = shade(seen.gbuffer, self.lights.prefilter, levels)
+        return self.compare(target, seen, radiance, step) + light_loss
+
+    def compare(self, target: Target, seen: Seen, radiance: Tensor, step: int) -> Tensor:
+        """Return the loss of a photo shaded to `radiance` (K, 3), all but the light's own."""
+        pixel, view = seen.gbuffer.pixel, target.view
+        crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, pixel, view)
+        cover = coverage(pixel, crossings, view.height * view.width)
+        image = spread_color(radiance, pixel, crossings, cover)
+        background = sent(torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device)
+        kind, weight = self.config.image_loss, self.config.coverage_weight
+        if kind is ImageLoss.OBJECT:
+            loss = image_loss(image, cover, target, background, weight)
+        else:
+            loss = frame_loss(image, cover, target.color, target.alpha, background, weight, kind)
+        loss = loss + seen.regularisation
+        if self.config.color_gauge > 0:  # the cast takes a look at every light
+            loss = loss + self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
+        return loss + self._few_metals(seen.gbuffer, step)
+
+    def _few_metals(self, gbuffer: GBuffer, step: int) -> Tensor:
+        """Return the weighted entropy of the metals at some of the points of a G-buffer."""
+        weight = self.config.parsimony * min(1.0, max(0.0, step / (0.25 * self.config.pass1_iterations) - 1))
+        if weight == 0 or len(gbuffer.pixel) == 0:
+            return gbuffer.base_color.new_zeros(())
+        random = generator(self.seed, "parsimony", step)
+        rows = sent(torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random), gbuffer.pixel.device)
+        material = (gbuffer.base_color, gbuffer.roughness, gbuffer.metallic)
+        return weight * metal_parsimony(*(channel.index_select(0, rows) for channel in material))
+
+    def target(self, iteration: int) -> Target:
+        """Return the photo of a step."""
+        return self.targets[photo_order(self.seed, self.stage.name, len(self.targets), iteration)]

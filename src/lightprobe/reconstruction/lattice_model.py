@@ -1,0 +1,191 @@
+"""The first pass's unknowns: signed distances and offsets on a lattice, and the material field."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from lightprobe.core.config import DecomposeConfig, SdfMode
+from lightprobe.core.device import generator, sent
+from lightprobe.core.errors import ConvergenceError
+from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra, sign_change_loss
+from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
+from lightprobe.reconstruction.coarse_grids import CoarseGrids
+from lightprobe.reconstruction.gauge import START
+from lightprobe.reconstruction.moving_shadows import MovingShadows
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.reconstruction.start import Start
+from lightprobe.render.asset import gbuffer_of
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.silhouette import outline_vertices
+from lightprobe.render.surface import View, face_camera, visible_surface
+
+_FITTED = 16_384  # points at most in a step that fits the network of distances to a shape
+_COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a model shows to one camera, before shading."""
+
+    gbuffer: GBuffer
+    screen: Tensor  # (V, 3) projected vertices
+    faces: Tensor  # (F, 3)
+    edges: EdgeFaces
+    regularisation: Tensor  # scalar
+
+
+class DistanceMlp(nn.Module):
+    """Signed distance as an MLP of encoded position: three hidden layers of 64."""
+
+    scales: Tensor
+
+    def __init__(self, random: torch.Generator):
+        super().__init__()
+        self.register_buffer("scales", 2.0 ** torch.arange(6) * torch.pi)
+        widths = (3 + 36, 64, 64, 64, 1)
+        self.weights = nn.ParameterList(
+            torch.randn(a, b, generator=random) * (2 / a) ** 0.5 for a, b in itertools.pairwise(widths)
+        )
+        self.biases = nn.ParameterList(torch.zeros(b) for b in widths[1:])
+
+    def forward(self, points: Tensor) -> Tensor:
+        """Return distances (V,) at points (V, 3)."""
+        angles = (points[:, :, None] * self.scales).flatten(1)
+        x = torch.cat([points, torch.sin(angles), torch.cos(angles)], 1)
+        for weight, bias in zip(list(self.weights)[:-1], list(self.biases)[:-1], strict=True):
+            x = torch.nn.functional.softplus(torch.addmm(bias, x, weight), beta=100)
+        return torch.addmm(self.biases[-1], x, self.weights[-1])[:, 0]
+
+    def fit(self, points: Tensor, distance: Tensor, steps: int, random: torch.Generator) -> None:
+        """Fit the network to distances (V,) given at points (V, 3), so that training starts from a shape."""
+        optimiser, count = torch.optim.Adam(self.parameters(), lr=1e-3), min(_FITTED, len(points))
+        for _ in range(steps):
+            some = sent(torch.randint(0, len(points), (count,), generator=random), points.device)
+            optimiser.zero_grad()
+            loss = (self(points[some]) - distance[some]).abs().mean()
+            loss.backward()
+            optimiser.step()
+
+
+class LatticeModel(nn.Module):
+    """Distances (direct or MLP), bounded offsets, and the material field."""
+
+    def __init__(self, start: Start, config: DecomposeConfig, device: torch.device, seed: int):
+        super().__init__()
+        self.lattice = start.lattice.to(device)
+        self.config = config
+        self.seed = seed
+        initial = start.distance.to(device)
+        if config.sdf is SdfMode.MLP:
+            self.mlp = DistanceMlp(generator(seed, "sdf")).to(device)
+            self.mlp.fit(self.lattice.vertices, initial, steps=400, random=generator(seed, "sdf-fit"))
+        else:
+            self.distance = nn.Parameter(initial)
+            self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
+        self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
+        self.shadows: MovingShadows | None = None
+        self.material = ScaledMaterial(START, config, device, seed)
+
+    def groups(self) -> list[dict]:
+        """Return the optimiser's parameter groups."""
+        rate, material = self.config.learning_rate_geometry, self.config.learning_rate_material
+        if self.config.sdf is SdfMode.MLP:
+            shape = [{"params": list(self.mlp.parameters()), "lr": self.config.sdf_rate * rate}]
+        else:
+            # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths of a cell.
+            cells = rate * self.lattice.cell
+            shape = [{"params": [self.distance], "lr": cells},
+                     {"params": list(self.coarse.values), "lr": _COARSE_RATE * cells}]  # fmt: skip
+        return [
+            *shape,
+            {"params": [self.offset], "lr": rate},
+            {"params": list(self.material.field.parameters()), "lr": material},
+            {"params": [self.material.brightness], "lr": 0.0},
+        ]
+
+    def distances(self) -> Tensor:
+        """Return the signed distances (V,), forced positive on the lattice's border so that the surface is closed."""
+        if self.config.sdf is SdfMode.MLP:
+            free = self.mlp(self.lattice.vertices)
+        else:
+            free = self.distance + self.coarse()
+        return torch.where(self.lattice.boundary, free.detach().clamp(min=0.5 * self.lattice.cell), free)
+
+    def surface(self, distance: Tensor, crossing: Crossing) -> tuple[Tensor, Tensor]:
+        """Return the triangles of the zero set; raise `ConvergenceError` when there is none."""
+        positions = self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
+        vertices, faces = marching_tetrahedra(self.lattice, crossing, positions, distance)
+        if len(faces) == 0:
+            raise ConvergenceError("The surface vanished while fitting; check the masks and cameras with `inspect`.")
+        return vertices, faces
+
+    @property
+    def mean_color(self) -> Tensor:
+        """The mean () that base colours are held at."""
+        return self.material.mean_color
+
+    @torch.no_grad()
+    def brighten(self, factor: float) -> None:
+        """Multiply all base colours, and the mean they are held at, by `factor`."""
+        self.material.brightness.mul_(factor)
+        self.shadows = None if self.shadows is None else self.shadows.brightened(factor)
+
+    def see(self, view: View, step: int, progress: float) -> Seen:
+        """Return what the camera sees; `progress` in [0, 1] drives the regularisers' schedule."""
+        distance = self.distances()
+        crossing = Crossing.of(self.lattice, distance)
+        vertices, faces = self.surface(distance, crossing)
+        screen = view.project(vertices)
+        gbuffer, material = self._shown(view, vertices, faces, screen, progress)
+        weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
+        loss = weight * sign_change_loss(self.lattice, crossing, distance)
+        covered = len(gbuffer.position) / (gbuffer.height * gbuffer.width)
+        loss = loss + self.material.loss(gbuffer.position, material, step, covered)
+        edges = edge_faces(faces, outline_vertices(screen, faces))
+        return Seen(gbuffer, screen, faces, edges, loss)
+
+    @torch.no_grad()
+    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+        """Yield the G-buffers of the present surface in several views."""
+        vertices, faces = self._present()
+        for view in views:
+            yield self._shown(view, vertices, faces, view.project(vertices), progress)[0]
+
+    def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float
+               ) -> tuple[GBuffer, Tensor]:  # fmt: skip
+        """Return the G-buffer of a surface projected to `screen`, and the material (P, 8) of its pixels."""
+        surface = visible_surface(vertices, faces, view, screen)
+        openness = None if self.shadows is None else self.shadows.at(vertices, faces, surface)
+        material = self.material(surface.position)
+        normal = surface.interpolate(vertex_normals(vertices, faces), faces)
+        # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
+        ramp = self.config.normal_ramp
+        share = 1.0 if ramp == 0 else min(1.0, progress / ramp)
+        normal = face_camera(
+            torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * share, surface.view
+        )
+        return gbuffer_of(surface, view, normal, material, openness), material
+
+    def _present(self) -> tuple[Tensor, Tensor]:
+        distance = self.distances()
+        return self.surface(distance, Crossing.of(self.lattice, distance))
+
+    @torch.no_grad()
+    def renew(self) -> None:
+        """Find anew what the present surface sees of itself."""
+        if self.config.shadows:
+            vertices, faces = self._present()
+            self.shadows = MovingShadows.of(vertices, faces, self.material(vertices)[:, :3])
+
+    def project(self) -> None:
+        """Do nothing: every quantity is valid by construction."""
+
+    @torch.no_grad()
+    def extract(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the present surface as arrays, vertices (V, 3) float32 and faces (F, 3) int32."""
+        vertices, faces = self._present()
+        return vertices.cpu().numpy(), faces.cpu().numpy()

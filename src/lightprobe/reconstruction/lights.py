@@ -1,0 +1,110 @@
+"""The environments of the training photos while the asset is still changing.
+
+With geometry and material held, a photo is linear in its light. So each visit can solve for the light in closed form
+(`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
+"""
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.core.device import generator, sent
+from lightprobe.imaging.photometry import tone_weight
+from lightprobe.light import prefilter as prefilters
+from lightprobe.reconstruction.photos import Target
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.refit import refit_contrast
+from lightprobe.render.transport import Transport, solve_light
+
+
+def solve_target_light(
+    observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, config: DecomposeConfig,
+    times: int = 1,
+) -> Tensor:  # fmt: skip
+    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer best, from `start`.
+
+    observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
+    not pin are pulled towards the mean colour of `start`. It is solved so `times` times, each time from the last light.
+    """
+    transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
+    weight, light = tone_weight(observed.mean(1)), start
+    for _ in range(times):
+        prior = light.mean((0, 1, 2)).expand_as(light)
+        light = solve_light(
+            transport, observed, weight, clipped, prior,
+            regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=light,
+        )  # fmt: skip
+        light = refit_contrast(transport, light, observed, clipped)
+    return light
+
+
+class Lights:
+    """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights alone."""
+
+    def __init__(self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int):
+        self.index = {name: i for i, name in enumerate(names)}
+        self.config = config
+        self.seed = seed
+        resolution = config.light_resolution
+        self.gradient = config.light_update is LightUpdate.GRADIENT
+        shape = (6, resolution, resolution, 3)
+        self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
+        self.prefilter = prefilters.cached(resolution, device)
+
+    def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
+        """Return up to `count` rows of the G-buffer that lie inside the mask, drawn without replacement."""
+        inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+        draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
+        return inside[sent(draw[:count], inside.device)]
+
+    def levels(self, target: Target, gbuffer: GBuffer, step: int) -> tuple[Tensor, Tensor]:
+        """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss."""
+        row = self.index[target.name]
+        if self.gradient:
+            return self.prefilter.apply(self.maps[row]), self.regularisation(row)
+        rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
+        if len(rows) > 0:
+            at = gbuffer.pixel[rows]
+            self.maps[row] = solve_target_light(
+                target.color[at], target.clipped[at], gbuffer, self.maps[row], rows, self.config
+            )
+        return self.prefilter.apply(self.maps[row]), self.regularisation(row)
+
+    def regularisation(self, row: int) -> Tensor:
+        """Return what a light fitted by gradients costs for not being grey; a solved one costs nothing."""
+        light = self.maps[row]
+        if not self.gradient:
+            return light.new_zeros(())
+        return self.config.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
+
+    def cast(self) -> Tensor:
+        """Return by how much the lights are brighter in each channel than on the average, (3,), in logarithms."""
+        means = torch.stack([light.detach().mean((0, 1, 2)) for light in self.maps]).clamp(min=1e-4).log().mean(0)
+        return means - means.mean()
+
+    @torch.no_grad()
+    def dim(self, factor: float) -> None:
+        """Divide every light by `factor`, in place: an optimiser may hold them."""
+        for light in self.maps:
+            light.div_(factor)
+
+    @torch.no_grad()
+    def replace(self, name: str, light: Tensor) -> None:
+        """Put `light` (6, R, R, 3) in place of a photo's, in place."""
+        self.maps[self.index[name]].copy_(light)
+
+    def clamp(self) -> None:
+        """Keep gradient-fitted lights non-negative."""
+        if self.gradient:
+            with torch.no_grad():
+                for light in self.maps:
+                    light.clamp_(min=0)
+
+    @torch.no_grad()
+    def load(self, stacked: Tensor) -> None:
+        """Take over lights (N, 6, R, R, 3) >= 0; raise `ValueError` when they are not one for each of these."""
+        wanted = (len(self.maps), *self.maps[0].shape)
+        if tuple(stacked.shape) != wanted or bool((stacked < 0).any()):
+            raise ValueError(f"'lights' are {tuple(stacked.shape)}, not {wanted} and 0 or more")
+        for light, stored in zip(self.maps, stacked, strict=True):
+            light.copy_(stored)

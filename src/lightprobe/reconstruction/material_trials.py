@@ -1,0 +1,133 @@
+"""The first pass's material fitted anew from several brightnesses, and the one kept under which parts agree best.
+
+Bright and matte, or dark and glossy: either explains most photos when roughness, metallic and lights have fitted
+themselves to it, so that no small step leads from one to the other. So each is fitted for a short time on the surface
+as it is, which costs a fraction of as many steps of the pass, and judged by `reconstruction.agreement`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import draw_rows, generator
+from lightprobe.imaging.photometry import displayed_error
+from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
+from lightprobe.reconstruction.lights import Lights, solve_target_light
+from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.render.gbuffer import GBuffer
+
+PHOTOS = 32  # that a trial learns from
+STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours tried
+_PIXELS = 1536  # of each photo
+_RATE = 2.0  # of the pass's material, as the trial is short
+_JUDGES = 8  # of the photos
+_ALIKE = 1.6  # a brightness within this factor of the present one is no reason to start over
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Some pixels of a photo on the present surface."""
+
+    name: str
+    pixels: GBuffer  # P pixels
+    color: Tensor  # (P, 3) linear
+    clipped: Tensor  # (P, 3) bool
+    covered: float  # share of the photo that the object covers
+
+    @staticmethod
+    def of(target: Target, gbuffer: GBuffer, seed: int) -> "Sample":
+        """Return pixels of a photo that lie wholly inside its mask, drawn at random."""
+        inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+        rows = draw_rows(inside, _PIXELS, generator(seed, f"trial/{target.name}"))
+        pixels = gbuffer.select(rows)
+        covered = len(gbuffer.pixel) / (gbuffer.height * gbuffer.width)
+        return Sample(target.name, pixels, target.color[pixels.pixel], target.clipped[pixels.pixel], covered)
+
+    def of_material(self, material: Tensor) -> GBuffer:
+        """Return the pixels with a material (P, 8), its normal offsets left out."""
+        return replace(self.pixels, base_color=material[:, :3], roughness=material[:, 3], metallic=material[:, 4])
+
+
+class Trial:
+    """A new material on a fixed surface, and its lights."""
+
+    def __init__(self, mean: float, samples: Sequence[Sample], lights: Lights, factor: float, config: DecomposeConfig,
+                 seed: int):  # fmt: skip
+        """Start from the mean base colour `mean`, and from the `lights` divided by `factor`."""
+        self.samples, self.config, self.seed = samples, config, seed
+        device = lights.maps[0].device
+        self.material = ScaledMaterial(mean, config, device, seed)
+        self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
+
+    def fit(self) -> None:
+        """Fit the material to the samples, one photo a step, each photo's light solved at each visit."""
+        rate = _RATE * self.config.learning_rate_material
+        trained = [p for p in self.material.parameters() if p.requires_grad]
+        optimiser = torch.optim.Adam(trained, lr=rate, betas=(0.9, 0.99), eps=1e-12, fused=True)
+        steps = self.config.trial_steps
+        for step in range(steps):
+            optimiser.param_groups[0]["lr"] = rate * 0.1 ** (step / steps)
+            optimiser.zero_grad(set_to_none=True)
+            self._loss(self.samples[step % len(self.samples)], step).backward()
+            optimiser.step()
+
+    def _loss(self, sample: Sample, step: int) -> Tensor:
+        material = self.material(sample.pixels.position)
+        pixels = sample.of_material(material)
+        every = torch.arange(len(sample.color), device=sample.color.device)
+        with torch.no_grad():
+            light = solve_target_light(
+                sample.color, sample.clipped, pixels, self.lights[sample.name], every, self.config
+            )
+        self.lights[sample.name] = light
+        image = displayed_error(render(pixels, light), sample.color, sample.clipped)
+        return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
+
+    @torch.no_grad()
+    def error(self) -> float:
+        """Return the logarithm of how much parts of the object disagree about their lights, mean over splits."""
+        errors = torch.zeros(SPLITS, dtype=torch.float64)
+        for sample in self.samples[:: max(1, len(self.samples) // _JUDGES)]:
+            pixels = sample.of_material(self.material(sample.pixels.position))
+            random = generator(self.seed, f"halves/{sample.name}")
+            found = disagreement(pixels, sample.color, sample.clipped, self.lights[sample.name], self.config, random)
+            errors += 0.0 if found is None else found
+        return float(errors.clamp(min=1e-9).log().mean())
+
+
+def best_trial(
+    samples: Sequence[Sample], lights: Lights, mean: float, config: DecomposeConfig, seed: int
+) -> tuple[Trial, float] | None:
+    """Return the trial under which parts agree best, and the factor on its base colours that would be best.
+
+    None when the present mean base colour `mean` is as good, or when no sample has pixels; deterministic.
+    """
+    samples = [sample for sample in samples if len(sample.color) > 0]
+    if not samples:
+        return None
+    trials, errors = [], []
+    for start in STARTS:
+        trial = Trial(start, samples, lights, start / mean, config, seed)
+        trial.fit()
+        trials.append(trial)
+        errors.append(trial.error())
+    best = min(range(len(STARTS)), key=errors.__getitem__)
+    factor = _vertex(errors, best)
+    ratio = STARTS[best] * factor / mean
+    return None if 1 / _ALIKE <= ratio <= _ALIKE else (trials[best], factor)
+
+
+def _vertex(errors: list[float], best: int) -> float:
+    """Return where the parabola through the least error and its neighbours is lowest, relative to the least one."""
+    if not 0 < best < len(errors) - 1:
+        return 1.0
+    left, here, right = (math.log(STARTS[k]) for k in (best - 1, best, best + 1))
+    below, least, above = (errors[k] for k in (best - 1, best, best + 1))
+    first, second = (least - below) / (here - left), (above - least) / (right - here)
+    slope = (second - first) / (right - left)
+    return math.exp(0.5 * (left + here) - 0.5 * first / slope - here) if slope > 0 else 1.0

@@ -1,0 +1,59 @@
+"""How well an asset explains photos it was not fitted to: the guard of the second pass, and the final lights."""
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.device import generator
+from lightprobe.imaging import srgb_encode
+from lightprobe.imaging.photometry import one_sided
+from lightprobe.light import prefilter as prefilters
+from lightprobe.light.resize import magnify_light
+from lightprobe.reconstruction.lights import solve_target_light
+from lightprobe.reconstruction.photos import Target
+from lightprobe.render.asset import Asset, asset_gbuffer
+from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import visible_surface
+
+_ROUNDS = 3  # solves from scratch, each pulled towards the mean of the one before
+
+
+@torch.no_grad()
+def explain(
+    asset: Asset, target: Target, resolution: int, config: DecomposeConfig, seed: int, start: Tensor | None = None
+) -> tuple[GBuffer, Tensor]:
+    """Return the G-buffer of the asset in a photo and the light (6, R, R, 3) solved for it.
+
+    From scratch, or from a light `start` (6, r, r, 3) that needs only a few more steps.
+    """
+    surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
+    gbuffer = asset_gbuffer(asset, surface, target.view)
+    inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+    draw = torch.randperm(len(inside), generator=generator(seed, f"explain/{target.name}"))
+    rows = inside[draw[: 2 * config.light_solve_pixels].to(inside.device)]
+    rounds = _ROUNDS if start is None else 1
+    grey = torch.full((6, resolution, resolution, 3), 0.5, device=gbuffer.normal.device)
+    light = grey if start is None else magnify_light(start, resolution)
+    if len(rows) == 0:
+        return gbuffer, light
+    at = gbuffer.pixel[rows]
+    for _ in range(rounds):
+        light = solve_target_light(target.color[at], target.clipped[at], gbuffer, light, rows, config)
+    return gbuffer, light
+
+
+@torch.no_grad()
+def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> float:
+    """Return the mean masked sRGB PSNR in dB of photos re-rendered under lights solved for them."""
+    operator = prefilters.cached(config.light_resolution, asset.mesh.vertices.device)
+    scores = []
+    for target in targets:
+        gbuffer, light = explain(asset, target, config.light_resolution, config, seed)
+        image = torch.zeros_like(target.color)
+        image[gbuffer.pixel] = shade(gbuffer, operator, operator.apply(light))
+        inside = target.alpha > 0.5
+        ours = one_sided(image[inside], target.color[inside], target.clipped[inside]).clamp(0, 1)
+        error = (srgb_encode(ours) - srgb_encode(target.color[inside].clamp(0, 1))).square().mean()
+        scores.append(float(-10 * torch.log10(error.clamp(min=1e-10))))
+    return sum(scores) / len(scores)

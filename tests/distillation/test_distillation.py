@@ -1,0 +1,264 @@
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.config_distill import (
+    AlphaRule,
+    DistillConfig,
+    LossSpace,
+    NetworkForm,
+    RadianceUnit,
+    TotalDistribution,
+)
+from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
+from lightprobe.distillation import training
+from lightprobe.distillation.sphere_training import fill_album
+from lightprobe.distillation.training import train
+from lightprobe.light import cubemap
+from lightprobe.light.resize import resize_light
+from lightprobe.models import ProbeModel
+from lightprobe.models.probe_distribution import alpha2, mean_distribution, stack, total_distribution
+from lightprobe.models.probe_model import new_network, new_sphere
+from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
+from tests.tape import compute_as_a_gpu_does, record_on_tape
+
+CONFIG = DistillConfig(
+    steps=40, samples=256, width=32, depth=2, checkpoint_every=20, sphere_steps=10, sphere_batch=2, sphere_width=4
+)
+MLP_ONLY = replace(CONFIG, sphere_steps=0)
+DIRECTIONS = cubemap.directions(16).reshape(-1, 3)
+
+
+@pytest.fixture(scope="module")
+def photos():
+    return lessons(glossy_sphere())
+
+
+def predicted(model, lesson):
+    colors = model.network(lesson.pixels, lesson.light_level)
+    radiance, _ = stack(lesson.pixels, colors, DIRECTIONS, model.config.alpha_rule)
+    return radiance / lesson.light_level
+
+
+def log_error(model, lesson):
+    """Root mean square of the log difference where the photo looks."""
+    seen = lesson.distribution > lesson.distribution.mean()
+    return float((torch.log1p(predicted(model, lesson)) - torch.log1p(lesson.teacher))[seen].square().mean().sqrt())
+
+
+def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
+    network, up = new_network(CONFIG).requires_grad_(False), photos[0].up
+    untrained = ProbeModel(network, torch.ones(6, 16, 16, 3), up, CONFIG)
+    model = train(photos, replace(MLP_ONLY, steps=250, width=64, learning_rate=2e-3), CPU, seed=0)
+    before, after = (sum(log_error(m, photo) for photo in photos) for m in (untrained, model))
+    assert after < 0.75 * before
+    for patch, photo in zip(PATCHES, photos, strict=True):
+        axis = torch.nn.functional.normalize(torch.tensor(patch), dim=0)
+        excess = (predicted(model, photo).mean(-1) - 1.0).clamp(min=0)[:, None]
+        centre = torch.nn.functional.normalize((DIRECTIONS * excess).sum(0), dim=0)
+        assert float(centre @ axis) > 0.9, f"{photo.name}: bright towards {centre.tolist()}, truth {patch}"
+
+
+def weights(model):
+    """Return the weights of both networks by name."""
+    return {f"{part}.{k}": v for part in ("network", "sphere") for k, v in getattr(model, part).state_dict().items()}
+
+
+def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
+    first, second, other = (weights(train(photos, CONFIG, CPU, seed=s)) for s in (1, 1, 2))
+    assert all(torch.equal(first[k], second[k]) for k in first)
+    for name in ("network.layers.0.weight", "sphere.fine.0.conv.weight"):
+        assert not torch.equal(first[name], other[name])
+
+
+def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
+    compute_as_a_gpu_does(monkeypatch)
+    config = replace(CONFIG, steps=12, sphere_steps=8)
+
+    heard = {}
+    single = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.setdefault(step, loss))
+    recorders = record_on_tape(monkeypatch, training)
+    recorded = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.update({step: loss - heard[step]}))
+    assert [recorder.replays for recorder in recorders] == [9, 5]
+    assert max(abs(difference) for difference in heard.values()) < 1e-5
+    before, after = weights(single), weights(recorded)
+    for name, value in before.items():
+        assert torch.allclose(after[name], value, rtol=1e-4, atol=1e-6), name
+
+
+@torch.no_grad()
+def test_networks_give_floats_in_mixed_precision(photos):
+    network, sphere, photo = new_network(CONFIG), new_sphere(replace(CONFIG, sphere_width=24)), photos[0]
+    maps = fill_album(network, photos[:1], CONFIG, 0).maps
+    for forward in (lambda: network(photo.pixels, photo.light_level), lambda: sphere(maps)):
+        exact = forward()
+        with torch.autocast("cpu", torch.bfloat16):
+            mixed = forward()
+        assert mixed.dtype == torch.float32
+        assert not torch.equal(mixed, exact)
+        assert float((mixed - exact).norm() / exact.norm()) < 0.02
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+@pytest.mark.filterwarnings("error:Steps cannot be recorded", "error:The CUDA Graph is empty")
+def test_a_gpu_learns_from_recordings_what_it_learns_step_by_step(photos, monkeypatch):
+    device = torch.device("cuda", 0)
+    moved = [
+        replace(photo, **{name: value.to(device) for name, value in vars(photo).items() if hasattr(value, "to")})
+        for photo in photos
+    ]
+    monkeypatch.setattr(training, "_mixed", lambda network, device: network)
+    start = {f"{part}.{k}": v for part, net in (("network", new_network(CONFIG, 3)), ("sphere", new_sphere(CONFIG, 3)))
+             for k, v in net.state_dict().items()}  # fmt: skip
+    recorded = weights(train(moved, CONFIG, device, seed=3))
+    monkeypatch.setattr(training, "recorder_for", lambda device: None)
+    single = weights(train(moved, CONFIG, device, seed=3))
+    moves = sum(float((value.cpu() - start[name]).norm()) for name, value in single.items())
+    assert sum(float((recorded[name] - value).norm()) for name, value in single.items()) < 0.05 * moves
+
+
+@pytest.mark.parametrize("killed_at", [30, 40, 47])
+def test_resuming_gives_the_bits_of_an_uninterrupted_run(photos, tmp_path, killed_at):
+    class KilledError(Exception):
+        pass
+
+    def kill(step, loss):
+        if step == killed_at:
+            raise KilledError
+
+    config = replace(CONFIG, checkpoint_every=5)
+    whole = weights(train(photos, config, CPU, seed=4))
+    with pytest.raises(KilledError):
+        train(photos, config, CPU, 4, Checkpoints(tmp_path), kill)
+    steps = []
+    resumed = weights(train(photos, config, CPU, 4, Checkpoints(tmp_path), lambda step, loss: steps.append(step)))
+    first = 5 * ((killed_at - 1) // 5) + 1
+    assert steps == list(range(first, 51))
+    assert all(torch.equal(whole[k], value) for k, value in resumed.items())
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(photos, tmp_path):
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Checkpoints(tmp_path))
+    with pytest.raises(ConfigError, match="another Phase II configuration"):
+        train(photos, CONFIG, CPU, 0, Checkpoints(tmp_path))
+
+
+def test_a_loss_that_is_not_a_number_stops_the_training(photos):
+    broken = replace(photos[0], teacher=torch.full_like(photos[0].teacher, float("nan")))
+    with pytest.raises(ConvergenceError, match="photo0"):
+        train([broken], MLP_ONLY, CPU, 0)
+
+
+OPTIONS = {
+    "sample_weight": False,
+    "intensity_weight": False,
+    "alpha_rule": AlphaRule.R2,
+    "loss_space": LossSpace.LINEAR,
+}
+
+
+@pytest.mark.parametrize("options", [{key: value} for key, value in OPTIONS.items()], ids=list(OPTIONS))
+def test_every_option_changes_what_is_learned(photos, options):
+    config = replace(MLP_ONLY, steps=2)
+    plain, changed = (train(photos[:1], c, CPU, 0).network.state_dict() for c in (config, replace(config, **options)))
+    assert not torch.equal(plain["layers.0.weight"], changed["layers.0.weight"])
+
+
+def test_the_network_follows_exposure_and_starts_at_the_average_light_a_pixel_saw(photos):
+    network = new_network(CONFIG)
+    pixels, level = photos[0].pixels, photos[0].light_level
+    brighter = replace(pixels, color=4 * pixels.color)
+    torch.testing.assert_close(network(brighter, brighter.light_level()), 4 * network(pixels, level))
+    grey = replace(pixels, color=3 * pixels.furnace)  # as under a constant light of 3
+    torch.testing.assert_close(network(grey, grey.light_level()), torch.full_like(grey.color, 3.0), rtol=0.5, atol=0)
+
+
+def test_printed_roughness_gives_wider_lobes(photos):
+    roughness = torch.tensor([0.02, 0.3, 1.0])
+    torch.testing.assert_close(alpha2(roughness, AlphaRule.R4), torch.tensor([0.08**4, 0.3**4, 1.0]))
+    torch.testing.assert_close(alpha2(roughness, AlphaRule.R2), torch.tensor([0.08**2, 0.3**2, 1.0]))
+    pixels = photos[0].pixels.take(torch.tensor([600]))
+    narrow, wide = (mean_distribution(pixels, DIRECTIONS, rule) for rule in (AlphaRule.R4, AlphaRule.R2))
+    assert wide.max() / wide.mean() < narrow.max() / narrow.mean()
+
+
+def test_a_model_survives_the_disk(photos, tmp_path):
+    model = train(photos, replace(CONFIG, steps=3), CPU, 0)
+    model.save(tmp_path)
+    loaded = ProbeModel.load(tmp_path)
+    assert loaded.config == model.config
+    assert torch.equal(loaded.mean_light, model.mean_light)
+    assert torch.equal(predicted(loaded, photos[0]), predicted(model, photos[0]))
+    assert all(torch.equal(value, weights(model)[name]) for name, value in weights(loaded).items())
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0).save(tmp_path / "paper")
+    assert ProbeModel.load(tmp_path / "paper").sphere is None
+
+
+def test_weights_of_another_size_are_refused(photos, tmp_path):
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0).save(tmp_path)
+    config = (tmp_path / "config.json").read_text()
+    (tmp_path / "config.json").write_text(config.replace('"width": 32', '"width": 48'))
+    with pytest.raises(InputError, match=r"illumination_mlp\.safetensors.*does not fit"):
+        ProbeModel.load(tmp_path)
+
+
+def test_resized_lights_keep_their_power():
+    light = torch.rand(6, 16, 16, 3, generator=torch.Generator().manual_seed(0))
+    power = (light * cubemap.solid_angles(16)[..., None]).sum((0, 1, 2))
+    for resolution in (8, 32):
+        resized = resize_light(light, resolution)
+        total = (resized * cubemap.solid_angles(resolution)[..., None]).sum((0, 1, 2))
+        torch.testing.assert_close(total, power, rtol=2e-3 if resolution > 16 else 1e-5, atol=0)
+
+
+def test_the_paper_s_network_is_told_what_the_paper_names(photos):
+    network = new_network(replace(CONFIG, network=NetworkForm.PLAIN)).requires_grad_(False)
+    pixels, level = photos[0].pixels, photos[0].light_level
+    colors = network(pixels, level)
+    assert next(network.parameters()).shape == (CONFIG.width, 16)
+    assert (colors > 0).all()
+    assert torch.equal(network(pixels, 3 * level), colors)  # nothing of the photo as a whole
+    for field in ("color", "base_color", "specular", "normal", "roughness", "view"):
+        other = replace(pixels, **{field: getattr(pixels, field).flip(0)})
+        assert not torch.equal(network(other, level), colors), field
+    assert torch.equal(network(replace(pixels, furnace=pixels.furnace.flip(0)), level), colors)
+
+
+def test_the_printed_loss_is_in_the_photo_s_own_radiance(photos):
+    """With both weights off it is the relative one times the squared light level."""
+    config = replace(MLP_ONLY, loss_space=LossSpace.LINEAR, intensity_weight=False, sample_weight=False)
+    given = training.lesson_tensors(photos[0], config, 0, 0)
+    angles = cubemap.solid_angles(16).reshape(-1)
+    network = new_network(config).requires_grad_(False)
+    relative, own = (
+        float(training.lesson_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit)))
+        for unit in (RadianceUnit.LEVEL, RadianceUnit.PHOTO)
+    )
+    assert own == pytest.approx(relative * float(photos[0].light_level) ** 2, rel=1e-4)
+
+
+def test_texels_count_alike_without_their_solid_angles(photos, monkeypatch):
+    seen = []
+    loss = training.lesson_loss
+    monkeypatch.setattr(training, "lesson_loss", lambda *given: seen.append(given[3]) or loss(*given))
+    train(photos, replace(MLP_ONLY, steps=1, solid_angle_weight=False), CPU, 0)
+    assert float(seen[0].sum()) == pytest.approx(4 * math.pi, rel=1e-5)
+    assert float(seen[0].min()) == float(seen[0].max())
+
+
+def test_every_reading_of_the_total_distribution(photos):
+    pixels, directions = photos[0].pixels.take(torch.arange(0, len(photos[0].pixels), 7)), DIRECTIONS[::37]
+    count = len(pixels)
+    mean, total, each = (
+        total_distribution(pixels, directions, AlphaRule.R2, rule, samples=16) for rule in TotalDistribution
+    )
+    torch.testing.assert_close(mean, mean_distribution(pixels, directions, AlphaRule.R2))
+    torch.testing.assert_close(total, mean * count / 16)  # sum over the sum of 16
+    facing = ((pixels.normal @ directions.T) > 0).sum(0)
+    reached = facing > 0
+    torch.testing.assert_close(each[reached], (mean * count)[reached] / facing[reached])
+    assert (each[~reached] == 0).all()

@@ -1,0 +1,130 @@
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.light import cubemap
+from lightprobe.prediction import optimize
+from lightprobe.prediction.observation import observe
+from lightprobe.prediction.optimize import OptimizeConfig, _Part, brief, refine_environment
+from lightprobe.scene.photo import Pixels
+from tests.lit_sphere import glossy_sphere, patch_light, photograph
+from tests.shapes import camera_at
+from tests.tape import compute_as_a_gpu_does, record_on_tape
+
+CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
+CPU = torch.device("cpu")
+
+
+def corner(device=CPU):
+    """Return the observation of a corner of a sphere, lit from the side, and the direction that the corner faces."""
+    asset = glossy_sphere()
+    photo = photograph(asset, CAMERA, patch_light((0.2, 1.0, 0.5)))
+    mask = np.zeros_like(photo.alpha)
+    mask[30:38, 18:26] = photo.alpha[30:38, 18:26]
+    observation = observe(asset.to(device), Pixels.of(photo.color, mask), CAMERA, device, 65_536)
+    return observation, observation.gbuffer.normal[observation.rows].mean(0)
+
+
+def test_directions_the_photo_says_nothing_about_stay():
+    observation, facing = corner()
+    prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
+    behind = cubemap.directions(16) @ torch.nn.functional.normalize(facing, dim=0) < -0.3
+    moved = {}
+    for damping in (0.0, brief().damping):
+        light = refine_environment(observation, prior, replace(brief(), damping=damping), seed=0)
+        change = (light / prior).log().abs().mean(-1)
+        moved[damping] = float(change[behind].mean() / change[~behind].mean())
+    assert moved[brief().damping] < 0.5 * moved[0.0]
+
+
+def test_the_smooth_part_moves_what_single_texels_hardly_would():
+    observation, facing = corner()
+    prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
+    ahead = cubemap.directions(16) @ torch.nn.functional.normalize(facing, dim=0) > 0.5
+    moved = {}
+    for rate in (0.0, 0.2):
+        config = replace(brief(), iterations=10, learning_rate=1e-3, smooth_learning_rate=rate)
+        light = refine_environment(observation, prior, config, seed=0)
+        moved[rate] = float((light / prior).log().abs()[ahead].mean())
+    assert moved[0.2] > 10 * moved[0.0]
+
+
+def test_the_broad_part_brings_the_whole_light_to_its_brightness():
+    """From a light half as bright as it should be, in steps too few for the damped parts alone."""
+    asset, light = glossy_sphere(), patch_light((0.2, 1.0, 0.5))
+    observation = observe(asset, photograph(asset, CAMERA, light), CAMERA, CPU, 65_536)
+    start, off = (0.5 * light).contiguous(), {}
+    for damping in (brief().broad_damping, 1e6):
+        config = replace(brief(), iterations=20, broad_damping=damping)
+        found = refine_environment(observation, start, config, seed=0)
+        off[damping] = float((found / light).log().abs().mean())
+    assert off[brief().broad_damping] < 0.7 * off[1e6]
+
+
+@pytest.mark.slow
+def test_recorded_steps_go_where_single_ones_do(monkeypatch):
+    compute_as_a_gpu_does(monkeypatch)
+    observation, _ = corner()
+    prior = observation.light_level.expand(6, 4, 4, 3).contiguous()
+    config = replace(brief(), iterations=12)
+
+    single = refine_environment(observation, prior, config, seed=0)
+    recorders = record_on_tape(monkeypatch, optimize)
+    recorded = refine_environment(observation, prior, config, seed=0)
+    assert [recorder.replays for recorder in recorders] == [9]
+    assert float((single / prior).log().abs().mean()) > 0.01
+    assert torch.allclose(recorded, single, rtol=1e-3)
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+@pytest.mark.filterwarnings("error:Steps cannot be recorded", "error:The CUDA Graph is empty")
+def test_a_gpu_refines_from_a_recording_as_it_does_step_by_step(monkeypatch):
+    observation, _ = corner(torch.device("cuda", 0))
+    prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
+    recorded = refine_environment(observation, prior, brief(), seed=0)
+    monkeypatch.setattr(optimize, "recorder_for", lambda device: None)
+    single = refine_environment(observation, prior, brief(), seed=0)
+    assert float((recorded / single).log().norm()) < 0.01 * float((single / prior).log().norm())
+
+
+def test_steps_are_those_of_adam():
+    """Bit for bit, with another rate and another least size of the gradient in each part."""
+    parts = [_Part.still(side, rate, 0.0, CPU, recorded=False) for side, rate in ((4, 0.1), (2, 0.2))]
+    parts[0].eps, parts[1].eps = 0.3, 1e-8
+    groups = [{"params": [part.change.detach().clone()], "lr": part.rate, "eps": part.eps} for part in parts]
+    adam, random = torch.optim.Adam(groups), torch.Generator().manual_seed(0)
+    for share in (1.0, 0.7, 0.1):
+        for part, group in zip(parts, adam.param_groups, strict=True):
+            gradient = torch.randn(part.change.shape, generator=random)
+            group["lr"], group["params"][0].grad = share * part.rate, gradient
+            part.step(gradient, share)
+        adam.step()
+    for part, group in zip(parts, adam.param_groups, strict=True):
+        assert torch.equal(part.change, group["params"][0])
+
+
+@pytest.mark.slow
+def test_a_refinement_in_a_new_process_loads_no_compiler():
+    """PyTorch's costs it two seconds."""
+    code = """
+import sys, torch
+from lightprobe.prediction.optimize import brief, refine_environment
+from tests.prediction.test_optimize import corner
+observation, _ = corner()
+refine_environment(observation, observation.light_level.expand(6, 4, 4, 3).contiguous(), brief(), seed=0)
+sys.exit("torch._dynamo" in sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True)
+
+
+@pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "broad_damping", "grey"])
+def test_negative_weights_are_refused(name):
+    with pytest.raises(ConfigError, match="at least 0"):
+        OptimizeConfig(**{name: -0.1})

@@ -1,0 +1,246 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.checkpoint import load_tensors, save_tensors
+from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
+from lightprobe.light import cubemap
+from lightprobe.light.files import write_map
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.models.probe_distribution import stack_everywhere
+from lightprobe.models.probe_model import new_network, new_sphere
+from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, methods_for
+from lightprobe.prediction.observation import observe
+from lightprobe.prediction.optimize import OptimizeConfig
+from lightprobe.prediction.prior import sampled_probes
+from lightprobe.scene.camera import Similarity
+from lightprobe.scene.photo import Pixels
+from tests.lit_sphere import glossy_sphere, patch_light, photograph
+from tests.shapes import camera_at
+
+CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
+PATCH = (0.2, 1.0, 0.5)
+METHODS = list(Method)
+COARSE = PredictConfig(light_resolution=16)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return glossy_sphere()
+
+
+@pytest.fixture(scope="module")
+def photo(sphere):
+    return photograph(sphere, CAMERA, patch_light(PATCH))
+
+
+@pytest.fixture(scope="module")
+def model():
+    config = DistillConfig(width=16, depth=1, sphere_width=4)
+    network, sphere = new_network(config).requires_grad_(False), new_sphere(config).requires_grad_(False)
+    return ProbeModel(network, torch.ones(6, 16, 16, 3), torch.tensor([0.0, 0.0, 1.0]), config, sphere)
+
+
+@pytest.fixture(scope="module")
+def predictor(sphere, model):
+    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+    return Predictor(decomposition, model, config=COARSE, optimize=OptimizeConfig(iterations=10, pixels=512))
+
+
+def test_the_configured_method_comes_first(model):
+    paper = PredictConfig(method=Method.PROBE_MLP)
+    assert methods_for(model, paper)[0] is Method.PROBE_MLP
+    assert sorted(methods_for(model, paper)) == sorted(methods_for(model))
+    assert methods_for(None, paper)[0] is Method.SOLVE
+
+
+def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo):
+    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+    filled, plain = (
+        Predictor(decomposition, model, config=replace(COARSE, unseen_share=share)) for share in (0.02, 0.0)
+    )
+    observation = observe(sphere, photo, CAMERA, plain.device, plain.config.max_pixels)
+    probes = observation.pixels.take(sampled_probes(observation, 0.25, 0))
+    colors = model.network(probes, observation.light_level)
+    stacked, _ = stack_everywhere(probes, colors, 16, model.config.alpha_rule)
+    assert torch.equal(plain.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+    assert not torch.equal(filled.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+
+
+def test_the_share_of_sampled_pixels_is_the_configured_one(sphere, photo):
+    observation = observe(sphere, photo, CAMERA, torch.device("cpu"), 65_536)
+    count = len(observation.pixels)
+    assert [len(sampled_probes(observation, share, 0)) for share in (0.25, 1.0)] == [-(-count // 4), count]
+
+
+def rerender_error(predictor, photo, light):
+    again = photograph(predictor.decomposition.asset, CAMERA, light)
+    return float(np.abs(again.color - photo.color)[photo.alpha > 0.5].mean())
+
+
+def brightest(light):
+    """Return the direction of the mean of what exceeds the map's average."""
+    luma = light.mean(-1, keepdim=True)
+    excess = (luma - 2 * luma.mean()).clamp(min=0) * cubemap.solid_angles(light.shape[1])[..., None]
+    return torch.nn.functional.normalize((excess * cubemap.directions(light.shape[1])).sum((0, 1, 2)), dim=0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, method):
+    prediction = predictor.predict(photo, CAMERA, method)
+    assert prediction.environment.shape == (6, 16, 16, 3)
+    assert prediction.environment.isfinite().all()
+    assert float(prediction.environment.min()) >= 0
+    assert prediction.confidence.shape == (6, 16, 16)
+    assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
+    assert set(prediction.seconds) == {"rasterise", "verdict", "network", "stack", "solve", "confidence", "total"}
+    parts = sum(seconds for part, seconds in prediction.seconds.items() if part != "total")
+    assert parts <= prediction.seconds["total"] * 1.001
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_equal_calls_give_equal_bits(predictor, photo, method):
+    first, second = (predictor.predict(photo, CAMERA, method) for _ in range(2))
+    assert torch.equal(first.environment, second.environment)
+    assert torch.equal(first.confidence, second.confidence)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, method):
+    dim = Pixels.of(photo.color / photo.color.max() * 0.9, photo.alpha)
+    dimmer = Pixels.of(dim.color / 2, photo.alpha)
+    full, half = (predictor.predict(p, CAMERA, method).environment for p in (dim, dimmer))
+    torch.testing.assert_close(2 * half, full, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "method", [Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE, Method.PROBE_NET_OPTIMIZE]
+)
+def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo, method):
+    light = predictor.predict(photo, CAMERA, method).environment
+    constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment
+    assert rerender_error(predictor, photo, light) < 0.15 * rerender_error(predictor, photo, constant)
+    axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
+    assert float(brightest(light) @ axis) > 0.97
+
+
+def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
+    patient = Predictor(
+        Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE,
+        optimize=OptimizeConfig(iterations=150, pixels=512),
+    )  # fmt: skip
+    optimised, solved = (patient.predict(photo, CAMERA, m).environment for m in (Method.OPTIMIZE, Method.SOLVE))
+    assert rerender_error(predictor, photo, optimised) < 1.1 * rerender_error(predictor, photo, solved)
+    axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
+    assert float(brightest(optimised) @ axis) > 0.97
+
+
+def test_the_recommended_method_is_the_best_that_the_model_allows(model):
+    assert methods_for(model)[0] is Method.PROBE_NET_OPTIMIZE
+    assert methods_for(replace(model, sphere=None))[0] is Method.PROBE_MLP_SOLVE
+    assert methods_for(None)[0] is Method.SOLVE
+
+
+def test_an_untrained_network_sees_the_constant_light(predictor, sphere):
+    grey = photograph(sphere, CAMERA, torch.full((6, 16, 16, 3), 0.7))
+    for method in (Method.CONSTANT, Method.PROBE_MLP, Method.PROBE_NET):
+        light = predictor.predict(grey, CAMERA, method).environment
+        assert float((light - 0.7).abs().mean()) < (0.01 if method is Method.CONSTANT else 0.2)
+
+
+def test_unseen_directions_take_the_usual_light(predictor, model, photo):
+    """A camera that sees only a corner of the object says nothing about the far side."""
+    mask = np.zeros_like(photo.alpha)
+    mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
+    usual = replace(model, mean_light=torch.full((6, 16, 16, 3), 3.0))
+    asked = Predictor(
+        Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, config=COARSE
+    )
+    prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
+    camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
+    behind = (cubemap.directions(16) @ camera) > 0.9
+    unseen = prediction.environment[behind] / prediction.environment.mean()
+    level = float(photo.color[mask > 0].mean())
+    assert float(unseen.min()) > 0.3, f"black where nothing was seen (photo level {level})"
+
+
+def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
+    camera = camera_at((2.6, 1.4, 1.2), size=160, focal=212.0)
+    photo = photograph(sphere, camera, patch_light(PATCH))
+    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+    whole, reduced = (
+        Predictor(decomposition, model, config=replace(COARSE, max_pixels=count)).predict(
+            photo, camera, Method.PROBE_MLP
+        )
+        for count in (65_536, 2000)
+    )
+    difference = (whole.environment - reduced.environment).abs().mean() / whole.environment.mean()
+    assert float(difference) < 0.1
+
+
+def test_the_input_frame_is_respected(sphere, model, photo):
+    """The same photo described in a shifted and scaled frame gives the same light."""
+    similarity = Similarity(np.array([3.0, -2.0, 5.0]), 4.0)
+    pose = CAMERA.camera_to_world.copy()
+    pose[:3, 3] = similarity.invert(pose[:3, 3])
+    moved = Predictor(Decomposition(sphere, {}, similarity), model, config=COARSE)
+    plain = Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), model, config=COARSE)
+    a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment
+    b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment
+    torch.testing.assert_close(a, b, rtol=1e-2, atol=1e-2)
+
+
+def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphere):
+    with pytest.raises(InputError, match="64 x 64 pixels but its camera 32 x 32"):
+        predictor.predict(photo, CAMERA.resized(32, 32))
+    with pytest.raises(InputError, match="Only 0 pixels"):
+        predictor.predict(Pixels.of(photo.color, np.zeros_like(photo.alpha)), CAMERA)
+    without = Predictor(Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE)
+    with pytest.raises(ConfigError, match="no trained model"):
+        without.predict(photo, CAMERA, Method.PROBE_MLP)
+    paper = Predictor(
+        Decomposition(sphere, {}, predictor.decomposition.similarity), replace(predictor.model, sphere=None)
+    )
+    with pytest.raises(ConfigError, match="without the sphere network"):
+        paper.predict(photo, CAMERA, Method.PROBE_NET)
+
+
+@pytest.mark.parametrize("broken", ["network.layers.0.weight", "network.layers.1.bias", "mean_light"])
+def test_weights_that_are_no_numbers_are_refused(model, tmp_path, broken):
+    model.save(tmp_path)
+    path = tmp_path / "illumination_mlp.safetensors"
+    tensors = load_tensors(path)
+    tensors[broken].view(-1)[0] = math.nan
+    save_tensors(path, tensors)
+    with pytest.raises(InputError, match=r"illumination_mlp\.safetensors .*NaN.*distill RUN --restart"):
+        ProbeModel.load(tmp_path)
+
+
+def test_a_sphere_network_that_is_no_numbers_or_of_another_size_is_refused(model, tmp_path):
+    path, weights = tmp_path / "sphere_net.safetensors", model.sphere.state_dict()
+    model.save(tmp_path)
+    for changed in ({"out.bias": torch.full((3,), math.nan)}, {"whole.weight": torch.zeros(1)}):
+        save_tensors(path, {**weights, **changed})
+        with pytest.raises(InputError, match=r"sphere_net\.safetensors .*distill RUN --restart"):
+            ProbeModel.load(tmp_path)
+
+
+def test_a_map_that_is_no_light_goes_nowhere(predictor, photo, model, tmp_path):
+    """Finite weights can overflow all the same."""
+    light, trust = torch.ones(6, 8, 8, 3), torch.full((6, 8, 8), 0.5)
+    for odd in (light * math.nan, light * math.inf, -light):
+        with pytest.raises(ConvergenceError, match="negative, infinite or NaN"):
+            Prediction(odd, trust, {}, 1.0)
+    with pytest.raises(ConvergenceError, match="NaN"):
+        Prediction(light, trust * math.nan, {}, 1.0)
+    with pytest.raises(ConvergenceError, match=r"l\.exr holds NaN"):
+        write_map(tmp_path / "l.exr", np.full((8, 16, 3), np.nan, np.float32))
+    assert not list(tmp_path.iterdir())
+    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light * 1e38), config=COARSE)
+    weak.model = replace(weak.model, mean_light=weak.model.mean_light * 1e38)
+    with pytest.raises(ConvergenceError, match="check the photo"):
+        weak.predict(photo, CAMERA, Method.PROBE_MLP)

@@ -1,0 +1,105 @@
+"""The brightness that light and base colour share is found again from the photo of a glossy ball."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.light.prefilter import cached
+from lightprobe.reconstruction.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness
+from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.optimisation import Stage
+from lightprobe.reconstruction.photos import Target
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import View
+from lightprobe.scene.photo import CLIPPED
+from tests.render.test_split_sum import sky, sphere_gbuffer
+from tests.shapes import camera_at
+
+CPU = torch.device("cpu")
+
+
+def ball():
+    """Return the G-buffer of a ball, its photo and light, and new lights and configuration to find it with."""
+    true = sphere_gbuffer(1500, roughness=0.25, base=(0.3, 0.25, 0.2))
+    config = DecomposeConfig()
+    operator = cached(config.light_resolution)
+    light = 0.5 * sky(config.light_resolution).clamp(max=3)
+    photo = shade(true, operator, operator.apply(light))
+    target = Target("ball", View.of(camera_at([3, 0, 0.1]), CPU), photo, torch.ones(1500), photo >= CLIPPED)
+    lights = Lights(["ball"], config, CPU, 0)
+    return true, target, light, lights, config
+
+
+@pytest.mark.parametrize(("off", "expected"), [(2.0, (0.5, 0.85)), (0.5, (1.2, 2.0)), (1.0, (0.85, 1.2))])
+def test_brightness_moves_towards_the_truth(off, expected):
+    true, target, light, lights, config = ball()
+    lights.maps = [light / off]  # as it is solved for the wrong surface
+    wrong = replace(true, base_color=true.base_color * off)
+    factor = choose_brightness([(target, wrong)], lights, config, 0, mean=0.2)
+    assert expected[0] <= factor <= expected[1], factor
+    assert np.isclose(factor, choose_brightness([(target, wrong)], lights, config, 0, mean=0.2))
+
+
+class _Dark:
+    """A model that shows the ball at half its brightness, and remembers how it was brightened."""
+
+    def __init__(self, true, mean):
+        self.wrong, self.mean_color = replace(true, base_color=0.5 * true.base_color), torch.tensor(mean)
+        self.factors = []
+
+    def look(self, views, progress):
+        return [self.wrong for _ in views]
+
+    def renew(self):
+        pass
+
+    def brighten(self, factor):
+        self.factors.append(factor)
+
+
+@pytest.mark.parametrize(("mean", "most"), [(0.2, 2.0), (0.9 * BRIGHTEST, 1 / 0.9)])
+def test_no_choice_goes_beyond_the_brightest(mean, most):
+    true, target, light, lights, config = ball()
+    model = _Dark(true, mean)
+    lights.maps = [2 * light]
+    ImageTask(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
+    assert model.factors[0] <= most + 1e-6
+    assert model.factors[0] >= min(most, 1.2) - 1e-6
+    assert torch.allclose(lights.maps[0] * model.factors[0], 2 * light)
+
+
+def test_no_choice_goes_beyond_the_darkest():
+    true, target, light, lights, config = ball()
+    wrong = replace(true, base_color=2 * true.base_color)
+    lights.maps = [light / 2]
+    assert choose_brightness([(target, wrong)], lights, config, 0, mean=DARKEST * 1.1) == pytest.approx(1 / 1.1)
+
+
+def test_lights_on_the_way_by_gradients_follow_the_brightness_too():
+    true, target, light, _, config = ball()
+    lights = Lights(["ball"], replace(config, light_update=LightUpdate.GRADIENT), CPU, 0)
+    lights.load(2 * light[None])
+    held, model = lights.maps[0], _Dark(true, 0.2)
+    ImageTask(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
+    assert model.factors[0] != 1
+    assert lights.maps[0] is held  # as an optimiser holds it
+    assert torch.allclose(held * model.factors[0], 2 * light)
+
+
+@pytest.mark.parametrize(("stage", "iteration", "choices"), [
+    (Stage("pass1", 0, 2000), 0, 0),
+    (Stage("pass1", 0, 2000), 1, 1),
+    (Stage("pass1", 0, 2000), CHOICES, 1),
+    (Stage("pass1", 0, 2000), CHOICES + 1, 0),
+    (Stage("pass2", 100, 100), 1, 0),
+])  # fmt: skip
+def test_only_the_first_checkpoints_choose(stage, iteration, choices):
+    true, target, _, lights, config = ball()
+    model = _Dark(true, 0.2)
+    task = ImageTask(model, [target], lights, stage, replace(config, checkpoint_every=1), 0)
+    task.refresh(iteration, 0.1)
+    assert len(model.factors) == choices

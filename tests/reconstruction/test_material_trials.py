@@ -1,0 +1,83 @@
+"""The material fitted anew from several brightnesses: a dark object that was taken for a bright one is found out."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.light.prefilter import cached
+from lightprobe.light.resize import rotate_light
+from lightprobe.reconstruction import material_trials
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.material_trials import STARTS, Sample, best_trial
+from lightprobe.render.split_sum import shade
+from tests.render.test_split_sum import sky, sphere_gbuffer
+
+CPU = torch.device("cpu")
+CONFIG = DecomposeConfig(hash_finest=64)
+
+
+def turned(angle):
+    cos, sin = math.cos(angle), math.sin(angle)
+    return torch.tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def photos(scale, count=6):
+    """Return samples of a glossy ball with bright and dark quarters, under turned lights, and lights to start from."""
+    ball = sphere_gbuffer(1200, roughness=0.25, base=(0.6, 0.6, 0.6))
+    dark = (ball.position[:, 1:2] * ball.position[:, 2:3] > 0).float()
+    color = scale * ball.base_color * (1 - 0.9 * dark)
+    operator = cached(CONFIG.light_resolution)
+    samples = []
+    for k in range(count):
+        light = rotate_light(0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution)
+        photo = shade(replace(ball, base_color=color), operator, operator.apply(light))
+        photo = photo * 0.22 / photo.mean()
+        samples.append(Sample(f"photo{k}", ball, photo, torch.zeros_like(photo, dtype=torch.bool), 0.5))
+    return samples, Lights([s.name for s in samples], CONFIG, CPU, 0), float(color.mean())
+
+
+@pytest.mark.parametrize(("mean", "expected"), [(0.5, (0.08, 1.0)), (0.03, (0.08, 1.0)), (0.09, None), (0.06, None)])
+def test_the_best_start_is_taken_where_it_is_another_one(monkeypatch, mean, expected):
+    """Errors fall evenly to the third start and rise evenly from it."""
+    monkeypatch.setattr(material_trials.Trial, "fit", lambda trial: None)
+    monkeypatch.setattr(
+        material_trials.Trial, "error", lambda trial: abs(math.log(float(trial.material.mean_color) / 0.08))
+    )
+    samples, lights, _ = photos(0.25, 1)
+    best = best_trial(samples, lights, mean, CONFIG, 0)
+    assert (best is None) == (expected is None)
+    if best is not None and expected is not None:
+        assert float(best[0].material.mean_color) == pytest.approx(expected[0])
+        assert best[1] == pytest.approx(expected[1], rel=0.05)
+
+
+def test_the_same_call_gives_the_same_bits():
+    config = replace(CONFIG, trial_steps=6)
+    samples, lights, _ = photos(0.1, 2)
+    errors = []
+    for _ in range(2):
+        trial = material_trials.Trial(STARTS[1], samples, lights, 0.4, config, 0)
+        trial.fit()
+        errors.append(trial.error())
+    assert errors[0] == errors[1]
+
+
+@pytest.mark.parametrize(("errors", "best", "expected"), [
+    ([3.0, 1.0, 3.0, 5.0], 1, 1.0),  # nearly even on both sides
+    ([1.0, 2.0, 3.0, 4.0], 0, 1.0),  # at the end of the range
+])  # fmt: skip
+def test_the_lowest_point_of_the_parabola(errors, best, expected):
+    assert material_trials._vertex(errors, best) == pytest.approx(expected, abs=0.06)
+
+
+def test_the_lowest_point_leans_towards_the_lower_neighbour():
+    assert material_trials._vertex([1.5, 1.0, 3.0, 5.0], 1) > 1  # the brighter start is the better neighbour
+
+
+def test_no_pixels_no_trial():
+    samples, lights, _ = photos(0.1, 1)
+    empty = [Sample(s.name, s.pixels.select(torch.arange(0)), s.color[:0], s.clipped[:0], 0.0) for s in samples]
+    assert best_trial(empty, lights, 0.4, CONFIG, 0) is None

@@ -1,0 +1,33 @@
+"""What Phase I keeps of a pass that made things worse."""
+
+import itertools
+
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.reconstruction import phase1
+from lightprobe.scene import load_scene
+from tests.toy_scene import write_toy_scene
+
+CONFIG = DecomposeConfig(
+    pass1_iterations=4, pass2_iterations=3, pass3_iterations=3, pass1_side=24, pass2_side=24, lattice_cells=8,
+    hull_voxels=16, hash_levels=2, hash_finest=16, light_resolution=8, teacher_resolution=8, texture_size=64,
+    pass3_texture_size=64, light_update=LightUpdate.GRADIENT, unwrap_seconds=0.0, shadows=False,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [True, False])
+def test_lights_of_a_pass_that_is_not_kept_go_with_it(tmp_path, monkeypatch, kept):
+    scene = load_scene(write_toy_scene(tmp_path, train=4, test=1))
+    handed = []
+    hand_over = phase1._hand_over
+    monkeypatch.setattr(phase1, "_hand_over", lambda *a: handed.append(hand_over(*a)) or handed[-1])
+    # Four photos are too few to hold one out; here one serves twice.
+    monkeypatch.setattr(phase1, "split_validation", lambda photos, count: (list(photos), [photos[0]]))
+    scores = itertools.count(0.0, 1.0 if kept else -1.0)
+    monkeypatch.setattr(phase1, "validate", lambda *a: next(scores))
+    found = phase1.decompose(scene, CONFIG)
+    before = {photo.name: light for photo, light in zip(scene.train, handed[0]["lights"], strict=True)}
+    assert all(torch.equal(found.lights[name], light) for name, light in before.items()) is not kept
