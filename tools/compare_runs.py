@@ -22,7 +22,7 @@ from lightprobe.core.errors import LightprobeError
 from lightprobe.imaging import read_hdr
 
 FOLDERS = ("mesh", "env", "model", "predictions", "oracle")
-_TIMED = frozenset({"seconds", "gibibytes", "memory", "commit", "machine", "date", "provenance"})
+_TIMED = frozenset({"seconds"})
 _LEFT_OUT = frozenset({"checkpoints", "report"})
 _LEAVES = {".safetensors", ".exr", ".hdr", ".json"}
 

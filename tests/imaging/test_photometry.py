@@ -44,6 +44,9 @@ def test_clipped_pixels_only_bound_the_light_from_below():
     for render in (brighter, darker):
         residual = one_sided_residual(render, photo, clipped)
         assert torch.equal(residual, one_sided(render, photo, clipped) - photo)
+    assert not one_sided_residual(brighter, photo, clipped)[0].any()
+    assert torch.equal(one_sided_residual(brighter, photo, clipped)[1], (brighter - photo)[1])
+    assert torch.equal(one_sided_residual(darker, photo, clipped), darker - photo)
 
 
 def test_a_clipped_pixel_that_is_rendered_brighter_is_no_error():

@@ -8,6 +8,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.light.prefilter import cached
+from lightprobe.reconstruction import agreement
 from lightprobe.reconstruction.agreement import SPLITS, disagreement
 from lightprobe.render.split_sum import shade
 from tests.render.test_split_sum import sky, sphere_gbuffer
@@ -44,6 +45,21 @@ def test_dark_parts_taken_for_bright_ones_make_the_parts_disagree(dark):
 def test_of_a_photo_that_the_surface_explains_nothing_is_left():
     true, photo, light = two_materials()
     assert error(true, photo, light) < 1e-3
+
+
+def test_a_light_is_solved_from_the_colours_of_its_own_pixels(monkeypatch):
+    true, photo, light = two_materials()
+    explained, solve, calls = agreement.render(true, light), agreement.solve_target_light, []
+
+    def checked(observed, clipped, pixels, start, rows, *rest):
+        assert torch.equal(observed, photo[rows]) or torch.equal(observed, explained[rows])
+        calls.append(len(rows))
+        return solve(observed, clipped, pixels, start, rows, *rest)
+
+    monkeypatch.setattr(agreement, "solve_target_light", checked)
+    photo = photo + 0.1  # no longer what the surface explains
+    error(true, photo, light)
+    assert len(calls) == 4 * SPLITS
 
 
 def test_too_few_pixels_say_nothing():

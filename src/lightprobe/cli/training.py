@@ -27,7 +27,7 @@ MovedScene = Annotated[Path | None, option(metavar="FOLDER", help="Where the sce
 
 # `with_preset` puts the chosen preset's in their place
 _FIRST, _SECOND, _THIRD = DecomposeConfig(), DistillConfig(), PredictConfig()
-# What the demo compares: all methods would take as long as a third of its training.
+# What the demo compares: all methods would take more than a quarter of the time that its training does.
 _SHOWN = (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET, Method.PROBE_MLP, Method.CONSTANT)
 
 

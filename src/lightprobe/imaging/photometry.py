@@ -43,18 +43,22 @@ def relative_tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
     return (color.mean(-1) / light_level + _DARK).reciprocal()
 
 
-def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Replace `render` by `photo` (same shape) where the render is brighter and the photo is `clipped` (bool).
+def beyond_clipping(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
+    """Return where (bool) the render is brighter than a photo (same shape) that is `clipped` (bool), which is no error.
 
     A saturated pixel only says that the light was at least this strong.
     """
-    return torch.where(clipped & (render > photo), photo, render)
+    return clipped & (render > photo)
+
+
+def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
+    """Replace `render` by `photo` (same shape) where it is beyond clipping; `clipped` (bool)."""
+    return torch.where(beyond_clipping(render, photo, clipped), photo, render)
 
 
 def one_sided_residual(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return render - photo (same shape), zero where a `clipped` (bool) value is rendered brighter."""
-    difference = render - photo
-    return torch.where(clipped, difference.clamp(max=0), difference)
+    """Return render - photo (same shape), zero where the render is beyond clipping; `clipped` (bool)."""
+    return one_sided(render, photo, clipped) - photo
 
 
 def displayed_error(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:

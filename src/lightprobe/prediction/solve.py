@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.imaging.photometry import one_sided_residual, relative_tone_weight
+from lightprobe.imaging.photometry import beyond_clipping, one_sided_residual, relative_tone_weight
 from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
@@ -68,7 +68,7 @@ class Evidence:
         weight = relative_tone_weight(color, observation.light_level)
         return Evidence(observation.rows[chosen], color, weight, observation.clipped[chosen])
 
-    def one_sided(self, render: Tensor) -> Tensor:
+    def residual(self, render: Tensor) -> Tensor:
         """Return render - observed (K, 3), zero where a clipped pixel is rendered brighter."""
         return one_sided_residual(render, self.observed, self.clipped)
 
@@ -93,7 +93,7 @@ class Correction:
 
     def solve(self, strengths: tuple[float, ...]) -> list[Tensor]:
         """Return g + e (384, 3) for every strength."""
-        missing = -self.evidence.one_sided(self.render)
+        missing = -self.evidence.residual(self.render)
         hidden = self.evidence.clipped & (missing == 0)
         weight = torch.where(hidden, 0.0, self.evidence.weight[:, None])
         weight = (weight / weight.sum().clamp(min=1e-12)).T[..., None]  # (3, K, 1)
@@ -112,14 +112,14 @@ class Correction:
     def brightness(self, light: Tensor) -> Tensor:
         """Return the factors (3,) that bring `light` (6, R, R, 3) closest to the photo."""
         render = self.transport.apply(light)
-        weight = self.evidence.weight[:, None] * ~(self.evidence.clipped & (render > self.evidence.observed))
+        weight = self.evidence.weight[:, None] * ~beyond_clipping(render, self.evidence.observed, self.evidence.clipped)
         explained = (weight * render.square()).sum(0)
         return torch.where(explained > 0, (weight * render * self.evidence.observed).sum(0) / explained, 1.0)
 
     def error(self, change: Tensor) -> float:
         """Return the weighted mean squared error of the pixels with the factor 1 + `change` (384, 3)."""
         render = self.render + torch.einsum("cpk,kc->pc", self.matrix, change)
-        squared = self.evidence.one_sided(render).square()
+        squared = self.evidence.residual(render).square()
         return float((self.evidence.weight[:, None] * squared).sum() / self.evidence.weight.sum())
 
 

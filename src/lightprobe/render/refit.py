@@ -9,7 +9,7 @@ and contrast 29 % too low; afterwards the material's gradient along brightness i
 import torch
 from torch import Tensor
 
-from lightprobe.imaging.photometry import exposure_unit, tone_slope
+from lightprobe.imaging.photometry import beyond_clipping, exposure_unit, tone_slope
 from lightprobe.render.transport import Transport
 
 _ROUNDS = 6  # of iteratively reweighted least squares
@@ -34,7 +34,7 @@ def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clippe
         render = (a * mean + b * varying).clamp(min=0)
         slope = tone_slope(render)
         weight = slope.square() / (slope * (render - target).abs() + _FLOOR)
-        weight = torch.where(clipped & (render > target), 0.0, weight)
+        weight = torch.where(beyond_clipping(render, target, clipped), 0.0, weight)
         a, b = _least_squares(mean, varying, target, weight)
     return (a * flat + b * (light - flat)).clamp(min=0)
 

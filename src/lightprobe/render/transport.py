@@ -13,7 +13,7 @@ import scipy.sparse
 import torch
 from torch import Tensor
 
-from lightprobe.imaging.photometry import one_sided_residual
+from lightprobe.imaging.photometry import beyond_clipping, one_sided_residual
 from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS, Prefilter, PrefilterPart
@@ -223,7 +223,7 @@ class _Problem:
         Exact while no clipped pixel changes sides on the way.
         """
         change = self.transport.apply(move)
-        active = ~(self.clipped & (state.render > self.observed))
+        active = ~beyond_clipping(state.render, self.observed, self.clipped)
         curvature = (self.weight * active * change.square()).sum() + (self.stiffness * move.square()).sum()
         share = (-(gradient * move).sum() / curvature.clamp(min=_TINY)).clamp(0, 1)
         return _State(state.light + share * move, state.render + share * change), share
