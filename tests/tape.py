@@ -13,11 +13,11 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from lightprobe.core.recording import Call
 from lightprobe.kernels import dispatch
 from lightprobe.light import cubemap
 from lightprobe.light.sparse import CompressedRows
 from lightprobe.render import transport
+from lightprobe.training.recording import Call
 
 # what reads values on the host, or brings them from there
 HOST = {"_local_scalar_dense", "nonzero", "lift_fresh", "equal", "masked_select", "_unique2", "repeat_interleave"}

@@ -19,6 +19,7 @@ import torch
 from lightprobe.core.checkpoint import save_tensors
 from lightprobe.core.config_distill import quick
 from lightprobe.distillation.training import train
+from lightprobe.training import Progress
 from pretraining.photos import lessons_of
 
 TARGET = Path(__file__).parents[1] / "src/lightprobe/assets/sphere_net.safetensors"
@@ -41,13 +42,13 @@ def main() -> None:
     print(f"{len(lessons)} lessons after {time.monotonic() - began:.0f} s", flush=True)
     losses: list[float] = []
 
-    def on_step(step: int, loss: float) -> None:
+    def on_step(stage: str, step: int, steps: int, loss: float) -> None:
         losses.append(loss)
         if step % 1000 == 0:
             mean = sum(losses[-1000:]) / 1000
-            print(f"step {step} of {config.total_steps}, loss {mean:.4f}, {time.monotonic() - began:.0f} s", flush=True)
+            print(f"{stage}: step {step} of {steps}, loss {mean:.4f}, {time.monotonic() - began:.0f} s", flush=True)
 
-    model = train(lessons, config, torch.device("cpu"), given.seed, on_step=on_step)
+    model = train(lessons, config, torch.device("cpu"), given.seed, Progress(on_step=on_step))
     if model.sphere is not None:
         save_tensors(given.out, model.sphere.state_dict())
 

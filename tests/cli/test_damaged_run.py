@@ -269,7 +269,13 @@ def test_damaged_numbers_of_an_evaluation(damaged, capsys):
 
 
 def state(**values: Any) -> tuple[str, Change]:
-    return "state.json", text(json.dumps({"step": 0, "state": {"stage": "pass1", "iteration": 5, **values}}))
+    def change(file: Path) -> None:
+        stored = json.loads(file.read_text())
+        file.write_text(
+            json.dumps({**stored, "state": {**stored["state"], "stage": "pass1", "iteration": 5, **values}})
+        )
+
+    return "state.json", change
 
 
 def tensor(name: str, change: Callable[[torch.Tensor], torch.Tensor | None]) -> tuple[str, Change]:
@@ -277,14 +283,18 @@ def tensor(name: str, change: Callable[[torch.Tensor], torch.Tensor | None]) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", [5, 17, 25])
-def test_a_checkpoint_of_another_training_is_named(damaged, capsys, step):
+@pytest.mark.parametrize(
+    ("step", "first", "second"),
+    [(5, "distance", "offset"), (17, "displacement", "finish"), (25, "color", "finish")],
+)
+def test_a_checkpoint_of_another_training_is_named(damaged, capsys, step, first, second):
     """In each pass; all its files are sound in themselves."""
     folder = damaged.unfinish(step)
     misfits = [
         state(stage="pass9"), state(stage=[]), state(iteration=99), state(iteration="x"), state(iteration=-1),
-        tensor("p0", lambda t: t.flatten()[:1]), tensor("p1", lambda t: None), tensor("lights", lambda t: t[:1]),
-        tensor("p0.exp_avg", lambda t: t[:1]),
+        state(phase="Phase II"), tensor(f"parameter.{first}", lambda t: t.flatten()[:1]),
+        tensor(f"parameter.{second}", lambda t: None), tensor("buffer.lights", lambda t: t[:1]),
+        tensor(f"adam_mean.{first}", lambda t: t[:1]),
     ]  # fmt: skip
     if step > 5:
         misfits += [tensor("start.faces", filled_first(2**31 - 1)), tensor("start.roughness", lambda t: 40 * t)]
@@ -297,7 +307,9 @@ def test_a_checkpoint_of_another_training_is_named(damaged, capsys, step):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "change"), [("state.json", emptied), tensor("p0", filled_first(math.nan))])
+@pytest.mark.parametrize(
+    ("name", "change"), [("state.json", emptied), tensor("parameter.color", filled_first(math.nan))]
+)
 def test_a_damaged_checkpoint_is_passed_over(damaged, name, change):
     change(damaged.unfinish(25) / name)
     assert run_main(*damaged.commands["fit"]) == 0

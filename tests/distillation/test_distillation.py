@@ -14,14 +14,15 @@ from lightprobe.core.config_distill import (
     TotalDistribution,
 )
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
-from lightprobe.distillation import training
-from lightprobe.distillation.sphere_training import fill_album
-from lightprobe.distillation.training import train
+from lightprobe.distillation import mlp_training, sphere_training
+from lightprobe.distillation.sphere_training import sphere_examples
+from lightprobe.distillation.training import stages, train
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from lightprobe.models import ProbeModel
 from lightprobe.models.probe_distribution import alpha2, mean_distribution, stack, total_distribution
 from lightprobe.models.probe_model import new_network, new_sphere
+from lightprobe.training import Progress, descent
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
 from tests.tape import compute_as_a_gpu_does, record_on_tape
 
@@ -78,12 +79,15 @@ def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     config = replace(CONFIG, steps=12, sphere_steps=8)
 
-    heard = {}
-    single = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.setdefault(step, loss))
-    recorders = record_on_tape(monkeypatch, training)
-    recorded = train(photos, config, CPU, 3, on_step=lambda step, loss: heard.update({step: loss - heard[step]}))
+    def learn():
+        losses = []
+        return train(photos, config, CPU, 3, Progress(on_step=lambda *step: losses.append(step[-1]))), losses
+
+    single, expected = learn()
+    recorders = record_on_tape(monkeypatch, descent)
+    recorded, losses = learn()
     assert [recorder.replays for recorder in recorders] == [9, 5]
-    assert max(abs(difference) for difference in heard.values()) < 1e-5
+    assert losses == pytest.approx(expected, abs=1e-5)
     before, after = weights(single), weights(recorded)
     for name, value in before.items():
         assert torch.allclose(after[name], value, rtol=1e-4, atol=1e-6), name
@@ -92,7 +96,7 @@ def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
 @torch.no_grad()
 def test_networks_give_floats_in_mixed_precision(photos):
     network, sphere, photo = new_network(CONFIG), new_sphere(replace(CONFIG, sphere_width=24)), photos[0]
-    maps = fill_album(network, photos[:1], CONFIG, 0).maps
+    maps = sphere_examples(network, photos[:1], CONFIG, 0).maps
     for forward in (lambda: network(photo.pixels, photo.light_level), lambda: sphere(maps)):
         exact = forward()
         with torch.autocast("cpu", torch.bfloat16):
@@ -111,11 +115,12 @@ def test_a_gpu_learns_from_recordings_what_it_learns_step_by_step(photos, monkey
         replace(photo, **{name: value.to(device) for name, value in vars(photo).items() if hasattr(value, "to")})
         for photo in photos
     ]
-    monkeypatch.setattr(training, "_mixed", lambda network, device: network)
+    for module in (mlp_training, sphere_training):
+        monkeypatch.setattr(module, "mixed_precision", lambda network, device: network)
     start = {f"{part}.{k}": v for part, net in (("network", new_network(CONFIG, 3)), ("sphere", new_sphere(CONFIG, 3)))
              for k, v in net.state_dict().items()}  # fmt: skip
     recorded = weights(train(moved, CONFIG, device, seed=3))
-    monkeypatch.setattr(training, "recorder_for", lambda device: None)
+    monkeypatch.setattr(descent, "recorder_for", lambda device: None)
     single = weights(train(moved, CONFIG, device, seed=3))
     moves = sum(float((value.cpu() - start[name]).norm()) for name, value in single.items())
     assert sum(float((recorded[name] - value).norm()) for name, value in single.items()) < 0.05 * moves
@@ -126,25 +131,26 @@ def test_resuming_gives_the_bits_of_an_uninterrupted_run(photos, tmp_path, kille
     class KilledError(Exception):
         pass
 
-    def kill(step, loss):
-        if step == killed_at:
+    def kill(stage, step, *_):
+        if first_step[stage] + step == killed_at:
             raise KilledError
 
-    config = replace(CONFIG, checkpoint_every=5)
+    config, checkpoints, steps = replace(CONFIG, checkpoint_every=5), Checkpoints(tmp_path), []
+    first_step = {stage.name: stage.first_step for stage in stages(config)}
     whole = weights(train(photos, config, CPU, seed=4))
     with pytest.raises(KilledError):
-        train(photos, config, CPU, 4, Checkpoints(tmp_path), kill)
-    steps = []
-    resumed = weights(train(photos, config, CPU, 4, Checkpoints(tmp_path), lambda step, loss: steps.append(step)))
+        train(photos, config, CPU, 4, Progress(checkpoints, kill))
+    count = Progress(checkpoints, lambda stage, step, *_: steps.append(first_step[stage] + step))
+    resumed = weights(train(photos, config, CPU, 4, count))
     first = 5 * ((killed_at - 1) // 5) + 1
     assert steps == list(range(first, 51))
     assert all(torch.equal(whole[k], value) for k, value in resumed.items())
 
 
 def test_a_checkpoint_of_another_configuration_is_refused(photos, tmp_path):
-    train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Checkpoints(tmp_path))
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Progress(Checkpoints(tmp_path)))
     with pytest.raises(ConfigError, match="another Phase II configuration"):
-        train(photos, CONFIG, CPU, 0, Checkpoints(tmp_path))
+        train(photos, CONFIG, CPU, 0, Progress(Checkpoints(tmp_path)))
 
 
 def test_a_loss_that_is_not_a_number_stops_the_training(photos):
@@ -231,11 +237,11 @@ def test_the_paper_s_network_is_told_what_the_paper_names(photos):
 def test_the_printed_loss_is_in_the_photo_s_own_radiance(photos):
     """With both weights off it is the relative one times the squared light level."""
     config = replace(MLP_ONLY, loss_space=LossSpace.LINEAR, intensity_weight=False, sample_weight=False)
-    given = training.lesson_tensors(photos[0], config, 0, 0)
+    given = mlp_training.lesson_tensors(photos[0], config, 0, 0)
     angles = cubemap.solid_angles(16).reshape(-1)
     network = new_network(config).requires_grad_(False)
     relative, own = (
-        float(training.lesson_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit)))
+        float(mlp_training.lesson_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit)))
         for unit in (RadianceUnit.LEVEL, RadianceUnit.PHOTO)
     )
     assert own == pytest.approx(relative * float(photos[0].light_level) ** 2, rel=1e-4)
@@ -243,8 +249,8 @@ def test_the_printed_loss_is_in_the_photo_s_own_radiance(photos):
 
 def test_texels_count_alike_without_their_solid_angles(photos, monkeypatch):
     seen = []
-    loss = training.lesson_loss
-    monkeypatch.setattr(training, "lesson_loss", lambda *given: seen.append(given[3]) or loss(*given))
+    loss = mlp_training.lesson_loss
+    monkeypatch.setattr(mlp_training, "lesson_loss", lambda *given: seen.append(given[3]) or loss(*given))
     train(photos, replace(MLP_ONLY, steps=1, solid_angle_weight=False), CPU, 0)
     assert float(seen[0].sum()) == pytest.approx(4 * math.pi, rel=1e-5)
     assert float(seen[0].min()) == float(seen[0].max())

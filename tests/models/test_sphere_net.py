@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lightprobe.core.config_distill import AlphaRule, DistillConfig
-from lightprobe.distillation.sphere_training import fill_album, sphere_loss
+from lightprobe.distillation.sphere_training import sphere_examples, sphere_loss
 from lightprobe.distillation.training import train
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS
@@ -59,12 +59,12 @@ def test_a_short_training_beats_the_constant_and_the_stacked_light_on_photos_it_
     photos = [lesson(asset, camera, patch_light(axis.tolist()), f"photo{k}") for k, axis in enumerate(axes)]
     config = DistillConfig(steps=20, samples=256, width=16, depth=1, sphere_steps=240, sphere_width=8)
     model = train(photos[:32], config, CPU, seed=0)
-    album = fill_album(model.network, photos[32:], config, 0)
-    log_constant = torch.full_like(album.lights, 1 + BLACK).log().reshape(-1, 3, 6, 16, 16)
+    examples = sphere_examples(model.network, photos[32:], config, 0)
+    log_constant = torch.full_like(examples.lights, 1 + BLACK).log().reshape(-1, 3, 6, 16, 16)
     with torch.no_grad():
         network, stacked, constant = (
-            float(sphere_loss(light, album.lights))
-            for light in (model.sphere(album.maps), album.maps[:, :3], log_constant)
+            float(sphere_loss(light, examples.lights))
+            for light in (model.sphere(examples.maps), examples.maps[:, :3], log_constant)
         )
     assert network < 0.5 * stacked
     assert network < 0.5 * constant
@@ -113,7 +113,7 @@ def test_maps_do_not_depend_on_exposure():
     lessons = [lesson(asset, camera, light, "photo") for light in (dim, 4 * dim)]
     lessons = [replace(one, clipped=torch.zeros_like(one.clipped)) for one in lessons]
     model = train(lessons, config, CPU, 0)
-    maps = [fill_album(model.network, [one], config, 0).maps for one in lessons]
+    maps = [sphere_examples(model.network, [one], config, 0).maps for one in lessons]
     torch.testing.assert_close(maps[0], maps[1], rtol=1e-3, atol=1e-3)
 
 
@@ -129,9 +129,12 @@ def test_directions_are_told_by_up_and_by_the_camera():
     """Where light comes from is asked in a frame of the object and its photo, not of the file's axes."""
     asset, config = glossy_sphere(), DistillConfig(samples=256, width=16, depth=1)
     photo = lesson(asset, camera_at((2.6, 0.0, 0.0), size=40, focal=53.0), patch_light((1.0, 0.3, 0.4)), "photo")
-    up = fill_album(new_network(config), [photo], config, 0).maps[0, -3:].reshape(3, -1).T
+    up = sphere_examples(new_network(config), [photo], config, 0).maps[0, -3:].reshape(3, -1).T
     side = (
-        fill_album(new_network(config), [replace(photo, up=torch.eye(3)[1])], config, 0).maps[0, -3:].reshape(3, -1).T
+        sphere_examples(new_network(config), [replace(photo, up=torch.eye(3)[1])], config, 0)
+        .maps[0, -3:]
+        .reshape(3, -1)
+        .T
     )
     directions = cubemap.directions(RESOLUTION).reshape(-1, 3)
     torch.testing.assert_close(up[:, 0], directions[:, 2])

@@ -9,10 +9,10 @@ import torch
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
-from lightprobe.prediction import optimize
 from lightprobe.prediction.observation import observe
-from lightprobe.prediction.optimize import OptimizeConfig, _Part, brief, refine_environment
+from lightprobe.prediction.optimize import OptimizeConfig, brief, refine_environment
 from lightprobe.scene.photo import Pixels
+from lightprobe.training import descent
 from tests.lit_sphere import glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
 from tests.tape import compute_as_a_gpu_does, record_on_tape
@@ -75,7 +75,7 @@ def test_recorded_steps_go_where_single_ones_do(monkeypatch):
     config = replace(brief(), iterations=12)
 
     single = refine_environment(observation, prior, config, seed=0)
-    recorders = record_on_tape(monkeypatch, optimize)
+    recorders = record_on_tape(monkeypatch, descent)
     recorded = refine_environment(observation, prior, config, seed=0)
     assert [recorder.replays for recorder in recorders] == [9]
     assert float((single / prior).log().abs().mean()) > 0.01
@@ -89,25 +89,9 @@ def test_a_gpu_refines_from_a_recording_as_it_does_step_by_step(monkeypatch):
     observation, _ = corner(torch.device("cuda", 0))
     prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
     recorded = refine_environment(observation, prior, brief(), seed=0)
-    monkeypatch.setattr(optimize, "recorder_for", lambda device: None)
+    monkeypatch.setattr(descent, "recorder_for", lambda device: None)
     single = refine_environment(observation, prior, brief(), seed=0)
     assert float((recorded / single).log().norm()) < 0.01 * float((single / prior).log().norm())
-
-
-def test_steps_are_those_of_adam():
-    """Bit for bit, with another rate and another least size of the gradient in each part."""
-    parts = [_Part.still(side, rate, 0.0, CPU, recorded=False) for side, rate in ((4, 0.1), (2, 0.2))]
-    parts[0].eps, parts[1].eps = 0.3, 1e-8
-    groups = [{"params": [part.change.detach().clone()], "lr": part.rate, "eps": part.eps} for part in parts]
-    adam, random = torch.optim.Adam(groups), torch.Generator().manual_seed(0)
-    for share in (1.0, 0.7, 0.1):
-        for part, group in zip(parts, adam.param_groups, strict=True):
-            gradient = torch.randn(part.change.shape, generator=random)
-            group["lr"], group["params"][0].grad = share * part.rate, gradient
-            part.step(gradient, share)
-        adam.step()
-    for part, group in zip(parts, adam.param_groups, strict=True):
-        assert torch.equal(part.change, group["params"][0])
 
 
 @pytest.mark.slow

@@ -11,11 +11,11 @@ from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.optimisation import Stage
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.scene.photo import CLIPPED
+from lightprobe.training import Stage
 from tests.render.test_split_sum import sky, sphere_gbuffer
 from tests.shapes import camera_at
 

@@ -21,13 +21,12 @@ CONFIG = DecomposeConfig(
 @pytest.mark.parametrize("kept", [True, False])
 def test_lights_of_a_pass_that_is_not_kept_go_with_it(tmp_path, monkeypatch, kept):
     scene = load_scene(write_toy_scene(tmp_path, train=4, test=1))
-    handed = []
-    hand_over = phase1._hand_over
-    monkeypatch.setattr(phase1, "_hand_over", lambda *a: handed.append(hand_over(*a)) or handed[-1])
+    handed, first_pass = [], phase1._first_pass
+    monkeypatch.setattr(phase1, "_first_pass", lambda *a: handed.append(first_pass(*a)) or handed[-1])
     # Four photos are too few to hold one out; here one serves twice.
     monkeypatch.setattr(phase1, "split_validation", lambda photos, count: (list(photos), [photos[0]]))
     scores = itertools.count(0.0, 1.0 if kept else -1.0)
     monkeypatch.setattr(phase1, "validate", lambda *a: next(scores))
     found = phase1.decompose(scene, CONFIG)
-    before = {photo.name: light for photo, light in zip(scene.train, handed[0]["lights"], strict=True)}
+    before = {photo.name: light for photo, light in zip(scene.train, handed[0].lights, strict=True)}
     assert all(torch.equal(found.lights[name], light) for name, light in before.items()) is not kept

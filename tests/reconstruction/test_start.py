@@ -3,7 +3,6 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, SdfMode, StartShape
 from lightprobe.core.errors import ConfigError
-from lightprobe.reconstruction.optimisation import Stage
 from lightprobe.reconstruction.start import BOX, start_from_box
 
 
@@ -24,11 +23,3 @@ def test_noise_has_a_tenth_inside_and_follows_the_seed():
 def test_a_network_does_not_start_from_noise():
     with pytest.raises(ConfigError, match=r"decompose\.start random needs decompose\.sdf direct"):
         DecomposeConfig(start=StartShape.RANDOM, sdf=SdfMode.MLP)
-
-
-def test_rates_fall_to_a_tenth_after_a_warm_up():
-    plain, warmed = Stage("pass1", 0, 1000), Stage("pass2", 0, 1000, warm_up=100)
-    assert [plain.rate(step) for step in (0, 500)] == [1.0, 10**-0.5]
-    assert warmed.rate(0) == pytest.approx(0.01)
-    assert warmed.rate(49) == pytest.approx(0.5 * plain.rate(49))
-    assert warmed.rate(700) == plain.rate(700)

@@ -7,13 +7,14 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.material.textures import Textures
-from lightprobe.reconstruction import optimisation, texture_task
+from lightprobe.reconstruction import texture_task
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.optimisation import Progress, Stage, optimise
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
 from lightprobe.render.surface import View
+from lightprobe.training import Progress, Stage, Training, descent
+from lightprobe.training.descent import exponential
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
 from tests.tape import compute_as_a_gpu_does, record_on_tape
@@ -43,11 +44,12 @@ def plain(asset):
 def refine(asset, photos, steps, config=CONFIG):
     model = SurfaceModel(asset, config)
     lights = Lights([photo.name for photo in photos], config, CPU, 0)
-    stage = Stage("pass3", 0, steps)
+    stage = Stage("pass3", 0, steps, exponential(steps), (0.9, config.adam_decay), config.adam_epsilon)
     losses = []
     progress = Progress(on_step=lambda stage, step, steps, loss: losses.append(loss))
     pixels = [PhotoPixels.of(asset, photo, 0) for photo in photos]
-    optimise(TextureTask(model, pixels, lights, stage, config, 0), stage, config, progress)
+    training = Training("Phase I", {}, 0, (stage,), config.checkpoint_every, progress)
+    training.run(TextureTask(model, pixels, lights, stage, config, 0), stage)
     return model.asset(), losses
 
 
@@ -83,7 +85,7 @@ def test_recorded_steps_find_what_single_ones_do(monkeypatch):
     photos = targets(glossy_sphere())
 
     single, before = refine(plain(glossy_sphere()), photos, 6, config)
-    recorders = record_on_tape(monkeypatch, optimisation)
+    recorders = record_on_tape(monkeypatch, descent)
     recorded, after = refine(plain(glossy_sphere()), photos, 6, config)
     assert [recorder.replays for recorder in recorders] == [3]
     assert after == pytest.approx(before, rel=1e-4)

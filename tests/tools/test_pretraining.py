@@ -9,7 +9,7 @@ import pretrain_sphere_net
 from lightprobe.core.checkpoint import load_tensors
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
-from lightprobe.distillation.sphere_training import fill_album, sphere_loss
+from lightprobe.distillation.sphere_training import sphere_examples, sphere_loss
 from lightprobe.geometry.mesh import is_closed
 from lightprobe.lessons.generated_lights import Draw
 from lightprobe.models.probe_model import new_network, new_sphere
@@ -45,10 +45,10 @@ def test_a_number_decides_the_lessons_and_their_lights_differ():
 @pytest.mark.slow
 def test_the_bundled_network_knows_a_solid_and_lights_that_it_has_not_seen():
     config = DistillConfig()
-    album = fill_album(new_network(config), lessons_of(0, config, seed=1234), config, 0)
+    examples = sphere_examples(new_network(config), lessons_of(0, config, seed=1234), config, 0)
     with torch.no_grad():
-        bundled = float(sphere_loss(new_sphere(config)(album.maps), album.lights))
-        stacked = float(sphere_loss(album.maps[:, :3], album.lights))
+        bundled = float(sphere_loss(new_sphere(config)(examples.maps), examples.lights))
+        stacked = float(sphere_loss(examples.maps[:, :3], examples.lights))
     assert bundled < 0.5 * stacked
 
 

@@ -22,10 +22,10 @@ from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.prediction import methods_for
 from lightprobe.reconstruction import decompose
-from lightprobe.reconstruction.optimisation import Progress
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record
+from lightprobe.training import Progress
 from speed.training import small
 
 SCENE = Path(str(resources.files("lightprobe") / "assets" / "demo"))
@@ -75,8 +75,7 @@ def learn(preset: str, place: str, device: torch.device, setting: Setting, pace:
     found = decompose(photos, first, device, setting.seed, progress)
     middle = time.perf_counter()
     model = distill(
-        found, photos, second, device, setting.seed,
-        on_step=lambda step, loss: pace.step(f"{place}: Phase II", step, second.total_steps),
+        found, photos, second, device, setting.seed, progress,
         on_lesson=lambda done, count: pace.step(f"{place}: photos turned into lessons", done, count),
     )  # fmt: skip
     return Learned(found, model, middle - begin, time.perf_counter() - middle, _memory(device))

@@ -114,7 +114,7 @@ def measure(scene: Scene, sizes: Sizes, photos: int, steps: int, device: torch.d
     second = dataclasses.replace(sizes.distill, steps=steps)
     lessons = collect_lessons(found.asset, found.lights, scene, second, device, 0)
     made, busy = ((now - then) / len(lessons) for now, then in zip(_clocks(), (begin, busy), strict=True))
-    train(lessons, second, device, 0, None, lambda step, loss: on_step("Phase II", step, steps, loss))
+    train(lessons, second, device, 0, Progress(on_step=lambda _, *step: on_step("Phase II", *step)))
     seconds, work = ({name: _step_seconds(each[name], device) for name in PASSES} for each in (stamps, worked))
     held = _held(lessons[0])
     return Costs(seconds, work, memory, made, busy, held, len(found.asset.mesh.faces), len(scene.train), device)

@@ -1,6 +1,7 @@
 """Phase I on the ball, step by step: its passes, the time of a step, and what its parts take.
 
-`profile` does what `decompose.image_task.ImageTask.loss` and `optimise` do, piece by piece; a test holds them together.
+`profile` does what `reconstruction.image_task.ImageTask.loss` and `Training.run` do, piece by piece; a test holds them
+together.
 """
 
 import time
@@ -12,7 +13,6 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.optimisation import Progress, Stage, optimise
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.start import BOX, start_from_hull
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -20,6 +20,7 @@ from lightprobe.render.asset import Asset
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.scene import carved_hull
+from lightprobe.training import Adam, Progress, Stage, Training
 from speed.ball import CPU, LIT, camera, light, photograph
 from speed.clock import WARM, Parts, median_gap, seconds
 
@@ -75,15 +76,15 @@ def image_loss_parts(task: ImageTask, iteration: int, parts: Parts) -> Tensor:
 def profile(task: ImageTask, steps: int) -> dict[str, float]:
     """Return the median seconds of each part of a step of one of the first two passes."""
     parts = Parts()
-    optimiser = torch.optim.Adam(task.groups(), betas=(0.9, 0.99), eps=1e-12)
+    adam = Adam(task.groups(), betas=(0.9, 0.99), epsilon=1e-12)
     task.refresh(0, 0.0)
     for iteration in range(steps + WARM):
-        optimiser.zero_grad(set_to_none=True)
+        adam.forget_gradients()
         loss = image_loss_parts(task, iteration, parts)
         with parts.part("backward"):
             loss.backward()
         with parts.part("optimiser"):
-            optimiser.step()
+            adam.step()
             task.project()
     return parts.medians(WARM)
 
@@ -94,10 +95,11 @@ def renewal_seconds(task: ImageTask) -> float:
 
 
 def step_seconds(task: ImageTask, steps: int) -> float:
-    """Return the median seconds of a step of `optimise`."""
+    """Return the median seconds of a step of the training loop."""
     stamps: list[float] = []
     progress = Progress(on_step=lambda *_: stamps.append(time.perf_counter()))
-    optimise(task, Stage(task.stage.name, 0, steps + WARM), task.config, progress)
+    stage = Stage(task.stage.name, 0, steps + WARM)
+    Training("Phase I", {}, SEED, (stage,), task.config.checkpoint_every, progress).run(task, stage)
     return median_gap(stamps)
 
 

@@ -8,12 +8,14 @@ import torch
 from torch import nn
 
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.distillation.sphere_training import batch, fill_album, sphere_loss
-from lightprobe.distillation.training import lesson_loss, lesson_tensors, train
+from lightprobe.distillation.mlp_training import lesson_loss, lesson_tensors
+from lightprobe.distillation.sphere_training import batch, sphere_examples, sphere_loss
+from lightprobe.distillation.training import train
 from lightprobe.lessons.lesson import Desk, Lesson
 from lightprobe.light import cubemap
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.render.asset import Asset, rasterize_asset
+from lightprobe.training import Adam, ParameterGroup, Progress
 from speed.ball import CPU, LIT, camera, light
 from speed.clock import WARM, Parts, median_gap
 from speed.phase1 import SEED, picture
@@ -37,7 +39,7 @@ def step_seconds(lessons: list[Lesson], config: DistillConfig, steps: int) -> di
     """Return the median seconds of a step of the illumination MLP and of the sphere network."""
     stamps: list[float] = []
     short = replace(config, steps=steps + WARM, sphere_steps=steps + WARM)
-    train(lessons, short, CPU, SEED, on_step=lambda *_: stamps.append(time.perf_counter()))
+    train(lessons, short, CPU, SEED, Progress(on_step=lambda *_: stamps.append(time.perf_counter())))
     return {
         "step of Phase II's MLP": median_gap(stamps[: short.steps]),
         "step of the sphere network": median_gap(stamps[short.steps :]),
@@ -49,16 +51,16 @@ def profile(lessons: Sequence[Lesson], config: DistillConfig, steps: int) -> dic
     network, sphere = new_network(config, SEED), new_sphere(config, SEED)
     directions = cubemap.directions(config.light_resolution).reshape(-1, 3)
     angles = cubemap.solid_angles(config.light_resolution).reshape(-1)
-    album = fill_album(network, lessons, config, SEED)
+    examples = sphere_examples(network, lessons, config, SEED)
     modules: dict[str, nn.Module] = {"MLP": network, "sphere network": sphere}
     found = {}
     for name, module in modules.items():
-        parts, optimiser = Parts(), torch.optim.Adam(module.parameters())
+        parts, adam = Parts(), Adam([ParameterGroup(dict(module.named_parameters()), rate=1e-3)])
         for step in range(steps + WARM):
-            optimiser.zero_grad(set_to_none=True)
+            adam.forget_gradients()
             with parts.part("network and loss"):
                 if module is sphere:
-                    maps, lights = batch(album, config, SEED, step)
+                    maps, lights = batch(examples, config, SEED, step)
                     loss = sphere_loss(sphere(maps), lights)
                 else:
                     given = lesson_tensors(lessons[step % len(lessons)], config, SEED, step)
@@ -66,6 +68,6 @@ def profile(lessons: Sequence[Lesson], config: DistillConfig, steps: int) -> dic
             with parts.part("backward"):
                 loss.backward()
             with parts.part("optimiser"):
-                optimiser.step()
+                adam.step()
         found[name] = parts.medians(WARM)
     return found

@@ -17,6 +17,7 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
+from lightprobe.distillation.training import stages
 from lightprobe.export import write_run_outputs
 from lightprobe.light.files import load_environments
 from lightprobe.models import Decomposition, ProbeModel
@@ -98,9 +99,13 @@ def run_distill(
         return ProbeModel.load(run.model_folder).to(device)
     started = time.monotonic()
     recorder = _Recorder(run, "distill", run.model_checkpoints)
+    first_step = {stage.name: stage.first_step for stage in stages(config)}
+
+    def on_step(stage: str, step: int, steps: int, loss: float) -> None:
+        recorder.step(meter, "distill", first_step[stage] + step, config.total_steps, loss)
+
     model = distill(
-        decomposition, scene(), config, device, seed, run.model_checkpoints,
-        lambda step, loss: recorder.step(meter, "distill", step, config.total_steps, loss),
+        decomposition, scene(), config, device, seed, Progress(run.model_checkpoints, on_step, run.log),
         maps=user_maps.maps, on_lesson=lambda done, total: meter.update("lessons", done, total),
     )  # fmt: skip
     model.save(run.model_folder)

@@ -132,6 +132,13 @@ def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tens
     return found.to(like.device)
 
 
+@torch.no_grad()
+def copy_stored(tensors: Mapping[str, torch.Tensor], into: Mapping[str, torch.Tensor]) -> None:
+    """Copy a checkpoint's tensors into those `into` of the same names; raise `KeyError` or `ValueError` for misfits."""
+    for name, tensor in into.items():
+        tensor.copy_(stored_like(tensors, name, tensor))
+
+
 def _name(step: int) -> str:
     return f"step-{step:09d}"
 

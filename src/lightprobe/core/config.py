@@ -148,7 +148,8 @@ class DecomposeConfig:
     shadows: bool = True
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
     learning_rate_geometry: float = 0.015
-    """Adam step of lattice distances, offsets and vertices, in units of the object's radius per unit gradient sign."""
+    """Adam step of the shape: of lattice distances in cells, of offsets before the tanh that bounds them, of vertices
+    in mean edges (or, as in the paper, object radii: `vertex_unit`)."""
     sdf_rate: float = 0.1
     """Adam step of the MLP of distances, relative to that of the geometry."""
     learning_rate_material: float = 0.005

@@ -19,18 +19,44 @@ from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator, sent
+from lightprobe.distillation.network_task import NetworkTask, mixed_precision
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.light import cubemap
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.models.illumination_mlp import IlluminationMlp
 from lightprobe.models.probe_maps import BLACK, RESOLUTION, probe_maps, turned
 from lightprobe.models.sampling import sample_pixels
+from lightprobe.models.sphere_net import SphereNet
+from lightprobe.training.descent import Schedule
 
+_WARM_UP = 50  # steps
 _SATIN = 0.06  # exponential width in 1 - cosine
 
 
+class SphereTask(NetworkTask):
+    """The sphere network and the examples it learns from."""
+
+    def __init__(self, sphere: SphereNet, examples: "SphereExamples", config: DistillConfig, seed: int):
+        super().__init__(sphere, "sphere", config.sphere_learning_rate)
+        self._examples, self._config, self._seed = examples, config, seed
+        self._forward = mixed_precision(sphere, examples.maps.device)
+
+    def given(self, iteration: int) -> tuple[Tensor, ...]:
+        """Return the `batch` of a step."""
+        return batch(self._examples, self._config, self._seed, iteration)
+
+    def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
+        """Return the `sphere_loss` () of the batch `given`."""
+        maps, lights = given
+        return sphere_loss(self._forward(maps), lights)
+
+    def photos(self, iteration: int) -> str:
+        """Return the words for a batch, in which many photos take part."""
+        return "several"
+
+
 @dataclass(frozen=True)
-class Album:
+class SphereExamples:
     """All lessons as the sphere network sees them."""
 
     maps: Tensor  # (L, 19, 6, 16, 16)
@@ -39,7 +65,9 @@ class Album:
 
 
 @torch.no_grad()
-def fill_album(network: IlluminationMlp, lessons: Sequence[Lesson], config: DistillConfig, seed: int) -> Album:
+def sphere_examples(
+    network: IlluminationMlp, lessons: Sequence[Lesson], config: DistillConfig, seed: int
+) -> SphereExamples:
     """Return the maps of all lessons, from as many pixels as the MLP's training steps take."""
     maps, lights = [], []
     for number, lesson in enumerate(lessons):
@@ -52,7 +80,7 @@ def fill_album(network: IlluminationMlp, lessons: Sequence[Lesson], config: Dist
         level, solved = lesson.light_level, lesson.solved
         maps.append(probe_maps(pixels, colors, clipped, level, solved, lesson.up, config.alpha_rule))
         lights.append(_at_resolution(lesson.teacher).reshape(-1, 3).T)
-    return Album(torch.stack(maps), torch.stack(lights).contiguous(), len(lessons))
+    return SphereExamples(torch.stack(maps), torch.stack(lights).contiguous(), len(lessons))
 
 
 def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
@@ -66,23 +94,27 @@ def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
     return loss
 
 
-def batch(album: Album, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, Tensor]:
+def batch(examples: SphereExamples, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, Tensor]:
     """Return the maps and lights of the lessons of `step`, drawn at random, each turned or mirrored at random.
 
     Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
     """
     random = generator(seed, "sphere-batch", step)
-    chosen = sent(torch.randint(album.count, (config.sphere_batch,), generator=random), album.maps.device)
-    symmetries, _ = cubemap.symmetries(RESOLUTION, album.maps.device)
-    turn = sent(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), album.maps.device)
-    lights = album.lights[chosen]
-    return turned(album.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
+    chosen = sent(torch.randint(examples.count, (config.sphere_batch,), generator=random), examples.maps.device)
+    symmetries, _ = cubemap.symmetries(RESOLUTION, examples.maps.device)
+    turn = sent(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device)
+    lights = examples.lights[chosen]
+    return turned(examples.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
 
 
-def learning_rate(config: DistillConfig, step: int) -> float:
-    """Return the Adam step: a short warm-up, then down along a cosine."""
-    warm = min(1.0, (step + 1) / 50)
-    return config.sphere_learning_rate * warm * 0.5 * (1 + math.cos(math.pi * step / config.sphere_steps))
+def schedule(config: DistillConfig) -> Schedule:
+    """Return how the learning rate goes: a short warm-up, then down along a cosine."""
+
+    def rate_at(rate: float, step: int) -> float:
+        warm = min(1.0, (step + 1) / _WARM_UP)
+        return rate * warm * 0.5 * (1 + math.cos(math.pi * step / config.sphere_steps))
+
+    return rate_at
 
 
 @functools.lru_cache(maxsize=4)

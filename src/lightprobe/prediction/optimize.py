@@ -14,29 +14,26 @@ and the broad one, which all pixels have a say in, is damped less: few steps wou
 wants it.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.optim.adam import adam
 
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.recording import Recorded, recorder_for
 from lightprobe.imaging.photometry import exposure_unit, one_sided_residual, tone_map
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.transport import Transport
+from lightprobe.training.adam import ParameterGroup
+from lightprobe.training.descent import Descent, cosine
 
 _REFINED_RESOLUTION = 32
 _BROAD = 2  # texels along each edge
 _DARK = 1e-4  # relative to the light level
-_LEAST_EPS = 1e-8  # Adam's own
-_BETAS = 0.9, 0.999  # Adam's own
 
 
 @dataclass(frozen=True)
@@ -86,43 +83,6 @@ class _Render(torch.autograd.Function):
         return ctx.transport.adjoint(gradient), None
 
 
-@dataclass
-class _Part:
-    """A part of the change of the log radiance, and Adam's memory of it.
-
-    The update is PyTorch's function and not its class, as the first use of any `torch.optim.Optimizer` imports the
-    compiler of PyTorch: two seconds, of which a prediction in a new process would be the longest part.
-    """
-
-    change: Tensor  # (6, n, n, 3), requires grad
-    rate: float
-    damping: float
-    mean: Tensor  # of the gradient, as change
-    square: Tensor  # mean of its square
-    steps: Tensor  # () float32
-    recorded: bool
-    eps: float | None = None  # found in the first step
-
-    @staticmethod
-    def still(side: int, rate: float, damping: float, device: torch.device, *, recorded: bool) -> "_Part":
-        """Return no change yet on 6 x side x side texels."""
-        change = torch.zeros(6, side, side, 3, device=device, requires_grad=True)
-        steps = torch.zeros((), device=device if recorded else None)
-        return _Part(change, rate, damping, torch.zeros_like(change), torch.zeros_like(change), steps, recorded)
-
-    @torch.no_grad()
-    def step(self, gradient: Tensor, share: Tensor) -> None:
-        """Take one step of Adam, of `share` () of the rate."""
-        if self.eps is None:
-            self.eps = max(self.damping * float(gradient.square().mean().sqrt()), _LEAST_EPS)
-        rate = share * self.rate
-        adam(
-            [self.change], [gradient.contiguous()], [self.mean], [self.square], [], [self.steps],
-            amsgrad=False, beta1=_BETAS[0], beta2=_BETAS[1], lr=rate if self.recorded else float(rate),
-            weight_decay=0.0, eps=self.eps, maximize=False, fused=self.recorded, capturable=self.recorded,
-        )  # fmt: skip
-
-
 def optimize_environment(observation: Observation, start: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
     """Return the light (6, R, R, 3) > 0 found from `start` (6, R, R, 3)."""
     every = torch.arange(len(observation.rows), device=start.device)
@@ -133,9 +93,8 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
     unit = exposure_unit(color)  # the loss is taken as if the photo were well exposed
     target = tone_map(color / unit)
     first = (start / unit).clamp(min=1e-4).log()
-    recorder = recorder_for(start.device)
-    parts = _parts(start, config, recorded=recorder is not None)
-    changes = [part.change for part in parts]
+    groups = _groups(start, config)
+    changes = [change for group in groups for change in group.parameters.values()]
 
     def light() -> Tensor:
         change = changes[0]
@@ -143,37 +102,30 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
             change = magnify_light(change, finer.shape[1]) + finer
         return (first + change).exp()
 
-    def descend(share: Tensor) -> Tensor:
-        with torch.enable_grad():
-            sought = light()
-            difference = one_sided_residual(tone_map(_Render.apply(sought, transport)), target, clipped)
-            chroma = (sought - sought.mean(-1, keepdim=True)).abs().mean()
-            loss = difference.abs().mean() + config.grey * chroma
-        for part, gradient in zip(parts, torch.autograd.grad(loss, changes), strict=True):
-            part.step(gradient, share)
-        return loss.detach()
+    def loss() -> Tensor:
+        sought = light()
+        difference = one_sided_residual(tone_map(_Render.apply(sought, transport)), target, clipped)
+        chroma = (sought - sought.mean(-1, keepdim=True)).abs().mean()
+        return difference.abs().mean() + config.grey * chroma
 
-    step = Recorded(descend, recorder)
-    for share in _shares(config.iterations, None if recorder is None else start.device):
-        step(share)
+    descent = Descent(groups, loss, schedule=cosine(config.iterations), recordable=True)
+    for step in range(config.iterations):
+        descent.step(step)
+    descent.end()
     return unit * light().detach()
 
 
-def _shares(steps: int, device: torch.device | None) -> Tensor:
-    """Return what remains of the rates at each step, along a cosine: (steps,), what Adam takes on that device."""
-    shares = torch.tensor([0.5 * (1 + math.cos(math.pi * step / steps)) for step in range(steps)], dtype=torch.float64)
-    return shares if device is None else shares.to(device, torch.float32)
-
-
-def _parts(start: Tensor, config: OptimizeConfig, *, recorded: bool) -> list[_Part]:
-    """Return the parts of the change that move at all, from the broadest to the texels of `start`."""
-    sizes = (
-        (_BROAD, config.smooth_learning_rate, config.broad_damping),
-        (BLOCKS, config.smooth_learning_rate, config.damping),
-        (start.shape[1], config.learning_rate, config.damping),
-    )
+def _groups(start: Tensor, config: OptimizeConfig) -> list[ParameterGroup]:
+    """Return the parts of the change of log radiance that move at all, from the broadest to the texels of `start`."""
+    sizes = {
+        "broad": (_BROAD, config.smooth_learning_rate, config.broad_damping),
+        "smooth": (BLOCKS, config.smooth_learning_rate, config.damping),
+        "texels": (start.shape[1], config.learning_rate, config.damping),
+    }
     return [
-        _Part.still(side, rate, damping, start.device, recorded=recorded) for side, rate, damping in sizes if rate > 0
+        ParameterGroup({name: torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)}, rate, damping)
+        for name, (side, rate, damping) in sizes.items()
+        if rate > 0
     ]
 
 

@@ -1,6 +1,6 @@
 """Phase I: a `Scene` in, a `Decomposition` out: mesh, textures and one environment per training photo."""
 
-from lightprobe.reconstruction.optimisation import Progress
 from lightprobe.reconstruction.phase1 import decompose
+from lightprobe.training import Progress
 
 __all__ = ["Progress", "decompose"]

@@ -1,12 +1,13 @@
 """The first two passes' task: whole photos, silhouettes included, one per step."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
+from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.core.device import generator, sent
 from lightprobe.reconstruction.frame_loss import frame_loss
@@ -15,12 +16,13 @@ from lightprobe.reconstruction.lattice_model import LatticeModel, Seen
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
 from lightprobe.reconstruction.material_trials import PHOTOS, Sample, best_trial
-from lightprobe.reconstruction.optimisation import Stage, photo_order
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
+from lightprobe.training import ParameterGroup, Stage
+from lightprobe.training.loop import visited
 
 _POINTS = 512  # whose materials are compared in a step
 
@@ -32,17 +34,17 @@ class Model(Protocol):
     def mean_color(self) -> Tensor:
         """The mean () that base colours are held at."""
 
-    def groups(self) -> list[dict]:
-        """Return the optimiser's parameter groups."""
+    def groups(self) -> list[ParameterGroup]:
+        """Return the trained parameters and their rates."""
+
+    def chosen(self) -> dict[str, Tensor]:
+        """Return what is chosen and not trained, by name."""
 
     def see(self, view: View, step: int, progress: float) -> Seen:
         """Return what a camera sees, and the regularisation loss."""
 
     def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
         """Yield the G-buffers of the present surface in several views, without gradient."""
-
-    def parameters(self):
-        """Return the trainable tensors, as `torch.nn.Module` does."""
 
     def renew(self) -> None:
         """Update what follows the surface only now and then: its shadows, and the colours it sees around it."""
@@ -65,13 +67,23 @@ class ImageTask:
     config: DecomposeConfig
     seed: int
 
-    def groups(self) -> list[dict]:
-        """Return the model's parameter groups."""
-        return self.model.groups()
+    def groups(self) -> list[ParameterGroup]:
+        """Return the parameters of the model, and the lights that are fitted by gradients."""
+        return [*self.model.groups(), *self.lights.groups()]
+
+    def buffers(self) -> dict[str, Tensor]:
+        """Return what the model has chosen, and the lights that are solved."""
+        return {**self.model.chosen(), **self.lights.solved()}
+
+    def load_buffers(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over buffers; raise `KeyError` or `ValueError` where they do not fit."""
+        copy_stored(tensors, self.model.chosen())
+        self.lights.load_solved(tensors)
 
     def project(self) -> None:
-        """Bring the model's parameters back into their valid ranges."""
+        """Bring parameters back into their valid ranges."""
         self.model.project()
+        self.lights.clamp()
 
     def photos(self, iteration: int) -> str:
         """Return the name of the photo of a step, in quotes."""
@@ -112,7 +124,7 @@ class ImageTask:
         self.lights.dim(factor)
 
     @property
-    def steady(self) -> bool:
+    def recordable(self) -> bool:
         """Whether a step depends on what it is given alone: no, each photo covers another number of pixels."""
         return False
 
@@ -157,4 +169,4 @@ class ImageTask:
 
     def target(self, iteration: int) -> Target:
         """Return the photo of a step."""
-        return self.targets[photo_order(self.seed, self.stage.name, len(self.targets), iteration)]
+        return self.targets[visited(self.seed, f"order/{self.stage.name}", len(self.targets), iteration)]

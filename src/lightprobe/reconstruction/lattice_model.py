@@ -22,6 +22,7 @@ from lightprobe.render.asset import gbuffer_of
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import outline_vertices
 from lightprobe.render.surface import View, face_camera, visible_surface
+from lightprobe.training import Descent, ParameterGroup
 
 _FITTED = 16_384  # points at most in a step that fits the network of distances to a shape
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
@@ -62,13 +63,18 @@ class DistanceMlp(nn.Module):
 
     def fit(self, points: Tensor, distance: Tensor, steps: int, random: torch.Generator) -> None:
         """Fit the network to distances (V,) given at points (V, 3), so that training starts from a shape."""
-        optimiser, count = torch.optim.Adam(self.parameters(), lr=1e-3), min(_FITTED, len(points))
-        for _ in range(steps):
-            some = sent(torch.randint(0, len(points), (count,), generator=random), points.device)
-            optimiser.zero_grad()
-            loss = (self(points[some]) - distance[some]).abs().mean()
-            loss.backward()
-            optimiser.step()
+        descent = Descent(
+            [ParameterGroup(dict(self.named_parameters()), rate=1e-3)],
+            lambda some: (self(points[some]) - distance[some]).abs().mean(),
+        )
+        count = min(_FITTED, len(points))
+        for step in range(steps):
+            descent.step(step, sent(torch.randint(0, len(points), (count,), generator=random), points.device))
+        descent.end()
+
+
+def _named(prefix: str, module: nn.Module) -> dict[str, Tensor]:
+    return {f"{prefix}.{name}": parameter for name, parameter in module.named_parameters()}
 
 
 class LatticeModel(nn.Module):
@@ -90,22 +96,26 @@ class LatticeModel(nn.Module):
         self.shadows: MovingShadows | None = None
         self.material = ScaledMaterial(START, config, device, seed)
 
-    def groups(self) -> list[dict]:
-        """Return the optimiser's parameter groups."""
-        rate, material = self.config.learning_rate_geometry, self.config.learning_rate_material
+    def groups(self) -> list[ParameterGroup]:
+        """Return the parameters and their rates, of distances in object radii, of offsets before the bounding tanh."""
+        rate = self.config.learning_rate_geometry
         if self.config.sdf is SdfMode.MLP:
-            shape = [{"params": list(self.mlp.parameters()), "lr": self.config.sdf_rate * rate}]
+            shape = [ParameterGroup(_named("mlp", self.mlp), self.config.sdf_rate * rate)]
         else:
             # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths of a cell.
             cells = rate * self.lattice.cell
-            shape = [{"params": [self.distance], "lr": cells},
-                     {"params": list(self.coarse.values), "lr": _COARSE_RATE * cells}]  # fmt: skip
+            coarse = _named("coarse", self.coarse)
+            shape = [ParameterGroup({"distance": self.distance}, cells)]
+            shape += [ParameterGroup(coarse, _COARSE_RATE * cells)] if coarse else []
         return [
             *shape,
-            {"params": [self.offset], "lr": rate},
-            {"params": list(self.material.field.parameters()), "lr": material},
-            {"params": [self.material.brightness], "lr": 0.0},
+            ParameterGroup({"offset": self.offset}, rate),
+            ParameterGroup(_named("field", self.material.field), self.config.learning_rate_material),
         ]
+
+    def chosen(self) -> dict[str, Tensor]:
+        """Return what is chosen and not trained, by name."""
+        return {"brightness": self.material.brightness}
 
     def distances(self) -> Tensor:
         """Return the signed distances (V,), forced positive on the lattice's border so that the surface is closed."""

@@ -4,6 +4,8 @@ With geometry and material held, a photo is linear in its light. So each visit c
 (`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
 """
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
@@ -15,6 +17,7 @@ from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
+from lightprobe.training import ParameterGroup
 
 
 def solve_target_light(
@@ -92,6 +95,28 @@ class Lights:
     def replace(self, name: str, light: Tensor) -> None:
         """Put `light` (6, R, R, 3) in place of a photo's, in place."""
         self.maps[self.index[name]].copy_(light)
+
+    def parameters(self) -> dict[str, Tensor]:
+        """Return the lights that are fitted by gradients, `light.<photo>` each; none where they are solved."""
+        return {f"light.{name}": self.maps[i] for name, i in self.index.items()} if self.gradient else {}
+
+    def groups(self) -> list[ParameterGroup]:
+        """Return the same with their rate, in radiance."""
+        parameters = self.parameters()
+        return [ParameterGroup(parameters, self.config.learning_rate_light)] if parameters else []
+
+    def stacked(self) -> Tensor:
+        """Return all lights (N, 6, R, R, 3)."""
+        return torch.stack([light.detach() for light in self.maps])
+
+    def solved(self) -> dict[str, Tensor]:
+        """Return `stacked` by name where lights are solved and not fitted by gradients."""
+        return {} if self.gradient else {"lights": self.stacked()}
+
+    def load_solved(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over what `solved` returned; raise `KeyError` or `ValueError` where it does not fit."""
+        if not self.gradient:
+            self.load(tensors["lights"])
 
     def clamp(self) -> None:
         """Keep gradient-fitted lights non-negative."""

@@ -20,6 +20,7 @@ from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.training import Descent, ParameterGroup
 
 PHOTOS = 32  # that a trial learns from
 STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours tried
@@ -66,15 +67,15 @@ class Trial:
 
     def fit(self) -> None:
         """Fit the material to the samples, one photo a step, each photo's light solved at each visit."""
-        rate = _RATE * self.config.learning_rate_material
-        trained = [p for p in self.material.parameters() if p.requires_grad]
-        optimiser = torch.optim.Adam(trained, lr=rate, betas=(0.9, 0.99), eps=1e-12, fused=True)
         steps = self.config.trial_steps
+        descent = Descent(
+            [ParameterGroup(dict(self.material.named_parameters()), _RATE * self.config.learning_rate_material)],
+            self._loss, schedule=lambda rate, step: rate * 0.1 ** (step / steps), betas=(0.9, 0.99), epsilon=1e-12,
+            fused=True,
+        )  # fmt: skip
         for step in range(steps):
-            optimiser.param_groups[0]["lr"] = rate * 0.1 ** (step / steps)
-            optimiser.zero_grad(set_to_none=True)
-            self._loss(self.samples[step % len(self.samples)], step).backward()
-            optimiser.step()
+            descent.step(step, self.samples[step % len(self.samples)], step)
+        descent.end()
 
     def _loss(self, sample: Sample, step: int) -> Tensor:
         material = self.material(sample.pixels.position)

@@ -1,7 +1,7 @@
 """Phase I from start to end: visual hull, first pass, bake, second and third pass with their guards, final lights."""
 
 import statistics
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import torch
@@ -14,7 +14,6 @@ from lightprobe.reconstruction.bake import bake
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.optimisation import Progress, Stage, optimise
 from lightprobe.reconstruction.photos import Target, load_targets
 from lightprobe.reconstruction.start import BOX, Start, start_from_box, start_from_hull
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -23,9 +22,10 @@ from lightprobe.reconstruction.validation import explain, validate
 from lightprobe.render.asset import Asset
 from lightprobe.scene import carved_hull
 from lightprobe.scene.photo import Photo, Scene
+from lightprobe.training import Progress, Resumed, Stage, Training
+from lightprobe.training.descent import exponential
 
-_START = "start."  # prefix, in a checkpoint, of the asset that a pass started from
-_BEFORE = "before.lights"  # of a pass
+_LIGHTS = "lights"  # beside the asset's tensors, of what a pass starts from
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,47 @@ class Job:
     config: DecomposeConfig
     device: torch.device
     seed: int
-    progress: Progress
+    training: Training
+
+    def tell(self, message: str) -> None:
+        """Report something worth a line in the log."""
+        self.training.progress.tell(message)
 
     def targets(self, photos: list[Photo], side: int) -> list[Target]:
         """Return photos as tensors of at most `side` pixels."""
         return load_targets(self.scene, photos, side, self.device)
+
+
+@dataclass(frozen=True)
+class Handover:
+    """What a pass starts from, or ended with: an object and the lights that belong to it."""
+
+    asset: Asset
+    lights: Tensor  # (N, 6, R, R, 3), one for each fitted photo
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return all of it by name."""
+        return {**self.asset.tensors(), _LIGHTS: self.lights}
+
+    @staticmethod
+    def of(tensors: dict[str, Tensor], device: torch.device) -> "Handover":
+        """Return it from its `tensors`; raise `KeyError` or `InputError` where they make none."""
+        parts = {name: tensor for name, tensor in tensors.items() if name != _LIGHTS}
+        asset = Asset.from_tensors(parts, Path("the object of this pass"), "begin anew with --restart")
+        return Handover(asset.to(device), tensors[_LIGHTS].to(device))
+
+
+def stages(config: DecomposeConfig) -> tuple[Stage, Stage, Stage]:
+    """Return the three passes, each with its place in the phase's count of steps."""
+    lengths = config.pass1_iterations, config.pass2_iterations, config.pass3_iterations
+    found, first = [], 0
+    for number, length in enumerate(lengths, start=1):
+        schedule = exponential(length, config.warm_up_steps if number == 2 else 0)
+        found.append(
+            Stage(f"pass{number}", first, length, schedule, (0.9, config.adam_decay), config.adam_epsilon)
+        )  # fmt: skip
+        first += length
+    return found[0], found[1], found[2]
 
 
 def split_validation(photos: tuple[Photo, ...], count: int) -> tuple[list[Photo], list[Photo]]:
@@ -57,62 +93,49 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     With `progress.checkpoints`, an interrupted call goes on from the newest one and ends with the same bits on a
     CPU. Raises `ConvergenceError` when nothing usable comes out.
     """
-    device = full_precision(device or torch.device("cpu"))
-    job = Job(scene, config or DecomposeConfig(), device, seed, progress or Progress())
-    fitted, held_out = split_validation(scene.train, job.config.validation_photos)
-    found = _found(job, fitted)
-    if found is None or found.stage == "pass1":
-        tensors = _first_pass(job, fitted, found.tensors if found else None, found.done if found else 0)
-        stage, done = "pass2", 0
+    config, device = config or DecomposeConfig(), full_precision(device or torch.device("cpu"))
+    first, second, third = passes = stages(config)
+    training = Training("Phase I", asdict(config), seed, passes, config.checkpoint_every, progress or Progress())
+    job = Job(scene, config, device, seed, training)
+    fitted, held_out = split_validation(scene.train, config.validation_photos)
+    resumed = training.latest()
+    if resumed is None or resumed.stage == first.name:
+        start, resumed = _first_pass(job, fitted, resumed), None
+        training.begin(second, start.tensors())
     else:
-        tensors, stage, done = found.tensors, found.stage, found.done
-    if stage == "pass2":
-        tensors, done = _second_pass(job, fitted, held_out, tensors, done), 0
-    asset, lights = _third_pass(job, fitted, held_out, tensors, done)
-    return Decomposition(asset, _final_lights(job, asset, lights), scene.similarity)
+        start = _resumed_start(job, fitted, resumed)
+    if resumed is None or resumed.stage == second.name:
+        start, resumed = _second_pass(job, fitted, held_out, start, resumed), None
+        training.begin(third, start.tensors())
+    end = _third_pass(job, fitted, held_out, start, resumed)
+    return Decomposition(end.asset, _final_lights(job, end.asset, _lights(job, fitted, end.lights)), scene.similarity)
 
 
-@dataclass(frozen=True)
-class _Found:
-    """The newest checkpoint."""
-
-    tensors: dict[str, Tensor]
-    stage: str
-    done: int  # steps of the stage
-
-
-def _found(job: Job, photos: list[Photo]) -> _Found | None:
-    """Return the newest checkpoint, None without one; raise `InputError` when it is not one of this training's."""
-    checkpoints, config = job.progress.checkpoints, job.config
-    latest = checkpoints.latest() if checkpoints else None
-    if latest is None:
-        return None
-    step, tensors, state = latest
-    lengths = {"pass1": config.pass1_iterations, "pass2": config.pass2_iterations, "pass3": config.pass3_iterations}
-    with job.progress.restoring(step):
-        stage, done = state["stage"], state["iteration"]
-        if not isinstance(stage, str) or stage not in lengths:
-            raise ValueError("its state names no pass")
-        before = sum(lengths[name] for name in lengths if name < stage)
-        if type(done) is not int or not 0 <= done <= lengths[stage] or step != before + done:
-            raise ValueError(f"its state names step {done} of {stage}")
-        if stage != "pass1":
-            lights = _taken_over(job, photos, tensors)[1]
-            lights.load(tensors[_BEFORE] if done else tensors["lights"])
-    return _Found(tensors, stage, done)
+def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
+    """Return what the pass of a checkpoint started from; raise `InputError` when it is not one of this training's."""
+    with job.training.restoring(resumed.step):
+        start = Handover.of(resumed.start, job.device)
+        _lights(job, photos, start.lights)
+    return start
 
 
-def _first_pass(job: Job, photos: list[Photo], restored: dict[str, Tensor] | None, done: int) -> dict[str, Tensor]:
-    """Fit lattice and field, bake them, and return the tensors the second pass starts from."""
-    config = job.config
+def _lights(job: Job, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
+    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each photo."""
+    lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed)
+    if stacked is not None:
+        lights.load(stacked)
+    return lights
+
+
+def _first_pass(job: Job, photos: list[Photo], resumed: Resumed | None) -> Handover:
+    """Fit lattice and field, bake them, and return what the second pass starts from."""
+    config, stage = job.config, job.training.stages[0]
     targets = job.targets(photos, config.pass1_side)
     model = LatticeModel(_start(job, photos, targets), config, job.device, job.seed)
-    lights = Lights([t.name for t in targets], config, job.device, job.seed)
-    stage = Stage("pass1", 0, config.pass1_iterations)
-    task = ImageTask(model, targets, lights, stage, config, job.seed)
-    optimise(task, stage, config, job.progress, done, restored)
+    lights = _lights(job, photos)
+    job.training.run(ImageTask(model, targets, lights, stage, config, job.seed), stage, resumed)
     # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
-    return _hand_over(job, bake(model, config, job.device, job.progress.tell), lights, "pass2")
+    return Handover(bake(model, config, job.device, job.tell), lights.stacked())
 
 
 def _start(job: Job, photos: list[Photo], targets: list[Target]) -> Start:
@@ -130,81 +153,53 @@ def _start(job: Job, photos: list[Photo], targets: list[Target]) -> Start:
     return start_from_hull(hull, config.lattice_cells)
 
 
-def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
-                 ) -> dict[str, Tensor]:  # fmt: skip
-    """Refine the baked asset, vertices and textures, and return the tensors the third pass starts from."""
-    config = job.config
-    start, lights = _taken_over(job, photos, tensors)
+def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
+                 ) -> Handover:  # fmt: skip
+    """Refine the baked asset, vertices and textures, and return what the third pass starts from."""
+    config, stage = job.config, job.training.stages[1]
     if config.pass2_iterations == 0:
-        return tensors
-    model = SurfaceModel(start, config, job.seed)
-    stage = Stage("pass2", config.pass1_iterations, config.pass2_iterations, config.warm_up_steps)
-    lights_before = tensors[_BEFORE] if done else tensors["lights"]
-    job.progress.extra = {**_named(start), _BEFORE: lights_before}
+        return start
+    lights = _lights(job, photos, start.lights)
+    model = SurfaceModel(start.asset, config, job.seed)
     targets = job.targets(photos, config.pass2_side)
     task = ImageTask(model, targets, lights, stage, config, job.seed)
-    optimise(task, stage, config, job.progress, done, tensors if done else None)
-    kept = _best(job, stage, held_out, [start, model.asset()], lights, lights_before)
-    return _hand_over(job, kept, lights, "pass3")
+    job.training.run(task, stage, resumed, start.tensors())
+    return _best(job, stage, held_out, start, [model.asset()], lights)
 
 
-def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], tensors: dict[str, Tensor], done: int
-                ) -> tuple[Asset, Lights]:  # fmt: skip
+def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
+                ) -> Handover:  # fmt: skip
     """Refine the textures at the photos' full size, where that shows more."""
-    config = job.config
-    start, lights = _taken_over(job, photos, tensors)
+    config, stage = job.config, job.training.stages[2]
     if config.pass3_iterations == 0 or not _has_detail(photos, config):
-        return start, lights
-    stage = Stage("pass3", config.pass1_iterations + config.pass2_iterations, config.pass3_iterations)
-    lights_before = tensors[_BEFORE] if done else tensors["lights"]
-    job.progress.extra = {**_named(start), _BEFORE: lights_before}
-    pixels = [PhotoPixels.of(start, job.targets([photo], config.pass3_side)[0], job.seed) for photo in photos]
+        return start
+    lights, asset = _lights(job, photos, start.lights), start.asset
+    pixels = [PhotoPixels.of(asset, job.targets([photo], config.pass3_side)[0], job.seed) for photo in photos]
     pixels = [photo for photo in pixels if len(photo.color) > 0]
-    before = start.textures.resized(max(config.pass3_texture_size, start.textures.size))
-    model = SurfaceModel(replace(start, textures=before), config, job.seed)
+    before = asset.textures.resized(max(config.pass3_texture_size, asset.textures.size))
+    model = SurfaceModel(replace(asset, textures=before), config, job.seed)
     task = TextureTask(model, pixels, lights, stage, config, job.seed)
-    optimise(task, stage, config, job.progress, done, tensors if done else None)
+    job.training.run(task, stage, resumed, start.tensors())
     refined = model.asset()
     # Detail that only explains errors of the lights is worse than none; halfway there is often better than either.
     halfway = replace(refined, textures=before.halfway(refined.textures))
-    return _best(job, stage, held_out, [start, halfway, refined], lights, lights_before), lights
+    return _best(job, stage, held_out, start, [halfway, refined], lights)
 
 
-def _best(job: Job, stage: Stage, held_out: list[Photo], assets: list[Asset], lights: Lights, lights_before: Tensor
-          ) -> Asset:  # fmt: skip
-    """Return the asset that explains held-out photos best, the last one when there are none.
+def _best(job: Job, stage: Stage, held_out: list[Photo], start: Handover, assets: list[Asset], lights: Lights
+          ) -> Handover:  # fmt: skip
+    """Return the asset that explains held-out photos best, with its lights; the last one when there are no such photos.
 
-    The first asset is the one before the stage; when it stays, so do the `lights_before` that belong to it.
+    Where the asset from before the stage, `start`, is the best one, so are its lights.
     """
     if not held_out:
-        return assets[-1]
+        return Handover(assets[-1], lights.stacked())
     judges = job.targets(held_out, job.config.pass2_side)
-    scores = [validate(asset, judges, job.config, job.seed) for asset in assets]
+    scores = [validate(asset, judges, job.config, job.seed) for asset in (start.asset, *assets)]
     listed = ", ".join(f"{score:.2f}" for score in scores[1:])
-    job.progress.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
+    job.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
     best = scores.index(max(scores))
-    if best == 0:
-        lights.load(lights_before)
-    return assets[best]
-
-
-def _hand_over(job: Job, asset: Asset, lights: Lights, stage: str) -> dict[str, Tensor]:
-    """Return the tensors that the pass `stage` starts from, and save them when there are checkpoints."""
-    tensors = {**_named(asset), "lights": torch.stack([light.detach() for light in lights.maps])}
-    if job.progress.checkpoints:
-        config = job.config
-        step = config.pass1_iterations + (config.pass2_iterations if stage == "pass3" else 0)
-        job.progress.checkpoints.save(step, tensors, {"stage": stage, "iteration": 0})
-    return tensors
-
-
-def _taken_over(job: Job, photos: list[Photo], tensors: dict[str, Tensor]) -> tuple[Asset, Lights]:
-    """Return the asset that a pass starts from, and the lights, out of its tensors."""
-    lights = Lights([p.name for p in photos], job.config, job.device, job.seed)
-    named = {k.removeprefix(_START): v for k, v in tensors.items() if k.startswith(_START)}
-    start = Asset.from_tensors(named, Path("the object of this pass"), "begin anew with --restart")
-    lights.load(tensors["lights"])
-    return start.to(job.device), lights
+    return start if best == 0 else Handover(assets[best - 1], lights.stacked())
 
 
 def _has_detail(photos: list[Photo], config: DecomposeConfig) -> bool:
@@ -227,9 +222,5 @@ def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:
         resolution = job.config.light_resolution if lights.gradient else job.config.teacher_resolution
         start = lights.maps[lights.index[photo.name]] if photo.name in lights.index and not lights.gradient else None
         final[photo.name] = explain(asset, target, resolution, job.config, job.seed, start)[1]
-        job.progress.step("lights", len(final), len(job.scene.train), 0.0)
+        job.training.progress.step("lights", len(final), len(job.scene.train), 0.0)
     return final
-
-
-def _named(start: Asset) -> dict[str, Tensor]:
-    return {_START + name: tensor for name, tensor in start.tensors().items()}

@@ -16,12 +16,13 @@ _BESIDE = 0.01  # how far away that is, in object radii
 class ScaledMaterial(nn.Module):
     """A material field and the brightness of its base colours, which is chosen, not trained."""
 
+    brightness: Tensor  # ()
+
     def __init__(self, mean: float, config: DecomposeConfig, device: torch.device, seed: int):
         """Start a new field with the mean linear base colour `mean`."""
         super().__init__()
         self.config, self.seed = config, seed
-        # It travels with the parameters, as checkpoints hold those.
-        self.brightness = nn.Parameter(torch.tensor(mean / START_BASE, device=device), requires_grad=False)
+        self.register_buffer("brightness", torch.tensor(mean / START_BASE, device=device))
         self.field = MaterialField(
             levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
             coarsest=config.hash_coarsest, finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
@@ -43,8 +44,7 @@ class ScaledMaterial(nn.Module):
     @torch.no_grad()
     def take_over(self, other: "ScaledMaterial") -> None:
         """Become `other`, in place: an optimiser may hold the parameters."""
-        for mine, theirs in zip(self.parameters(), other.parameters(), strict=True):
-            mine.copy_(theirs)
+        self.load_state_dict(other.state_dict())
 
     def loss(self, position: Tensor, material: Tensor, step: int, covered: float) -> Tensor:
         """Return what the material (N, 8) at N surface points (N, 3) costs; they cover the share `covered` of a photo.

@@ -18,6 +18,7 @@ from lightprobe.reconstruction.losses import brightness_anchor, material_prior, 
 from lightprobe.render.asset import Asset, textured_gbuffer, textured_surroundings
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import Surface, View, visible_surface
+from lightprobe.training import ParameterGroup
 
 _BESIDE = 0.005  # standard deviation, of the texture's edge, of where base colours are compared
 _COMPARED = 4096  # points
@@ -25,6 +26,8 @@ _COMPARED = 4096  # points
 
 class SurfaceModel(nn.Module):
     """A textured mesh whose vertices and texels move; the connectivity and texture coordinates stay."""
+
+    mean_color: Tensor  # () that base colours are held at
 
     def __init__(self, asset: Asset, config: DecomposeConfig, seed: int = 0):
         super().__init__()
@@ -42,7 +45,7 @@ class SurfaceModel(nn.Module):
         self.start_color = channels[:, :3]
         self.finish = nn.Parameter(channels[:, 3:].clone())  # roughness, metallic, normal
         mean = channels[:, :3].mean(0).clamp(min=1e-3).log().mean().exp()
-        self.mean_color = nn.Parameter(mean, requires_grad=False)  # untrained, but part of a checkpoint
+        self.register_buffer("mean_color", mean)
         self.tangents = uv_tangents(asset.mesh)
         self.around = asset.around
         count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
@@ -50,14 +53,17 @@ class SurfaceModel(nn.Module):
             0, self.edges.vertices.reshape(-1), torch.ones_like(count[:1]).expand(2 * len(ends), 1)
         )
 
-    def groups(self) -> list[dict]:
-        """Return the optimiser's parameter groups."""
+    def groups(self) -> list[ParameterGroup]:
+        """Return the parameters and their rates: displacements in `unit`, texels as they are."""
         return [
-            {"params": [self.displacement], "lr": self.config.learning_rate_geometry},
-            {"params": [self.color], "lr": self.config.learning_rate_material},
-            {"params": [self.finish], "lr": self.config.learning_rate_finish},
-            {"params": [self.mean_color], "lr": 0.0},
+            ParameterGroup({"displacement": self.displacement}, self.config.learning_rate_geometry),
+            ParameterGroup({"color": self.color}, self.config.learning_rate_material),
+            ParameterGroup({"finish": self.finish}, self.config.learning_rate_finish),
         ]
+
+    def chosen(self) -> dict[str, Tensor]:
+        """Return what is chosen and not trained, by name."""
+        return {"mean_color": self.mean_color}
 
     def texels(self) -> Tensor:
         """Return all channels (S * S, 8)."""

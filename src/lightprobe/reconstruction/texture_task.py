@@ -5,12 +5,13 @@ pixels cost, however large the photos are, and fine relief and print get the man
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator, sent
 from lightprobe.imaging.photometry import displayed_error
@@ -18,7 +19,6 @@ from lightprobe.kernels import weighted_gather
 from lightprobe.material.textures import bilinear_taps
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.losses import brightness_anchor, color_gauge, material_prior
-from lightprobe.reconstruction.optimisation import Stage, photo_order
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
@@ -26,6 +26,8 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.openness import Openness
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import Surface, View, visible_surface
+from lightprobe.training import ParameterGroup, Stage
+from lightprobe.training.loop import visited
 
 _POOL = 65_536  # pixels kept of a photo
 _PHOTOS = 4  # looked at in a step
@@ -78,13 +80,19 @@ class TextureTask:
         self._mesh = model.start
         self._normals = model.start.normals()
 
-    def groups(self) -> list[dict]:
-        """Return the optimiser's parameter groups."""
-        rate = self.config.learning_rate_texture
-        return [
-            {"params": [self.model.color, self.model.finish], "lr": rate},
-            {"params": [self.model.mean_color], "lr": 0.0},
-        ]
+    def groups(self) -> list[ParameterGroup]:
+        """Return the texels, and the lights that are fitted by gradients."""
+        texels = {"color": self.model.color, "finish": self.model.finish}
+        return [ParameterGroup(texels, self.config.learning_rate_texture), *self.lights.groups()]
+
+    def buffers(self) -> dict[str, Tensor]:
+        """Return what the model has chosen, and the lights that are solved."""
+        return {**self.model.chosen(), **self.lights.solved()}
+
+    def load_buffers(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over buffers; raise `KeyError` or `ValueError` where they do not fit."""
+        copy_stored(tensors, self.model.chosen())
+        self.lights.load_solved(tensors)
 
     def refresh(self, iteration: int, fraction: float) -> None:
         """Do nothing: the shape is at rest, and so are its shadows and its brightness."""
@@ -94,11 +102,12 @@ class TextureTask:
         return ", ".join(f"'{self._photos[i].name}'" for i, _ in self._visits(iteration))
 
     def project(self) -> None:
-        """Bring texels back into their valid ranges."""
+        """Bring texels and lights back into their valid ranges."""
         self.model.project()
+        self.lights.clamp()
 
     @property
-    def steady(self) -> bool:
+    def recordable(self) -> bool:
         """Whether a step depends on what it is given alone: not where the lights are parameters, too."""
         return not self.lights.gradient
 
@@ -149,7 +158,7 @@ class TextureTask:
         """Return (photo, epoch) for each photo of a step."""
         first, count = iteration * _PHOTOS, len(self._photos)
         places = range(first, first + _PHOTOS)
-        return [(photo_order(self._seed, self._stage.name, count, k), k // count) for k in places]
+        return [(visited(self._seed, f"order/{self._stage.name}", count, k), k // count) for k in places]
 
     def _materials(self, surfaces: Sequence[Surface], beside: Tensor) -> tuple[Tensor, Tensor]:
         """Return the material (P, 8) at all points of the surfaces, and the same `beside` (P, 2) texels away."""

@@ -3,8 +3,8 @@ from contextlib import contextmanager
 import pytest
 import torch
 
-from lightprobe.core import recording
-from lightprobe.core.recording import CudaRecorder, Recorded, recorder_for
+from lightprobe.training import recording
+from lightprobe.training.recording import CudaRecorder, Recorded, recorder_for
 from tests.tape import TapeRecorder
 
 

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from lightprobe.core.losses import LossReader
+from lightprobe.training.losses import LossReader
 
 
 def test_on_a_cpu_every_loss_is_known_at_once():
