@@ -142,7 +142,7 @@ def _lesson(lessons: list[Lesson], seed: int, step: int) -> Lesson:
 def _mixed(network: nn.Module, device: torch.device) -> Callable[..., Tensor]:
     """Return the network's forward pass, in bfloat16 on a GPU that has it, to a float32 result.
 
-    With products rounded so on a CPU both networks learn as well (benchmarks/NOTES.md).
+    With products rounded so on a CPU both networks learn as well (docs/decisions/gpu-replay-and-precision.md).
     """
     apt = device.type == "cuda" and torch.cuda.get_device_capability(device) >= (8, 0)
 
