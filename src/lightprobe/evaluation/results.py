@@ -52,11 +52,11 @@ def _loss_note(scene: str) -> str:
 
 _HEAD = (
     "Written by `lightprobe bench` from the records in `records/`, one small file for every evaluation; what is said "
-    "about the numbers stands in NOTES.md. Means over test photos come with ± the half width of their 95 % interval. "
-    "Photos under one environment are no independent evidence, so lights are the unit: Student's t with one degree of "
-    "freedom less than there are lights (see Scenes), and a standard error that takes the photos under one light "
-    "together; where the lights have no names, every photo is taken for a light of its own. These intervals are for "
-    "the run at hand; what another seed of the training does stands in a table of its own."
+    "about the numbers stands in docs/decisions. Means over test photos come with ± the half width of their 95 % "
+    "interval. Photos under one environment are no independent evidence, so lights are the unit: Student's t with one "
+    "degree of freedom less than there are lights (see Scenes), and a standard error that takes the photos under one "
+    "light together; where the lights have no names, every photo is taken for a light of its own. These intervals are "
+    "for the run at hand; what another seed of the training does stands in a table of its own."
 )
 _SCENES_NOTE = (
     "What each scene was used for. Numbers of development scenes are of photos that settings were chosen by, and "

@@ -13,8 +13,8 @@ so that .5 says: probably off by a factor of two. e is a weighted sum of what ra
 
 A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is estimated with
 random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to training photos of three
-scenes with known lights; `tools/fit_confidence.py` fits them to lights that the project makes, and benchmarks/NOTES.md
-says what it found. The evaluation checks them on test photos.
+scenes with known lights; `tools/fit_confidence.py` fits them to lights that the project makes, and
+docs/decisions/confidence-weights.md says what it found. The evaluation checks them on test photos.
 """
 
 from dataclasses import dataclass

@@ -40,7 +40,7 @@ _SQUARES = 6  # of the chess board, along the side of a square with the object's
 _NOISE = 0.02  # displayed; contrast below it is as good as none
 
 # The limits lie between 36 good test photos of three objects, two of them trained briefly, and the same photos spoilt
-# (benchmarks/NOTES.md, "What a photo's verdict rests on").
+# (docs/decisions/photo-verdict.md).
 _BLACK = 1e-5  # a photo without light; what is nearly black and cannot be read is found unexplained
 _ALL_WHITE = 0.9  # white: 1; eight times too bright: at most .83
 _NOTHING_EXPLAINED = 0.0  # negatives, grey, noise: below, the last just below on a smooth object
