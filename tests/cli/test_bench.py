@@ -12,7 +12,7 @@ from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.records import Record
+from lightprobe.report.records import Record
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ from lightprobe.core import config, config_distill
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Evaluation, Protocols
-from lightprobe.evaluation.headings import LIGHTS, OBJECT
-from lightprobe.evaluation.run_info import read_phases, training_commands
 from lightprobe.prediction import Method
+from lightprobe.report.headings import LIGHTS, OBJECT
+from lightprobe.report.run_info import read_phases, training_commands
 
 OWN, OTHER = Method.PROBE_NET_OPTIMIZE, Method.CONSTANT
 

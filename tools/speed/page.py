@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.provenance import commit, machine
+from lightprobe.report.provenance import commit, machine
 from speed import training
 from speed.kernels import LOBE, all_kernels, culled_line, kernel_rows, time_kernel, time_prefilter
 from speed.limits import Limits, measure_limits

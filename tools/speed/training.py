@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.provenance import training_costs
 from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.report.provenance import training_costs
 from speed import phase1, phase2
 from speed.ball import ball
 from speed.growth import Cases, growth_rows

@@ -13,12 +13,12 @@ from lightprobe.cli.options import option
 from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.files import write_bytes
-from lightprobe.evaluation.bench_results import BenchResults
-from lightprobe.evaluation.bench_scenes import BENCH_SCENES
-from lightprobe.evaluation.paper_tables import paper_page
-from lightprobe.evaluation.records import Kind, read_records
-from lightprobe.evaluation.results import results_page
 from lightprobe.light.files import environment_files
+from lightprobe.report.bench_results import BenchResults
+from lightprobe.report.bench_scenes import BENCH_SCENES
+from lightprobe.report.paper_tables import paper_page
+from lightprobe.report.records import Kind, read_records
+from lightprobe.report.results import results_page
 
 
 class Step(StrEnum):

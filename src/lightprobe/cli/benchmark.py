@@ -10,10 +10,10 @@ from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.bench_results import PAPER_LESSONS, PAPER_METHOD
-from lightprobe.evaluation.provenance import commit, machine, threads, training_costs, without_places
-from lightprobe.evaluation.records import Kind, Record
 from lightprobe.models import ProbeModel
+from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
+from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
+from lightprobe.report.records import Kind, Record
 
 LOSSES_SCENE = "chair"
 PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II on photos alone, without the network

@@ -25,19 +25,16 @@ from lightprobe.core.stored import checked_object, read_object
 from lightprobe.evaluation import (
     Evaluation,
     Protocols,
-    Report,
     ViewResult,
     can_be_oracle,
     evaluate,
     oracle_decomposition,
-    spread,
-    view_pictures,
-    write_report,
 )
-from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
-from lightprobe.evaluation.run_info import read_phases, training_commands, training_facts
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.prediction import Method, methods_for, recorded_config
+from lightprobe.report import Report, spread, view_pictures, write_report
+from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.report.run_info import read_phases, training_commands, training_facts
 from lightprobe.scene.photo import Scene
 
 # title -> the scores that fit side by side in 80 columns

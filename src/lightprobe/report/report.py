@@ -13,10 +13,10 @@ from typing import Any
 from urllib.parse import quote
 
 from lightprobe.core.files import write_bytes
-from lightprobe.evaluation.color_scale import css_gradient, ticks
-from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT, Heading
-from lightprobe.evaluation.pictures import CONFIDENCE, PICTURE_HINTS, PICTURE_NOTES
-from lightprobe.evaluation.report_tables import Rows, folded, score_list, table
+from lightprobe.report.color_scale import css_gradient, ticks
+from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT, Heading
+from lightprobe.report.pictures import CONFIDENCE, PICTURE_HINTS, PICTURE_NOTES
+from lightprobe.report.report_tables import Rows, folded, score_list, table
 
 MAX_ROWS = 32  # photos with pictures; the table has all of them
 

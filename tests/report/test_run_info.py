@@ -5,7 +5,7 @@ import pytest
 
 from lightprobe.core import config, config_distill, config_predict
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.run_info import read_phases, training_commands, training_facts
+from lightprobe.report.run_info import read_phases, training_commands, training_facts
 
 BUNDLED = Path("anywhere/lightprobe/assets/demo")
 

@@ -4,7 +4,7 @@ import html
 from collections.abc import Iterable
 from typing import Any
 
-from lightprobe.evaluation.headings import Heading, Headings
+from lightprobe.report.headings import Heading, Headings
 
 Rows = dict[str, dict[str, Any]]  # label -> score -> value
 

@@ -14,8 +14,8 @@ from typing import Any
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import read_json, write_bytes
-from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.evaluation.metrics import photo_interval
+from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 
 Metrics = dict[str, Any]  # as the content of a metrics.json
 _FORMAT = 1

@@ -3,8 +3,8 @@ import json
 import pytest
 
 from lightprobe.core.errors import InputError
-from lightprobe.evaluation.records import Kind, Record, read_records
-from tests.evaluation.results import metrics, record
+from lightprobe.report.records import Kind, Record, read_records
+from tests.report.results import metrics, record
 
 
 def test_a_record_comes_back_with_means_and_intervals_by_light(tmp_path):

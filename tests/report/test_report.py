@@ -3,8 +3,8 @@ import re
 
 import numpy as np
 
-from lightprobe.evaluation.pictures import PICTURE_HINTS, PICTURE_NOTES, data_uri, object_box
-from lightprobe.evaluation.report import Report, report_page, spread, write_report
+from lightprobe.report.pictures import PICTURE_HINTS, PICTURE_NOTES, data_uri, object_box
+from lightprobe.report.report import Report, report_page, spread, write_report
 
 METRICS = {
     "default_method": "solve",

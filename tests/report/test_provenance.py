@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.provenance import training_costs, without_places
+from lightprobe.report.provenance import training_costs, without_places
 
 
 def test_places_are_named_by_whole_folders_the_innermost_first():

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from lightprobe.evaluation.bench_results import (
+from lightprobe.evaluation.three_spheres import SPHERES
+from lightprobe.report.bench_results import (
     PAPER_LESSONS,
     PAPER_METHOD,
     BenchResults,
@@ -12,11 +13,10 @@ from lightprobe.evaluation.bench_results import (
     partial_photos,
     whole,
 )
-from lightprobe.evaluation.bench_scenes import BENCH_SCENES, ordered, role
-from lightprobe.evaluation.markdown import NONE, markdown_table, mean, mean_cell, number, score_cells, signed
-from lightprobe.evaluation.published import PUBLISHED_LIGHTS, paper_scores
-from lightprobe.evaluation.records import Record
-from lightprobe.evaluation.three_spheres import SPHERES
+from lightprobe.report.bench_scenes import BENCH_SCENES, ordered, role
+from lightprobe.report.markdown import NONE, markdown_table, mean, mean_cell, number, score_cells, signed
+from lightprobe.report.published import PUBLISHED_LIGHTS, paper_scores
+from lightprobe.report.records import Record
 
 Rows = Iterable[tuple[list[str], Record | None]]  # cells, and the record that they are from if it is one
 _RMSE = {f"{sphere}_si_rmse": 3 for sphere in SPHERES}

@@ -1,5 +1,5 @@
-from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT, Heading
-from lightprobe.evaluation.report_tables import best_cells, score_list, table
+from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT, Heading
+from lightprobe.report.report_tables import best_cells, score_list, table
 
 HEADINGS = {"up": Heading("up", 1, "", True), "down": Heading("down", 1, "", False), "none": Heading("none", 1, "")}
 

@@ -8,12 +8,12 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from lightprobe.evaluation.color_scale import RANGE, confidence_colors
 from lightprobe.evaluation.evaluation import ViewResult
 from lightprobe.evaluation.prediction_files import exposure, tone_mapped
 from lightprobe.evaluation.relighting import load_environment
 from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
 from lightprobe.light.files import panorama
+from lightprobe.report.color_scale import RANGE, confidence_colors
 
 _SIDE = 256
 _DIFFERENCE_GAIN = 3

@@ -1,9 +1,9 @@
 import itertools
 
-from lightprobe.evaluation.bench_results import BenchResults
-from lightprobe.evaluation.records import Kind
-from lightprobe.evaluation.results import results_page
-from lightprobe.evaluation.results_tables import (
+from lightprobe.report.bench_results import BenchResults
+from lightprobe.report.records import Kind
+from lightprobe.report.results import results_page
+from lightprobe.report.results_tables import (
     comparison_table,
     confidence_table,
     image_table,
@@ -19,7 +19,7 @@ from lightprobe.evaluation.results_tables import (
     slow_table,
     time_table,
 )
-from tests.evaluation.results import metrics, record, spheres
+from tests.report.results import metrics, record, spheres
 
 CUT = "1500 of 40 000 + 2000 of 30 000"
 

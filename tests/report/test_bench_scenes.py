@@ -1,4 +1,4 @@
-from lightprobe.evaluation.bench_scenes import BENCH_SCENES, Role, ordered, role
+from lightprobe.report.bench_scenes import BENCH_SCENES, Role, ordered, role
 
 
 def test_what_was_looked_at_while_settings_were_chosen_is_declared():

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from lightprobe.evaluation.bench_scenes import ordered
-from lightprobe.evaluation.records import Kind, Metrics, Record
+from lightprobe.report.bench_scenes import ordered
+from lightprobe.report.records import Kind, Metrics, Record
 
 PAPER_METHOD = "probe-mlp"
 PAPER_LESSONS = "photos alone"

@@ -1,7 +1,7 @@
 """The results of a benchmark as one Markdown page, from its records."""
 
-from lightprobe.evaluation import results_tables as tables
-from lightprobe.evaluation.bench_results import PAPER_METHOD, BenchResults
+from lightprobe.report import results_tables as tables
+from lightprobe.report.bench_results import PAPER_METHOD, BenchResults
 
 
 def results_page(results: BenchResults) -> str:

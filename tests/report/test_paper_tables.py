@@ -1,9 +1,9 @@
 import itertools
 
-from lightprobe.evaluation.bench_results import BenchResults
-from lightprobe.evaluation.paper_tables import paper_page
-from lightprobe.evaluation.records import Kind
-from tests.evaluation.results import metrics, record
+from lightprobe.report.bench_results import BenchResults
+from lightprobe.report.paper_tables import paper_page
+from lightprobe.report.records import Kind
+from tests.report.results import metrics, record
 
 
 def section(page: str, title: str) -> str:
