@@ -1,4 +1,4 @@
-"""What made a number: the commit, the machine and its threads, the costs in a run's log, a command without folders."""
+"""What made a number: the commit, the machine and its threads, what a training took, a command without folders."""
 
 import math
 import os
@@ -11,6 +11,7 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.run import RunFolder
+from lightprobe.core.timings import read_timings
 
 
 def without_places(command: str, places: dict[str, Path]) -> str:
@@ -22,22 +23,14 @@ def without_places(command: str, places: dict[str, Path]) -> str:
 
 
 def training_costs(run: RunFolder) -> dict[str, float]:
-    """Return the seconds of each phase of a run and the most memory (`memory`, GiB), from its log.
+    """Return the whole seconds of each finished phase of a run and the most memory (`memory`, GiB), from timings.json.
 
-    Phases that were interrupted are left out.
+    What counts as a phase's time is said in `core.timings`. Empty for a run without such a record.
     """
-    if not run.log_file.is_file():
-        return {}
-    text = run.log_file.read_text(encoding="utf-8", errors="replace")
-    found: dict[str, float] = {}
-    pattern = re.compile(r"(decompose|distill) finished in (\d+):(\d\d)(?:, ([\d.]+) GiB)?")
-    for phase, minutes, seconds, memory in pattern.findall(text):
-        if f"{phase} goes on from" in text:
-            continue
-        found[phase] = 60 * int(minutes) + int(seconds)
-        if memory:
-            found["memory"] = max(float(memory), found.get("memory", 0))
-    return found
+    finished = {phase: timing for phase, timing in read_timings(run.timings_file).items() if timing.finished}
+    costs: dict[str, float] = {phase: round(timing.seconds) for phase, timing in finished.items()}
+    held = [timing.memory for timing in finished.values() if timing.memory is not None]
+    return {**costs, "memory": round(max(held), 2)} if held else costs
 
 
 def commit() -> str:

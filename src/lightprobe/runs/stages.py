@@ -1,6 +1,5 @@
 """The two phases as steps of a run folder: recorded, resumable, reported."""
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -8,26 +7,23 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lightprobe.cli.progress import Meter, clock
-from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config_distill import Lessons
 from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
 from lightprobe.export import write_run_outputs
 from lightprobe.light.files import load_environments
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.reconstruction import Progress, decompose
+from lightprobe.runs.progress import OnProgress
+from lightprobe.runs.recorder import PhaseRecorder
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record
 
 MAP_RESOLUTION = 32  # texels along each cubemap edge of the maps of --hdri
-_RECORD_EVERY = 10  # steps between lines of metrics.jsonl
-_LIGHTS = "lights"  # the stage that only solves for the final lights: nothing is trained, no checkpoint is written
 
 
 @dataclass(frozen=True)
@@ -67,26 +63,30 @@ def open_scene(run: RunFolder, folder: Path | None) -> Scene:
 
 
 def run_decompose(
-    run: RunFolder, scene: Scene, config: DecomposeConfig, device: torch.device, seed: int, meter: Meter
+    run: RunFolder,
+    scene: Scene,
+    config: DecomposeConfig,
+    device: torch.device,
+    seed: int,
+    on_progress: OnProgress,
 ) -> Decomposition:
     """Phase I into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
     run.record_scene(scene_record(scene))
     run.record_config("decompose", {"seed": seed, **asdict(config)})
     if run.asset_file.exists():
         return Decomposition.load(run, device)
-    started = time.monotonic()
-    recorder = _Recorder(run, "decompose", run.checkpoints)
-    progress = Progress(run.checkpoints, lambda *step: recorder.step(meter, *step), run.log)
+    recorder = PhaseRecorder(run, "decompose", run.checkpoints, on_progress)
+    progress = Progress(recorder.checkpoints, recorder.step, run.log)
     decomposition = decompose(scene, config, device, seed, progress)
     write_run_outputs(decomposition, run)
     decomposition.save(run)
-    run.log(f"decompose finished in {clock(time.monotonic() - started)}{_peak()}")
+    recorder.finish()
     return decomposition
 
 
 def run_distill(
     run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
-    device: torch.device, seed: int, meter: Meter, user_maps: "UserMaps", predict: PredictConfig,
+    device: torch.device, seed: int, on_progress: OnProgress, user_maps: UserMaps, predict: PredictConfig,
 ) -> ProbeModel:  # fmt: skip
     """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
 
@@ -96,22 +96,15 @@ def run_distill(
     run.record_config("predict", asdict(predict))
     if ProbeModel.exists(run.model_folder):
         return ProbeModel.load(run.model_folder).to(device)
-    started = time.monotonic()
-    recorder = _Recorder(run, "distill", run.model_checkpoints)
+    recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress)
     model = distill(
-        decomposition, scene(), config, device, seed, run.model_checkpoints,
-        lambda step, loss: recorder.step(meter, "distill", step, config.total_steps, loss),
-        maps=user_maps.maps, on_lesson=lambda done, total: meter.update("lessons", done, total),
+        decomposition, scene(), config, device, seed, recorder.checkpoints,
+        lambda step, loss: recorder.step("distill", step, config.total_steps, loss),
+        maps=user_maps.maps, on_lesson=lambda done, total: on_progress("lessons", done, total),
     )  # fmt: skip
     model.save(run.model_folder)
-    run.log(f"distill finished in {clock(time.monotonic() - started)}{_peak()}")
+    recorder.finish()
     return model
-
-
-def _peak() -> str:
-    """Return the words for the most memory that the process has held, where the system counts it."""
-    memory = peak_memory()
-    return "" if memory is None else f", {memory:.2f} GiB at most"
 
 
 def restart_decompose(run: RunFolder) -> None:
@@ -128,22 +121,3 @@ def restart_distill(run: RunFolder) -> None:
 
 def _second_outputs(run: RunFolder) -> tuple[Path, ...]:
     return (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
-
-
-class _Recorder:
-    """Counts a phase's steps from its last checkpoint on, writes metrics.jsonl and moves the progress bar."""
-
-    def __init__(self, run: RunFolder, phase: str, checkpoints: Checkpoints):
-        latest = checkpoints.latest()
-        self.run, self.phase = run, phase
-        self.count = latest[0] if latest else 0
-        run.rewind_metrics(phase, self.count)
-        run.log(f"{phase} goes on from step {self.count}" if latest else f"{phase} starts")
-
-    def step(self, meter: Meter, stage: str, step: int, steps: int, loss: float) -> None:
-        """Take note of one finished step."""
-        trains = stage != _LIGHTS
-        self.count += trains
-        if trains and self.count % _RECORD_EVERY == 0:
-            self.run.append_metrics(self.phase, self.count, {"stage": stage, "loss": loss})
-        meter.update(stage, step, steps, f"loss {loss:.4f}" if trains else "")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from lightprobe.cli.using import _Job
 from lightprobe.core.run import RunFolder
+from lightprobe.runs.predictions import _Job
 
 
 @pytest.mark.parametrize("stem", ["x" * 250, "漢" * 83])

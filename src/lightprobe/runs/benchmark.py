@@ -1,17 +1,22 @@
-"""The pieces of a benchmark: commands of the program itself, and the records that their numbers are kept in."""
+"""The pieces of a benchmark: commands of the program itself, and the records that their numbers are kept in.
+
+A piece is the words of a command, as a record tells them and a person could type them. Who runs them is told.
+"""
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
-from lightprobe.cli.failures import INTERRUPTED
 from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.models import ProbeModel
 from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
+from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
 from lightprobe.report.records import Kind, Record
 
@@ -37,17 +42,59 @@ LOSSES: dict[str, tuple[str, ...]] = {
 
 _TRAINED = "bench.json"  # in a run: the commit that trained it
 
+RunCommand = Callable[[Sequence[str]], bool]  # runs a command of the program, given in words; whether it went well
+Say = Callable[[str], None]  # shows a sentence to whoever waits
+
+
+class Step(StrEnum):
+    """A part of the benchmark."""
+
+    RUN = "run"
+    PAPER = "paper"
+    SEEDS = "seeds"
+    LESSONS = "lessons"
+    LOSSES = "losses"
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What a benchmark makes, and where."""
+
+    scenes: tuple[str, ...] = BENCH_SCENES
+    """Names of the scenes."""
+    data: Path = Path("data")
+    """Where the scenes' folders are, at most one folder down."""
+    output: Path = Path("runs/bench")
+    """Where runs and variants go."""
+    runs: Path | None = None
+    """Finished runs named as the scenes; by default those in `output`."""
+    preset: Preset = Preset.QUICK
+    steps: tuple[Step, ...] = tuple(Step)
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """The first is every run's; the others train the default and the losses again."""
+    paper_iterations: tuple[int, ...] = ()
+    """Steps of each pass of Phase I and of Phase II in runs with the paper's settings; none: no such runs."""
+    slow_photos: int = 2
+    """Test photos for methods that take more than 20 s each."""
+    hdri: Path | None = None
+    """Folder of .exr or .hdr environments, z up, that one more Phase II trains under."""
+    records: Path | None = None
+    """Folder of the records; by default benchmarks/records where there is a folder benchmarks, else in `output`."""
+    results: Path | None = None
+    """The page; by default benchmarks/RESULTS.md, else in `output`."""
+
 
 class Benchmark:
     """The pieces of a benchmark: each is a command, and the record of the numbers it left."""
 
-    def __init__(
-        self, folder: Path, runs: Path, records: Path, preset: Preset, seeds: tuple[int, ...], slow_photos: int,
-        data: Path, hdri: Path | None = None,
-    ):  # fmt: skip
-        self.folder, self.runs, self.records, self.preset, self.seeds = folder, runs, records, preset, seeds
-        self.slow_photos, self.data, self.hdri = slow_photos, data, hdri
-        self.all_lessons = dict(LESSONS) if hdri is None else {**LESSONS, HDRI_LESSONS: ("--hdri", str(hdri))}
+    def __init__(self, options: BenchOptions, records: Path, run_command: RunCommand, say: Say):
+        """Keep records in the folder `records`; `run_command` makes the pieces, `say` hears of those already made."""
+        self.folder, self.runs, self.records = options.output, options.runs or options.output / "runs", records
+        self.preset, self.seeds, self.slow_photos = options.preset, options.seeds, options.slow_photos
+        self.data, self.hdri, self._run_command, self._say = options.data, options.hdri, run_command, say
+        self.all_lessons = dict(LESSONS)
+        if options.hdri is not None:
+            self.all_lessons[HDRI_LESSONS] = ("--hdri", str(options.hdri))
         self.failed: list[str] = []
 
     def scene(self, name: str, folder: Path) -> None:
@@ -125,7 +172,7 @@ class Benchmark:
         kept = self._kept(record)
         if kept is not None:
             file = self.records / f"{record.name}.json"
-            print(f"KEPT {record.name}: scored at {kept.commit}; delete {file} to repeat it.")
+            self._say(f"KEPT {record.name}: scored at {kept.commit}; delete {file} to repeat it.")
         return kept is not None
 
     def _train(self, record: Record, run: RunFolder, folder: Path, options: Sequence[str]) -> bool:
@@ -163,15 +210,10 @@ class Benchmark:
 
     def _command(self, name: str, command: Sequence[str]) -> bool:
         """Run a command of the program itself; note a failure and return whether it went well."""
-        from lightprobe.cli.main import main
-
-        print(f"lightprobe {' '.join(command)}", flush=True)
-        code = main(list(command))
-        if code == INTERRUPTED:
-            raise KeyboardInterrupt
-        if code:
+        done = self._run_command(command)
+        if not done:
             self.failed.append(name)
-        return code == 0
+        return done
 
     def _unplaced(self, command: str) -> str:
         places = {"DATA": self.data, "RUNS": self.runs, "FOLDER": self.folder}
