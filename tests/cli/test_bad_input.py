@@ -232,7 +232,7 @@ def test_bad_options_are_one_sentence(scene, tmp_path, capsys, arguments, words)
 
 
 def test_a_defect_of_the_program_names_the_log_with_its_traceback(scene, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("lightprobe.cli.stages.decompose", lambda *a: 1 // 0)
+    monkeypatch.setattr("lightprobe.runs.stages.decompose", lambda *a: 1 // 0)
     run = RunFolder(tmp_path / "run")
     code = fails(["fit", scene, "-o", run.path, "--device", "cpu"], capsys, ["ZeroDivisionError", "log.txt"])
     assert code == 70
@@ -246,16 +246,16 @@ def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch)
     def exhaust(*arguments):
         raise MemoryError
 
-    monkeypatch.setattr("lightprobe.cli.stages.decompose", stop)
+    monkeypatch.setattr("lightprobe.runs.stages.decompose", stop)
     arguments = ["fit", scene, "-o", tmp_path / "run", "--device", "cpu"]
     assert fails(arguments, capsys, ["interrupted", "same command"]) == 130
-    monkeypatch.setattr("lightprobe.cli.stages.decompose", exhaust)
+    monkeypatch.setattr("lightprobe.runs.stages.decompose", exhaust)
     assert fails(arguments, capsys, ["Out of memory"]) == 4
 
     def allocate(*arguments):
         raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 9 bytes.")
 
-    monkeypatch.setattr("lightprobe.cli.stages.decompose", allocate)
+    monkeypatch.setattr("lightprobe.runs.stages.decompose", allocate)
     assert fails(arguments, capsys, ["Out of memory"]) == 4
 
 
@@ -265,7 +265,7 @@ def test_tracebacks_go_to_a_new_private_file(scene, tmp_path, capsys, monkeypatc
     (tmp_path / "temporary").mkdir()
     (tmp_path / "precious").write_text("mine")
     (tmp_path / "temporary" / "lightprobe-error.txt").symlink_to(tmp_path / "precious")
-    monkeypatch.setattr("lightprobe.cli.training.load_scene", lambda *a: 1 // 0)
+    monkeypatch.setattr("lightprobe.runs.training.load_scene", lambda *a: 1 // 0)
     for _ in range(2):
         assert fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["ZeroDivisionError", "lightprobe-error-"]) == 70
     files = [path for path in (tmp_path / "temporary").iterdir() if not path.is_symlink()]
@@ -278,7 +278,7 @@ def test_a_log_that_is_a_link_is_not_written_through(scene, tmp_path, capsys, mo
     run = RunFolder.create(tmp_path / "run")
     (tmp_path / "precious").write_text("mine")
     run.log_file.symlink_to(tmp_path / "precious")
-    monkeypatch.setattr("lightprobe.cli.stages.decompose", lambda *a: 1 // 0)
+    monkeypatch.setattr("lightprobe.runs.stages.decompose", lambda *a: 1 // 0)
     fails(["fit", scene, "-o", run.path, "--device", "cpu"], capsys, ["log.txt"])
     assert (tmp_path / "precious").read_text() == "mine"
 
@@ -292,7 +292,7 @@ def test_warnings_of_libraries_are_not_for_the_user(scene, tmp_path, capsys, mon
         warnings.warn("an old function", DeprecationWarning, stacklevel=1)
         raise InputError("This is the sentence.")
 
-    monkeypatch.setattr("lightprobe.cli.training.load_scene", warn)
+    monkeypatch.setattr("lightprobe.runs.training.load_scene", warn)
     with warnings.catch_warnings(record=True) as seen:
         fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["This is the sentence."])
     assert seen == []
@@ -301,7 +301,7 @@ def test_warnings_of_libraries_are_not_for_the_user(scene, tmp_path, capsys, mon
         warnings.warn("Photos are upside down.", LightprobeWarning, stacklevel=1)
         raise InputError("This is the sentence.")
 
-    monkeypatch.setattr("lightprobe.cli.training.load_scene", warn_too)
+    monkeypatch.setattr("lightprobe.runs.training.load_scene", warn_too)
     assert main(["fit", str(scene), "-o", str(tmp_path / "run")]) == InputError.exit_code
     said = capsys.readouterr().err.splitlines()
     assert said == ["lightprobe: warning: Photos are upside down.", "lightprobe: This is the sentence."]

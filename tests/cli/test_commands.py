@@ -43,7 +43,7 @@ def test_training_leaves_the_documented_files(trained):
     _, run = trained
     files = {str(p.relative_to(run.path)) for p in run.path.rglob("*") if p.is_file()}
     names = {f"train_{i:02d}" for i in range(18)}
-    assert {"config.json", "scene.json", "metrics.jsonl", "log.txt"} <= files
+    assert {"config.json", "scene.json", "metrics.jsonl", "log.txt", "timings.json"} <= files
     assert {f"mesh/{n}" for n in ("object.glb", "base_color.png", "orm.png", "normal.png")} <= files
     assert {f"env/{name}.exr" for name in names} <= files
     assert {"model/config.json"} <= files

@@ -1,64 +1,11 @@
-"""Where the numbers of `eval` go and what it prints; `test_commands` runs it on a trained run."""
+"""What `eval` prints; `test_commands` runs it on a trained run."""
 
-import dataclasses
-import shlex
-
-import pytest
-
-from lightprobe.cli import training
-from lightprobe.cli.evaluation import default_first, destination, eval_command, print_tables
-from lightprobe.cli.main import main
-from lightprobe.core import config, config_distill
-from lightprobe.core.files import write_json
-from lightprobe.core.run import RunFolder
-from lightprobe.evaluation import Evaluation, Protocols
-from lightprobe.evaluation.headings import LIGHTS, OBJECT
-from lightprobe.evaluation.run_info import read_phases, training_commands
+from lightprobe.cli.evaluation import print_tables
+from lightprobe.evaluation import Evaluation
 from lightprobe.prediction import Method
+from lightprobe.report.headings import LIGHTS, OBJECT
 
 OWN, OTHER = Method.PROBE_NET_OPTIMIZE, Method.CONSTANT
-
-
-@pytest.fixture
-def run(tmp_path):
-    return RunFolder.create(tmp_path / "run")
-
-
-def test_the_run_s_default_is_the_first_and_each_method_comes_once():
-    assert default_first((OTHER, Method.SOLVE, OWN, OTHER), OWN) == (OWN, OTHER, Method.SOLVE)
-    assert default_first((OTHER, Method.SOLVE), OWN) == (OTHER, Method.SOLVE)
-
-
-def test_numbers_of_the_default_are_replaced_only_by_numbers_of_the_default(run):
-    usual = (run.metrics_file, run.report_file)
-    assert destination(run, (OTHER,), OWN) == usual  # nothing is there that could be lost
-    write_json(run.metrics_file, {"methods": {"solve": {}}})
-    assert destination(run, (OTHER,), OWN) == usual
-    write_json(run.metrics_file, {"methods": {OWN.value: {}}})
-    folder = run.report_file.parent / "comparison"
-    assert destination(run, (OTHER,), OWN) == (folder / "metrics.json", folder / "index.html")
-    assert destination(run, (OTHER, OWN), OWN) == usual
-
-
-def test_the_command_of_an_evaluation_says_what_was_asked_for():
-    assert eval_command((), Protocols(), oracle=False, slow=False) == "lightprobe eval RUN"
-    asked = eval_command((OTHER, OWN), Protocols(unseen=False, slow_photos=2), oracle=True, slow=True)
-    methods = "--methods constant probe-net+optimize"
-    assert asked == f"lightprobe eval RUN {methods} --no-unseen --oracle-asset --slow --slow-photos 2"
-
-
-def test_the_command_of_a_training_gives_its_settings_again(run, monkeypatch):
-    first = dataclasses.replace(config.standard(), shadows=False, sdf=config.SdfMode.MLP, laplacian=0.25)
-    second = dataclasses.replace(config_distill.standard(), pretrained=True, alpha_rule=config_distill.AlphaRule.R2)
-    run.record_config("decompose", {"seed": 5, **dataclasses.asdict(first)})
-    run.record_config("distill", {"seed": 5, "hdri": None, **dataclasses.asdict(second)})
-    given = []
-    monkeypatch.setattr(training, "_train", lambda *arguments, **_: given.append(arguments))
-    (command,) = training_commands(read_phases(run), run.path)
-    assert "--preset standard" in command
-    assert main(shlex.split(command)[1:]) == 0
-    assert given[0][3] == 5
-    assert given[0][5:7] == (first, second)
 
 
 def test_console_and_report_call_a_score_by_one_name(capsys):

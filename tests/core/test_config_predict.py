@@ -2,9 +2,8 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from lightprobe.cli.options import PredictionOptions
 from lightprobe.core.config import Preset, predict_preset
-from lightprobe.core.config_predict import Method, PredictConfig
+from lightprobe.core.config_predict import Method, PredictConfig, PredictionOptions
 from lightprobe.core.errors import ConfigError
 
 

@@ -18,10 +18,10 @@ from lightprobe.core.run import RunFolder
 from lightprobe.distillation.training import distill
 from lightprobe.evaluation import evaluate
 from lightprobe.evaluation.evaluation import Protocols
-from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.prediction import methods_for
 from lightprobe.reconstruction import decompose
+from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record

@@ -14,10 +14,10 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, disti
 from lightprobe.core.errors import InputError
 from lightprobe.core.memory import peak_memory
 from lightprobe.distillation.training import train
-from lightprobe.evaluation.provenance import commit, machine
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.reconstruction import Progress, decompose
+from lightprobe.report.provenance import commit, machine
 from lightprobe.scene.photo import Scene
 from speed.clock import median_gap
 from speed.kernels import LOBE

@@ -63,7 +63,8 @@ def usage() -> str:
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import INTERRUPTED, explained, own_warnings
+    from lightprobe.cli.failures import INTERRUPTED, own_warnings
+    from lightprobe.core.failures import explained
 
     try:
         with explained(), own_warnings():

@@ -1,5 +1,6 @@
-"""Configurations back from JSON, every value of the type that its field has."""
+"""Configurations compared as JSON, and back from it with every value of the type that its field has."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import fields
 from enum import Enum
@@ -24,6 +25,27 @@ def config_from_json(kind: type[Config], value: Any, what: str) -> Config:
     if unknown:
         raise ConfigError(f"The stored {what} cannot be used: there is no setting '{unknown[0]}'.")
     return kind(**{name: _typed(types[name], given, f"{what} ({name})") for name, given in value.items()})
+
+
+def plain(value: Any) -> Any:
+    """Return what `value` becomes on its way through a JSON file (tuples turn to lists, for example)."""
+    return json.loads(json.dumps(value, allow_nan=False))
+
+
+def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] | None:
+    """Return (path of keys from `key` on, stored value, given value) where two JSON values first differ, or None."""
+    if isinstance(stored, dict) and isinstance(given, dict):
+        for name in [*given, *(k for k in stored if k not in given)]:
+            found = first_difference(stored.get(name), given.get(name), f"{key}.{name}")
+            if found:
+                return found
+        return None
+    return None if stored == given else (key, _brief(stored), _brief(given))
+
+
+def _brief(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _typed(kind: Any, value: Any, what: str) -> Any:

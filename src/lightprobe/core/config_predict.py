@@ -1,7 +1,7 @@
 """Configuration of predictions and its presets; a run keeps it with its model, the command line can change it."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -62,6 +62,32 @@ class PredictConfig:
     def from_json(value: dict[str, Any]) -> "PredictConfig":
         """Return the configuration written as JSON."""
         return config_from_json(PredictConfig, value, "configuration of predictions")
+
+
+@dataclass(frozen=True)
+class PredictionOptions:
+    """What a command changes of how its run predicts (`PredictConfig`); what is not given stays as the run has it."""
+
+    light_resolution: int | None = None
+    """Texels along each cubemap edge of the maps, a power of two; by default what the run was trained with."""
+    max_pixels: int | None = None
+    """Photos with more object pixels are reduced; by default what the run was trained with."""
+    sampled_share: float | None = None
+    """Share of the object's pixels that become light probes; by default what the run was trained with."""
+    unseen_share: float | None = None
+    """Weight of the usual light where hardly a pixel looks; by default what the run was trained with."""
+
+    def over(self, config: PredictConfig) -> PredictConfig:
+        """Return a run's configuration with what was given in its place; raise `ConfigError` for unusable values."""
+        return replace(config, **self.given())
+
+    def given(self) -> dict[str, Any]:
+        """Return what was given, by name."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+UNCHANGED = PredictionOptions()
 
 
 def quick() -> PredictConfig:

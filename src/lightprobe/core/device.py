@@ -7,11 +7,12 @@ import torch
 from lightprobe.core.errors import ConfigError
 
 
-def resolve_device(name: str) -> torch.device:
-    """Return the torch device for `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there is one.
+def resolve_device(name: str | torch.device) -> torch.device:
+    """Return the torch device for its name: `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there is one.
 
-    A GPU is made to compute in `full_precision`.
+    A device stands for its own name. A GPU is made to compute in `full_precision`.
     """
+    name = str(name)
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
     try:
