@@ -7,6 +7,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import read_timings
 from lightprobe.runs import recorder
 from lightprobe.runs.progress import silent
+from lightprobe.training import Stage, Training
 
 
 class Clock:
@@ -29,7 +30,9 @@ def test_time_is_summed_over_sessions_up_to_the_checkpoint_that_the_next_one_wen
     monkeypatch.setattr(recorder, "peak_memory", lambda: 1.5)
     first = session(run)
     clock.now += 10
-    first.checkpoints.save(5, {"a": torch.zeros(1)}, {})
+    stage = Stage("pass1", 0, 10)
+    training = Training("Phase I", {}, 0, (stage,), 5, first.progress(first.step))
+    training.save(stage, 5, {"a": torch.zeros(1)})
     kept = read_timings(run.timings_file)["decompose"]
     assert (kept.seconds, kept.memory, kept.finished) == (10, 1.5, False)
     clock.now += 7  # killed: these seconds' steps are made again
