@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import torch
 
-from lightprobe.evaluation import load_environment, relight
+from lightprobe.evaluation import relight
 from lightprobe.imaging import write_exr, write_png
+from lightprobe.light.environment import Environment
 from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset, rasterize_asset
@@ -25,7 +26,7 @@ def known_decomposition() -> Decomposition:
     color = torch.stack([0.2 + 0.5 * down, 0.6 - 0.3 * across, torch.full_like(down, 0.3)], -1)
     up = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, 3)
     textures = Textures(color, 0.3 + 0.4 * down, 0.2 * across, up)
-    return Decomposition(Asset(sphere_mesh(3), textures), {"light": torch.ones(6, 16, 16, 3)}, SIMILARITY)
+    return Decomposition(Asset(sphere_mesh(3), textures), {"light": Environment(torch.ones(6, 16, 16, 3))}, SIMILARITY)
 
 
 def soft_sky(seed: int) -> np.ndarray:
@@ -46,7 +47,7 @@ def write_photo(folder, name: str, decomposition: Decomposition, position) -> Ph
     files = {key: folder / f"{name}_{key}.exr" for key in ("environment", "linear", "normal")}
     files |= {key: folder / f"{name}_{key}.png" for key in ("base_color", "orm")}
     write_exr(files["environment"], soft_sky(len(name)))
-    image, cover = (t.numpy() for t in relight(decomposition, load_environment(files["environment"], CPU), camera))
+    image, cover = (t.numpy() for t in relight(decomposition, Environment.load(files["environment"], CPU), camera))
     write_exr(files["linear"], np.concatenate([image, cover[..., None]], -1))
     write_png(folder / f"{name}.png", image / np.maximum(cover, 1e-6)[..., None], cover, bits=16)
     g = rasterize_asset(decomposition.asset, camera.normalised(SIMILARITY), CPU)

@@ -9,6 +9,7 @@ import torch
 from lightprobe.core.errors import InputError
 from lightprobe.export import export, write_mesh
 from lightprobe.geometry.mesh import Mesh, vertex_normals
+from lightprobe.light.environment import Environment
 from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
@@ -161,6 +162,6 @@ def test_a_light_whose_name_is_a_path_is_refused_before_anything_is_written(tmp_
     (tmp_path / "precious.exr").write_bytes(b"mine")
     for name in ("../../precious", str(tmp_path / "precious"), ".."):
         with pytest.raises(InputError, match="plain name"):
-            export(Decomposition(asset, {}, SIMILARITY), tmp_path / "out", {name: torch.ones(6, 8, 8, 3)})
+            export(Decomposition(asset, {}, SIMILARITY), tmp_path / "out", {name: Environment(torch.ones(6, 8, 8, 3))})
     assert [path.name for path in tmp_path.iterdir()] == ["precious.exr"]
     assert (tmp_path / "precious.exr").read_bytes() == b"mine"

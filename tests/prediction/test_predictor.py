@@ -9,6 +9,7 @@ from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
 from lightprobe.light.files import write_map
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.models.probe_distribution import stack_everywhere
@@ -42,7 +43,7 @@ def photo(sphere):
 def model():
     config = DistillConfig(width=16, depth=1, sphere_width=4)
     network, sphere = new_network(config).requires_grad_(False), new_sphere(config).requires_grad_(False)
-    return ProbeModel(network, torch.ones(6, 16, 16, 3), torch.tensor([0.0, 0.0, 1.0]), config, sphere)
+    return ProbeModel(network, Environment(torch.ones(6, 16, 16, 3)), torch.tensor([0.0, 0.0, 1.0]), config, sphere)
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +68,8 @@ def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo):
     probes = observation.pixels.take(sampled_probes(observation, 0.25, 0))
     colors = model.network(probes, observation.light_level)
     stacked, _ = stack_everywhere(probes, colors, 16, model.config.alpha_rule)
-    assert torch.equal(plain.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
-    assert not torch.equal(filled.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+    assert torch.equal(plain.predict(photo, CAMERA, Method.PROBE_MLP).environment.texels, stacked)
+    assert not torch.equal(filled.predict(photo, CAMERA, Method.PROBE_MLP).environment.texels, stacked)
 
 
 def test_the_share_of_sampled_pixels_is_the_configured_one(sphere, photo):
@@ -92,9 +93,9 @@ def brightest(light):
 @pytest.mark.parametrize("method", METHODS)
 def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, method):
     prediction = predictor.predict(photo, CAMERA, method)
-    assert prediction.environment.shape == (6, 16, 16, 3)
-    assert prediction.environment.isfinite().all()
-    assert float(prediction.environment.min()) >= 0
+    assert prediction.environment.texels.shape == (6, 16, 16, 3)
+    assert prediction.environment.texels.isfinite().all()
+    assert float(prediction.environment.texels.min()) >= 0
     assert prediction.confidence.shape == (6, 16, 16)
     assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
     assert set(prediction.seconds) == {"rasterise", "verdict", "network", "stack", "solve", "confidence", "total"}
@@ -105,7 +106,7 @@ def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, me
 @pytest.mark.parametrize("method", METHODS)
 def test_equal_calls_give_equal_bits(predictor, photo, method):
     first, second = (predictor.predict(photo, CAMERA, method) for _ in range(2))
-    assert torch.equal(first.environment, second.environment)
+    assert torch.equal(first.environment.texels, second.environment.texels)
     assert torch.equal(first.confidence, second.confidence)
 
 
@@ -113,7 +114,7 @@ def test_equal_calls_give_equal_bits(predictor, photo, method):
 def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, method):
     dim = Pixels.of(photo.color / photo.color.max() * 0.9, photo.alpha)
     dimmer = Pixels.of(dim.color / 2, photo.alpha)
-    full, half = (predictor.predict(p, CAMERA, method).environment for p in (dim, dimmer))
+    full, half = (predictor.predict(p, CAMERA, method).environment.texels for p in (dim, dimmer))
     torch.testing.assert_close(2 * half, full, rtol=1e-3, atol=1e-3)
 
 
@@ -121,8 +122,8 @@ def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, met
     "method", [Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE, Method.PROBE_NET_OPTIMIZE]
 )
 def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo, method):
-    light = predictor.predict(photo, CAMERA, method).environment
-    constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment
+    light = predictor.predict(photo, CAMERA, method).environment.texels
+    constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment.texels
     assert rerender_error(predictor, photo, light) < 0.15 * rerender_error(predictor, photo, constant)
     axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
     assert float(brightest(light) @ axis) > 0.97
@@ -133,7 +134,7 @@ def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
         Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE,
         optimize=OptimizeConfig(iterations=150, pixels=512),
     )  # fmt: skip
-    optimised, solved = (patient.predict(photo, CAMERA, m).environment for m in (Method.OPTIMIZE, Method.SOLVE))
+    optimised, solved = (patient.predict(photo, CAMERA, m).environment.texels for m in (Method.OPTIMIZE, Method.SOLVE))
     assert rerender_error(predictor, photo, optimised) < 1.1 * rerender_error(predictor, photo, solved)
     axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
     assert float(brightest(optimised) @ axis) > 0.97
@@ -148,7 +149,7 @@ def test_the_recommended_method_is_the_best_that_the_model_allows(model):
 def test_an_untrained_network_sees_the_constant_light(predictor, sphere):
     grey = photograph(sphere, CAMERA, torch.full((6, 16, 16, 3), 0.7))
     for method in (Method.CONSTANT, Method.PROBE_MLP, Method.PROBE_NET):
-        light = predictor.predict(grey, CAMERA, method).environment
+        light = predictor.predict(grey, CAMERA, method).environment.texels
         assert float((light - 0.7).abs().mean()) < (0.01 if method is Method.CONSTANT else 0.2)
 
 
@@ -156,14 +157,14 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     """A camera that sees only a corner of the object says nothing about the far side."""
     mask = np.zeros_like(photo.alpha)
     mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
-    usual = replace(model, mean_light=torch.full((6, 16, 16, 3), 3.0))
+    usual = replace(model, mean_light=Environment(torch.full((6, 16, 16, 3), 3.0)))
     asked = Predictor(
         Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, config=COARSE
     )
     prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
     behind = (cubemap.directions(16) @ camera) > 0.9
-    unseen = prediction.environment[behind] / prediction.environment.mean()
+    unseen = prediction.environment.texels[behind] / prediction.environment.texels.mean()
     level = float(photo.color[mask > 0].mean())
     assert float(unseen.min()) > 0.3, f"black where nothing was seen (photo level {level})"
 
@@ -178,7 +179,7 @@ def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
         )
         for count in (65_536, 2000)
     )
-    difference = (whole.environment - reduced.environment).abs().mean() / whole.environment.mean()
+    difference = (whole.environment.texels - reduced.environment.texels).abs().mean() / whole.environment.texels.mean()
     assert float(difference) < 0.1
 
 
@@ -189,8 +190,8 @@ def test_the_input_frame_is_respected(sphere, model, photo):
     pose[:3, 3] = similarity.invert(pose[:3, 3])
     moved = Predictor(Decomposition(sphere, {}, similarity), model, config=COARSE)
     plain = Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), model, config=COARSE)
-    a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment
-    b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment
+    a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment.texels
+    b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment.texels
     torch.testing.assert_close(a, b, rtol=1e-2, atol=1e-2)
 
 
@@ -234,13 +235,13 @@ def test_a_map_that_is_no_light_goes_nowhere(predictor, photo, model, tmp_path):
     light, trust = torch.ones(6, 8, 8, 3), torch.full((6, 8, 8), 0.5)
     for odd in (light * math.nan, light * math.inf, -light):
         with pytest.raises(ConvergenceError, match="negative, infinite or NaN"):
-            Prediction(odd, trust, {}, 1.0)
+            Prediction(Environment(odd), trust, {}, 1.0)
     with pytest.raises(ConvergenceError, match="NaN"):
-        Prediction(light, trust * math.nan, {}, 1.0)
+        Prediction(Environment(light), trust * math.nan, {}, 1.0)
     with pytest.raises(ConvergenceError, match=r"l\.exr holds NaN"):
         write_map(tmp_path / "l.exr", np.full((8, 16, 3), np.nan, np.float32))
     assert not list(tmp_path.iterdir())
-    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light * 1e38), config=COARSE)
-    weak.model = replace(weak.model, mean_light=weak.model.mean_light * 1e38)
+    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light.scaled(1e38)), config=COARSE)
+    weak.model = replace(weak.model, mean_light=weak.model.mean_light.scaled(1e38))
     with pytest.raises(ConvergenceError, match="check the photo"):
         weak.predict(photo, CAMERA, Method.PROBE_MLP)

@@ -37,7 +37,7 @@ def test_one_call_trains_a_run_that_a_predictor_loads(tmp_path):
     assert training_costs(run).keys() >= {"decompose", "distill"}
     predictor = lightprobe.Predictor.load(run.path)
     photo = lightprobe.load_photo(scene / "test" / "test_00.png", camera=scene / "transforms_test.json")
-    environment = predictor.predict(*photo).environment
+    environment = predictor.predict(*photo).environment.texels
     assert environment.shape == (6, 16, 16, 3)
     assert np.isfinite(environment.numpy()).all()
 

@@ -3,7 +3,7 @@
 from lightprobe.evaluation.evaluation import Evaluation, Protocols, ViewResult, evaluate
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.evaluation.prediction_files import write_prediction
-from lightprobe.evaluation.relighting import load_environment, relight
+from lightprobe.evaluation.relighting import relight
 from lightprobe.evaluation.viewpoints import turntable
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "ViewResult",
     "can_be_oracle",
     "evaluate",
-    "load_environment",
     "oracle_decomposition",
     "relight",
     "turntable",

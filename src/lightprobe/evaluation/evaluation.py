@@ -188,7 +188,7 @@ class _Course:
         photo = seen.view.photo
         self.result.photos[photo.name][method] = seen.scores
         if seen.true_light is not None:
-            self._bins[method].add(seen.prediction, seen.true_light.cube)
+            self._bins[method].add(seen.prediction, seen.true_light.environment)
         if self.run is not None:
             _write(seen.prediction, self.run, photo, method, default=method is self.own)
         if self.on_view is not None and method is self.methods[0]:
@@ -255,7 +255,7 @@ class _Judge:
             # The first call also built tables and compiled kernels, which no later photo pays for.
             prediction = self.predictor.predict(view.pixels, view.camera, method, refuse=False)
         parts = _half_lights(view, self.predictor, method) if self.protocols.unseen else []
-        image, *others = view.shown([prediction.environment, *(light for _, light in parts)])
+        image, *others = view.shown([prediction.environment.texels, *(light for _, light in parts)])
         seconds = prediction.seconds["total"]
         self.slowest[method] = max(seconds, self.slowest.get(method, 0))
         scores = {**view.score(image).to_json(), "seconds": seconds}
@@ -264,7 +264,7 @@ class _Judge:
         if light is not None:
             scores |= light.scores(prediction)
             if self.stand_in is not None:
-                scores |= self.stand_in.scores(view.photo.name, prediction.environment, light.cube)
+                scores |= self.stand_in.scores(view.photo.name, prediction.environment, light.environment)
         return ViewResult(view, prediction, image, scores, light)
 
 
@@ -274,7 +274,7 @@ def _half_lights(view: TestView, predictor: Predictor, method: Method) -> list[t
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))
         try:
-            light = predictor.predict(half, view.camera, method, refuse=False).environment
+            light = predictor.predict(half, view.camera, method, refuse=False).environment.texels
         except InputError:  # too little of the object is in this half
             continue
         found.append((torch.from_numpy(masks[i ^ 1]).to(light.device), light))

@@ -15,6 +15,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.lessons.generated_lights import Draw
 from lightprobe.lessons.lesson import Desk, Lesson
 from lightprobe.lessons.synthetic import LightPool, mean_up, rerender
+from lightprobe.light.environment import Environment
 from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
@@ -37,21 +38,21 @@ class _Look:
 
 
 def collect_lessons(
-    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int,
-    maps: Sequence[Tensor] = (), on_lesson: Callable[[int, int], None] | None = None,
+    asset: Asset, lights: Mapping[str, Environment], scene: Scene, config: DistillConfig, device: torch.device,
+    seed: int, environments: Sequence[Environment] = (), on_lesson: Callable[[int, int], None] | None = None,
 ) -> list[Lesson]:  # fmt: skip
     """Return the lessons from each training photo that has a light and shows the object, in the scene's order.
 
-    `maps`: environments (6, R, R, 3), z up, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
+    `environments`: of any resolution, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
     Raises `InputError` when no photo shows the object.
     """
     up = mean_up([torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train])
-    pool = LightPool(up, [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed, device)
+    pool = LightPool(up, [lights[name] for name in sorted(lights)], environments, RESOLUTION, seed, device)
     lessons: list[Lesson] = []
     for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
         if config.lessons is not Lessons.SYNTHETIC:
             desk = Desk(look.gbuffer, up, config)
-            light = lights[look.photo.name].to(device)
+            light = lights[look.photo.name].to(device).texels
             lessons.append(desk.lesson(look.photo.name, look.color, look.clipped, light))
         if config.lessons is not Lessons.TEACHER:
             first, last = (i * config.synthetic_lessons // len(scene.train) for i in (done, done + 1))
@@ -79,7 +80,12 @@ def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConf
 
 
 def _looks(
-    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int
+    asset: Asset,
+    lights: Mapping[str, Environment],
+    scene: Scene,
+    config: DistillConfig,
+    device: torch.device,
+    seed: int,
 ) -> Iterator[_Look]:
     """Yield at most `pixels_per_photo` object pixels of each usable training photo, chosen at random."""
     for photo in scene.train:

@@ -19,6 +19,7 @@ from lightprobe.core.config_predict import Method, PredictConfig
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.probe_model import ProbeModel
 from lightprobe.prediction.confidence import confidence
@@ -111,13 +112,13 @@ class Predictor:
             verdict = judge(observation, self.seed)
         if refuse and verdict.status is Status.REFUSED:
             raise InputError(" ".join(verdict.sentences))
-        environment = _PRIORS[method](self, observation, chosen, clock)
+        light = _PRIORS[method](self, observation, chosen, clock)
         if method in _FITTED:
             with clock.part("solve"):
-                environment = _FITTED[method](self, observation, environment)
+                light = _FITTED[method](self, observation, light)
         with clock.part("confidence"):
-            trust = confidence(observation, environment, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
-        return Prediction(environment, trust, clock.finish(), verdict)
+            trust = confidence(observation, light, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+        return Prediction(Environment(light), trust, clock.finish(), verdict)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return constant_light(observation, self.config.light_resolution)

@@ -13,7 +13,7 @@ from lightprobe.core.config_predict import PredictConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
-from lightprobe.light.resize import magnify_light, resize_light
+from lightprobe.light.resize import magnify_light
 from lightprobe.models.probe_distribution import stack_everywhere
 from lightprobe.models.probe_maps import SOLVED_PIXELS, evidence, probe_maps
 from lightprobe.models.probe_model import ProbeModel
@@ -50,8 +50,8 @@ def stacked_light(
     stacked, weight = stack_everywhere(probes, colors, config.light_resolution, model.config.alpha_rule)
     if config.unseen_share == 0:
         return stacked
-    usual = light_level * resize_light(model.mean_light, config.light_resolution)
-    share = (config.unseen_share * _sphere_mean(weight)).clamp_min(1e-12)
+    usual = light_level * model.mean_light.resized(config.light_resolution).texels
+    share = (config.unseen_share * cubemap.sphere_mean(weight)).clamp_min(1e-12)
     seen = weight[..., None]
     return (seen * stacked + share * usual) / (seen + share)
 
@@ -93,8 +93,3 @@ def calmed(light: Tensor, light_level: Tensor) -> Tensor:
     weight = brightness.exp() * cubemap.solid_angles(light.shape[1], light.device)[..., None]
     mean = (hue * weight).sum((0, 1, 2)) / weight.sum()
     return ((brightness + mean + _HUE_KEPT * (hue - mean)).exp() - dark).clamp(min=0)
-
-
-def _sphere_mean(weight: Tensor) -> Tensor:
-    angle = cubemap.solid_angles(weight.shape[1], weight.device)
-    return (weight * angle).sum() / (4 * math.pi)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, StartShape
 from lightprobe.core.device import full_precision
+from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake
 from lightprobe.reconstruction.image_task import ImageTask
@@ -108,7 +109,8 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
         start, resumed = _second_pass(job, fitted, held_out, start, resumed), None
         training.begin(third, start.tensors())
     end = _third_pass(job, fitted, held_out, start, resumed)
-    return Decomposition(end.asset, _final_lights(job, end.asset, _lights(job, fitted, end.lights)), scene.similarity)
+    lights = _final_lights(job, end.asset, _lights(job, fitted, end.lights))
+    return Decomposition(end.asset, {k: Environment(v) for k, v in lights.items()}, scene.similarity)
 
 
 def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:

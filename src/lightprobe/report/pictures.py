@@ -10,8 +10,8 @@ from torch import Tensor
 
 from lightprobe.evaluation.evaluation import ViewResult
 from lightprobe.evaluation.prediction_files import exposure, tone_mapped
-from lightprobe.evaluation.relighting import load_environment
 from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
+from lightprobe.light.environment import Environment
 from lightprobe.light.files import panorama
 from lightprobe.report.color_scale import RANGE, confidence_colors
 
@@ -109,12 +109,12 @@ def _on_white(result: ViewResult, values: Tensor) -> np.ndarray:
 
 def _light_pictures(result: ViewResult) -> dict[str, np.ndarray]:
     """The predicted light, the true one at the same exposure when it is known, and the confidence in colours."""
-    predicted = panorama(result.prediction.environment)
+    predicted = result.prediction.environment.panorama()
     truth = result.view.photo.truth.environment
     lights = {"predicted light": predicted}
     if truth is not None:
         environment = result.prediction.environment
-        lights["true light"] = panorama(load_environment(truth, environment.device))
+        lights["true light"] = Environment.load(truth, environment.device).panorama()
     factor = exposure(list(lights.values())[-1])
     pictures = {title: srgb_encode(tone_mapped(image, factor)) for title, image in lights.items()}
     return pictures | {CONFIDENCE: confidence_colors(panorama(result.prediction.confidence[..., None])[..., 0])}
@@ -125,7 +125,7 @@ def _sphere_pictures(result: ViewResult) -> dict[str, np.ndarray]:
     if result.true_light is None:
         return {}
     spheres, truth = result.true_light.spheres, result.view.photo.truth.environment
-    lights = {"spheres, predicted light": panorama(result.prediction.environment)}
+    lights = {"spheres, predicted light": result.prediction.environment.panorama()}
     if truth is not None:
         lights["spheres, true light"] = np.ascontiguousarray(read_hdr(truth)[..., :3], np.float32)
     side = _SIDE // 3

@@ -10,9 +10,10 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation import load_environment, relight, turntable
+from lightprobe.evaluation import relight, turntable
 from lightprobe.export import export
 from lightprobe.imaging import write_exr, write_png
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import read_camera
@@ -34,7 +35,7 @@ def render_run(
         raise ConfigError(f"Cannot write '{output.suffix}' pictures: name the output .png or .exr.")
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     view = read_camera(camera, None if frame is None else Path(frame))
-    image, cover = relight(Decomposition.load(run, where), load_environment(environment, where), view)
+    image, cover = relight(Decomposition.load(run, where), Environment.load(environment, where), view)
     write_picture(output, image, cover)
 
 
@@ -51,7 +52,7 @@ def relight_run(
         raise ConfigError(f"A turntable needs --frames of at least 1 and --side from 8 to {_LARGEST_SIDE}.")
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
-    decomposition, light = Decomposition.load(run, where), load_environment(environment, where)
+    decomposition, light = Decomposition.load(run, where), Environment.load(environment, where)
     cameras = read_record(run).cameras
     circle = turntable(list(cameras["train"].values()), decomposition.similarity.center, frames, side)
     views = {Path("turntable") / f"{i:03d}.png": camera for i, camera in enumerate(circle)}

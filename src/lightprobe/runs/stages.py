@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config_distill import Lessons
@@ -15,7 +14,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
 from lightprobe.distillation.training import stages
 from lightprobe.export import write_run_outputs
-from lightprobe.light.files import load_environments
+from lightprobe.light.environment import Environment, load_environments
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.reconstruction import decompose
 from lightprobe.runs.progress import OnProgress
@@ -32,7 +31,7 @@ class UserMaps:
     """Environments of the user's that Phase II trains under as well, and where they came from."""
 
     source: str | None
-    maps: list[Tensor]  # (6, R, R, 3) each
+    environments: list[Environment]
 
     @staticmethod
     def read(folder: Path | None, config: DistillConfig | None) -> "UserMaps":
@@ -104,7 +103,7 @@ def run_distill(
 
     model = distill(
         decomposition, scene(), config, device, seed, recorder.progress(on_step),
-        maps=user_maps.maps, on_lesson=lambda done, total: on_progress("lessons", done, total),
+        environments=user_maps.environments, on_lesson=lambda done, total: on_progress("lessons", done, total),
     )  # fmt: skip
     model.save(run.model_folder)
     recorder.finish()
