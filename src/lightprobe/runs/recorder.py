@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from torch import Tensor
@@ -25,7 +24,7 @@ class PhaseRecorder:
         self._began = time.monotonic()
         latest = checkpoints.latest()
         self.run, self.phase, self.on_progress = run, phase, on_progress
-        self.checkpoints = _Noticed(checkpoints.folder, self._keep_timing)
+        self.checkpoints = _Noticed(checkpoints, self._keep_timing)
         self.count = latest[0] if latest else 0
         self._before = read_timings(run.timings_file).get(phase, PhaseTiming()) if latest else PhaseTiming()
         run.rewind_metrics(phase, self.count)
@@ -56,8 +55,8 @@ class PhaseRecorder:
 class _Noticed(Checkpoints):
     """Checkpoints of which somebody hears when one is saved."""
 
-    def __init__(self, folder: Path, on_save: Callable[[], None]):
-        super().__init__(folder)
+    def __init__(self, like: Checkpoints, on_save: Callable[[], None]):
+        super().__init__(like.folder, like.keep)
         self._on_save = on_save
 
     def save(self, step: int, tensors: dict[str, Tensor], state: dict[str, Any]) -> None:
