@@ -1,7 +1,8 @@
 """Turn one photo of a known object into the HDR environment map around it.
 
     import lightprobe
-    predictor = lightprobe.Predictor.load("runs/cup")  # what `lightprobe train photos/cup -o runs/cup` left
+    lightprobe.train("photos/cup", "runs/cup")  # as `lightprobe train photos/cup -o runs/cup` does
+    predictor = lightprobe.Predictor.load("runs/cup")
     pixels, camera = lightprobe.load_photo("new.jpg", camera="new.json", mask="new_mask.png")
     prediction = predictor.predict(pixels, camera)
     prediction.save("light.exr", confidence="seen.exr")
