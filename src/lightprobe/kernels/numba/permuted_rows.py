@@ -10,7 +10,7 @@ def permute(
     start: np.ndarray, column: np.ndarray, value: np.ndarray, which: np.ndarray, by: np.ndarray, source: np.ndarray,
     new_start: np.ndarray, new_column: np.ndarray, new_value: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the new rows' entries into `new_column` and `new_value`, (new_start[-1],) each."""
+    """Write the T new rows, which start at `new_start` (T + 1,), into `new_column` and `new_value` (entries,)."""
     threads(len(new_column))
     _permute(start, column, value, which, by, source, new_start, new_column, new_value)
 
