@@ -1,5 +1,5 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
-# make check   style, types, import contract, fast tests
+# make check   style, types, import contract, shapes in docstrings, fast tests
 # make test    the same with the slow tests
 # make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
 
@@ -24,6 +24,7 @@ check: $(TOOLS)
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+	@$(BIN)/python tools/check_shapes.py
 	@$(PYTEST) -m "not slow and not cuda"
 
 test: $(TOOLS)
@@ -31,6 +32,7 @@ test: $(TOOLS)
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+	@$(BIN)/python tools/check_shapes.py
 	@$(PYTEST)
 
 bench: $(TOOLS)

@@ -15,7 +15,6 @@ from torch.utils._pytree import tree_leaves
 
 from lightprobe.kernels import dispatch
 from lightprobe.light import cubemap
-from lightprobe.light.sparse import CompressedRows
 from lightprobe.render import transport
 from lightprobe.training.recording import Call
 
@@ -30,14 +29,6 @@ def compute_as_a_gpu_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatch, "require_index", lambda *_: None)
     monkeypatch.setattr(cubemap, "_on_cpu", lambda tensor: False)
     monkeypatch.setattr(transport, "_look_up", lambda device: transport._GatheredTaps)
-    monkeypatch.setattr(CompressedRows, "multiply", _multiplied)
-
-
-def _multiplied(matrix: CompressedRows, x: Tensor) -> Tensor:
-    lengths = (matrix.start[1:] - matrix.start[:-1]).long()
-    rows = torch.searchsorted(lengths.cumsum(0), torch.arange(len(matrix.value)), right=True)
-    products = matrix.value[:, None] * x.detach()[matrix.column.long()]
-    return x.new_zeros(len(lengths), 3).index_add_(0, rows, products)
 
 
 class _Tape(TorchDispatchMode):

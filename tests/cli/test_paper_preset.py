@@ -57,8 +57,8 @@ def test_the_run_says_what_it_was(trained):
 def test_predict_writes_the_paper_s_map(trained, tmp_path, capsys, monkeypatch):
     scene, run = trained
     stacked = []
-    stack = culled_stacking._stack
-    monkeypatch.setattr(culled_stacking, "_stack", lambda *given: stacked.append(1) or stack(*given))
+    stack = culled_stacking.stack_probes_culled
+    monkeypatch.setattr(culled_stacking, "stack_probes_culled", lambda *given: stacked.append(1) or stack(*given))
     photo = scene / "test/test_00.png"
     succeed("predict", run.path, photo, "-o", tmp_path / "light.exr", "--device", "cpu")
     assert "(probe-mlp;" in capsys.readouterr().out

@@ -1,34 +1,16 @@
 """Culled stacking: within its bound of the exact sums for all kinds of lobes, and the same bits on any thread count."""
 
-import math
-
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lightprobe.kernels import stack_probes
-from lightprobe.light import cubemap, culled_stacking
-from lightprobe.light.culled_stacking import ERROR, stack_on_cubemap
+from lightprobe.kernels.culled_stacking import ERROR
+from lightprobe.light import cubemap
+from lightprobe.light.culled_stacking import stack_on_cubemap
+from tests.stacking import pixels
 from tests.threads import torch_threads
-
-
-def unit(count, random):
-    return torch.nn.functional.normalize(torch.randn(count, 3, generator=random), dim=1)
-
-
-def problem(roughness, *, seed=0, tilt=None):
-    """Return colours, normals, views and alpha^2; `tilt` is the cosine between normal and view, random by default."""
-    random = torch.Generator().manual_seed(seed)
-    count = len(roughness)
-    normals, views = unit(count, random), unit(count, random)
-    if tilt is None:
-        views = views * (normals * views).sum(dim=1, keepdim=True).sign()
-    else:
-        across = torch.nn.functional.normalize(torch.linalg.cross(normals, views), dim=1)
-        views = tilt * normals + math.sqrt(1 - tilt * tilt) * across
-    colors = torch.eye(3)[torch.arange(count) % 3] * 4 * torch.rand(count, 1, generator=random)
-    return colors, normals, views, roughness**4
 
 
 def exact(case, resolution):
@@ -52,7 +34,7 @@ def errors(case, resolution):
     st.sampled_from([64, 128]),
 )
 def test_few_pixels_of_any_kind_stay_within_the_bound(roughness, tilt, seed, resolution):
-    assert max(errors(problem(torch.tensor(roughness), seed=seed, tilt=tilt), resolution)) < ERROR
+    assert max(errors(pixels(torch.tensor(roughness), seed=seed, tilt=tilt), resolution)) < ERROR
 
 
 @pytest.mark.parametrize(
@@ -61,7 +43,7 @@ def test_few_pixels_of_any_kind_stay_within_the_bound(roughness, tilt, seed, res
     ids=["mirrors", "matte", "mixed", "glossy"],
 )
 def test_many_pixels_stay_within_the_bound(roughness):
-    assert max(errors(problem(roughness), 64)) < ERROR
+    assert max(errors(pixels(roughness), 64)) < ERROR
 
 
 def test_mirrors_that_face_corners_and_edges_and_texels_stay_within_the_bound():
@@ -73,20 +55,8 @@ def test_mirrors_that_face_corners_and_edges_and_texels_stay_within_the_bound():
         assert max(errors(case, 64)) < ERROR
 
 
-def test_it_culls():
-    """A bound that lets every tile through, or none, would hide behind the error; the work would not."""
-    tree = culled_stacking._tree(128)
-    case = problem(torch.full((1,), 0.2))
-    tiles = tree.tiles.copy()
-    texels = torch.empty(6 * 128**2).numpy(), torch.empty(6 * 128**2, 3).numpy()
-    frames = culled_stacking.lobe_frames(*case[1:]).numpy()
-    culled_stacking._stack(frames, torch.ones(1, 4).numpy(), tree.bounds, 0 * tree.maps, tree.texels, tiles, *texels)
-    touched = (tiles.reshape(-1, 7, 16)[:, 3] != 0).any(axis=1).sum()
-    assert 300 < touched < 900  # of 8160 tiles, where all texels take 6144
-
-
 def test_unseen_directions_are_exactly_black():
-    case = problem(torch.full((1,), 0.5))
+    case = pixels(torch.full((1,), 0.5))
     radiance, weight = stack_on_cubemap(*case, 64)
     behind = cubemap.directions(64) @ case[1][0] < -1e-6
     assert not weight[behind].any()
@@ -94,25 +64,25 @@ def test_unseen_directions_are_exactly_black():
 
 
 def test_a_broken_normal_shows():
-    colors, normals, views, alpha2 = problem(torch.linspace(0.1, 1, 5))
+    colors, normals, views, alpha2 = pixels(torch.linspace(0.1, 1, 5))
     normals[2] = torch.nan
     assert stack_on_cubemap(colors, normals, views, alpha2, 64)[1].isnan().any()
 
 
 @pytest.mark.parametrize("resolution", [8, 32, 48])
 def test_small_and_odd_cubemaps_are_exact(resolution):
-    assert max(errors(problem(torch.linspace(0.1, 1, 20)), resolution)) < 1e-5
+    assert max(errors(pixels(torch.linspace(0.1, 1, 20)), resolution)) < 1e-5
 
 
 def test_no_pixels_see_nothing():
-    radiance, weight = stack_on_cubemap(*problem(torch.zeros(0)), 64)
+    radiance, weight = stack_on_cubemap(*pixels(torch.zeros(0)), 64)
     assert radiance.shape == (6, 64, 64, 3)
     assert not radiance.any()
     assert not weight.any()
 
 
 def test_bits_do_not_depend_on_threads():
-    case = problem(torch.linspace(0.08, 1, 300))
+    case = pixels(torch.linspace(0.08, 1, 300))
     results = []
     for count in (1, 2):
         with torch_threads(count):

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from gpu.boxes import Setting
 from lightprobe.core.device import resolve_device
-from lightprobe.kernels import dispatch
+from lightprobe.kernels import dispatch, sparse_product
 from lightprobe.light import prefilter
 from speed.ball import CPU
 from speed.clock import times
@@ -49,14 +49,14 @@ def kernel_row(there: Kernel, here: Kernel, device: torch.device, limits: Limits
 
 
 def prefilter_row(resolution: int, device: torch.device, limits: Limits) -> str:
-    """Return the row of the product of a prefilter's lobes with a light; it has no reference body."""
+    """Return the row of the product of a prefilter's lobes with a light; a GPU's is PyTorch's own."""
     matrix, own = (prefilter.cached(resolution, where).lobes.forward for where in (device, CPU))
     x = torch.rand(matrix.columns, 3, generator=torch.Generator().manual_seed(0))
     there, entries = x.to(device), len(matrix.value)
     work = entries * (4.0 + matrix.column.element_size()) + 4 * len(matrix.start) + 24 * len(x)
     kernel = Kernel(f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries", "", _nothing, work, False)
-    seconds = device_seconds(lambda: matrix.multiply(there), device)
-    return _row(kernel, seconds, None, limits, difference(matrix.multiply(there), own.multiply(x)))
+    seconds = device_seconds(lambda: sparse_product(matrix, there), device)
+    return _row(kernel, seconds, None, limits, difference(sparse_product(matrix, there), sparse_product(own, x)))
 
 
 def _nothing(body: object) -> None:

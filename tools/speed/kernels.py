@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse
 import torch
 
-from lightprobe.kernels import stack_probes
+from lightprobe.kernels import sparse_product, stack_probes
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.culled_stacking import stack_on_cubemap
 from speed import cases
@@ -159,7 +159,7 @@ def time_prefilter(resolution: int, repeats: int) -> Timing:
     name = f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries"
     kernel = Kernel(name, "", lambda _: None, moved, flops=False)
     slow = seconds(lambda: plain @ x.numpy(), repeats)
-    return Timing(kernel, seconds(lambda: matrix.multiply(x), max(repeats, 3)), slow)
+    return Timing(kernel, seconds(lambda: sparse_product(matrix, x), max(repeats, 3)), slow)
 
 
 def kernel_rows(timings: list[Timing], limits: Limits) -> list[str]:

@@ -121,7 +121,7 @@ class Checkpoints:
 
 
 def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tensor) -> torch.Tensor:
-    """Return a checkpoint's tensor on the device of `like`; raise `ValueError` unless shape and type are the same.
+    """Return a checkpoint's tensor on the device of `like`, of any shape; raise `ValueError` unless it and type agree.
 
     Without it a tensor of another shape would be spread over the parameter that it is copied to.
     """

@@ -54,7 +54,7 @@ def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
 
 
 def sent(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
-    """Return a CPU tensor on `device`, without waiting for what a GPU is still doing."""
+    """Return a CPU tensor of any shape on `device`, without waiting for what a GPU is still doing."""
     return tensor.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else tensor.to(device)
 
 

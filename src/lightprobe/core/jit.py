@@ -40,7 +40,10 @@ def threads(work: int) -> int:
 
 
 def arrays(*tensors: Tensor) -> list[np.ndarray]:
-    """Return contiguous float32 or int32 views, copies where needed: one type and layout mean one compilation."""
+    """Return contiguous views of tensors of any shape, integers as int32; copies where needed.
+
+    One type and layout mean one compilation.
+    """
     return [
         (tensor.detach() if tensor.is_floating_point() else tensor.to(torch.int32)).contiguous().numpy()
         for tensor in tensors

@@ -32,7 +32,7 @@ class MlpTask(NetworkTask):
             self._solid_angles = torch.full_like(self._solid_angles, 4 * math.pi / len(self._solid_angles))
 
     def given(self, iteration: int) -> tuple[Tensor, ...]:
-        """Return the `lesson_tensors` of the photo of a step."""
+        """Return what the loss of a step needs of its photo, as `lesson_tensors`."""
         lesson = lesson_of(self._lessons, self._seed, iteration)
         return lesson_tensors(lesson, self._config, self._seed, iteration)
 
@@ -46,7 +46,10 @@ class MlpTask(NetworkTask):
 
 
 def lesson_tensors(lesson: Lesson, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, ...]:
-    """Return what `lesson_loss` needs of one photo, with the pixels drawn for `step`."""
+    """Return what `lesson_loss` needs of one photo: the fields of the pixels drawn for `step`, as in `ProbePixels`.
+
+    Then the light level (), the distribution of all pixels (M,) and the teacher (M, 3).
+    """
     chosen = sample_pixels(lesson.pixels.roughness, config.samples, seed=seed, stream="distill-pixels", step=step)
     return (*lesson.pixels.take(chosen).tensors(), lesson.light_level, lesson.distribution, lesson.teacher)
 

@@ -42,7 +42,7 @@ class SphereTask(NetworkTask):
         self._forward = mixed_precision(sphere, examples.maps.device)
 
     def given(self, iteration: int) -> tuple[Tensor, ...]:
-        """Return the `batch` of a step."""
+        """Return the maps and lights of a step, as `batch`."""
         return batch(self._examples, self._config, self._seed, iteration)
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
@@ -95,8 +95,9 @@ def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
 
 
 def batch(examples: SphereExamples, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, Tensor]:
-    """Return the maps and lights of the lessons of `step`, drawn at random, each turned or mirrored at random.
+    """Return the maps (B, 19, 6, 16, 16) and lights (B, 3, 1536) of the lessons of `step`.
 
+    They are drawn at random, and each is turned or mirrored at random.
     Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
     """
     random = generator(seed, "sphere-batch", step)

@@ -49,7 +49,10 @@ def mesh_chamfer(
 
 
 def outer_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the sorted indices of the faces seen from any of 96 viewpoints all around the origin."""
+    """Return the sorted indices (K,) int64 of the faces seen from any of 96 viewpoints all around the origin.
+
+    vertices (V, 3) and faces (F, 3): the mesh.
+    """
     v, f = torch.as_tensor(vertices, dtype=torch.float32), torch.as_tensor(np.asarray(faces, np.int32))
     seen = np.zeros(len(f), bool)
     for camera in surrounding(_VIEWS, _SIDE, float(np.linalg.norm(vertices, axis=1).max())):

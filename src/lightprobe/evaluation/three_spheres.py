@@ -121,7 +121,7 @@ def sphere_scores(mine: dict[str, Disc], true: dict[str, Disc]) -> dict[str, flo
 
 
 def balanced(map: Tensor) -> Tensor:
-    """Return the tone-mapped map: x^(1/2.4), the median of its positive values at .5."""
+    """Return the linear map (H, 2H, 3) tone-mapped: x^(1/2.4), the median of its positive values at .5."""
     bent = map.clamp(min=0) ** (1 / GAMMA)
     positive = bent[bent > 0].numpy()
     return bent if len(positive) == 0 else MIDDLE / float(np.median(positive)) * bent
@@ -149,7 +149,7 @@ def n_rmse(values: Tensor, true: Tensor, weight: Tensor) -> float:
 
 
 def reduced(map: Tensor, height: int) -> Tensor:
-    """Return the map at `height` rows, averaged by solid angle; one that is not larger is returned as it is."""
+    """Return the map (H, 2H, 3) at `height` rows, averaged by solid angle; one that is not larger as it is."""
     if map.shape[0] <= height:
         return map
     if map.shape[0] % height:  # an odd size: to the next multiple first, smoothly

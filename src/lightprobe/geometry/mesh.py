@@ -138,7 +138,10 @@ def _corner(faces: Tensor, face: Tensor, vertex: Tensor) -> Tensor:
 
 
 def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """Drop degenerate faces, unused vertices and connected parts with less than `smallest_share` of the area."""
+    """Drop degenerate faces, unused vertices and connected parts with less than `smallest_share` of the area.
+
+    Takes and returns vertices (V, 3) float and faces (F, 3) int32.
+    """
     import scipy.sparse as sp
 
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])]
@@ -158,7 +161,10 @@ def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01)
 
 
 def decimate(vertices: np.ndarray, faces: np.ndarray, max_faces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mesh reduced to about `max_faces` triangles by quadric edge collapse; a smaller mesh is unchanged."""
+    """Return the mesh reduced to about `max_faces` triangles by quadric edge collapse; a smaller mesh is unchanged.
+
+    Takes and returns vertices (V, 3) and faces (F, 3); of a reduced mesh they are float32 and int32.
+    """
     if len(faces) <= max_faces:
         return vertices, faces
     import fast_simplification

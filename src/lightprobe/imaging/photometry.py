@@ -44,7 +44,7 @@ def relative_tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
 
 
 def beyond_clipping(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return where (bool) the render is brighter than a photo (same shape) that is `clipped` (bool), which is no error.
+    """Return where (bool) the render is brighter than a photo `clipped` (bool) there: no error; all of any one shape.
 
     A saturated pixel only says that the light was at least this strong.
     """
@@ -52,12 +52,12 @@ def beyond_clipping(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
 
 
 def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Replace `render` by `photo` (same shape) where it is beyond clipping; `clipped` (bool)."""
+    """Replace `render` by `photo` where it is beyond clipping; `clipped` (bool); all of any one shape."""
     return torch.where(beyond_clipping(render, photo, clipped), photo, render)
 
 
 def one_sided_residual(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return render - photo (same shape), zero where the render is beyond clipping; `clipped` (bool)."""
+    """Return render - photo, zero where the render is beyond clipping; `clipped` (bool); all of any one shape."""
     return one_sided(render, photo, clipped) - photo
 
 

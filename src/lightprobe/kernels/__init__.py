@@ -1,22 +1,35 @@
 """The few hot loops. Tensors in, tensors out; each op has a plain reference and a fast body under one signature."""
 
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
+from lightprobe.kernels.culled_stacking import stack_probes_culled
 from lightprobe.kernels.gather import gather_rows, scatter_rows, weighted_gather, weighted_scatter
 from lightprobe.kernels.hash_grid import hash_encode
+from lightprobe.kernels.lobe_rows import lobe_rows
 from lightprobe.kernels.occlusion import occluded_light, occluded_light_adjoint
+from lightprobe.kernels.permuted_rows import permute_rows
 from lightprobe.kernels.rasterize import Visibility, rasterize
+from lightprobe.kernels.sparse import CompressedRows, sparse_product, sparse_product_transposed
 from lightprobe.kernels.stacking import probe_weight, stack_probes
+from lightprobe.kernels.voxels import cast_voxels, vote_on_voxels
 
 __all__ = [
+    "CompressedRows",
     "Visibility",
+    "cast_voxels",
     "gather_rows",
     "hash_encode",
+    "lobe_rows",
     "occluded_light",
     "occluded_light_adjoint",
+    "permute_rows",
     "probe_weight",
     "rasterize",
     "scatter_rows",
+    "sparse_product",
+    "sparse_product_transposed",
     "stack_probes",
+    "stack_probes_culled",
+    "vote_on_voxels",
     "weighted_gather",
     "weighted_scatter",
 ]

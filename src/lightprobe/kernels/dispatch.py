@@ -1,11 +1,13 @@
 """Choice of the body that serves an op, by device and dtype: Numba, Triton, or the plain reference.
 
 A body is a module with the op's forward and backward functions, `kernels/<body>/<op>.py`, loaded when first needed: so
-Triton is missed only where it would be used, and there the reference takes its place.
+Triton is missed only where it would be used, and there the reference takes its place, as it does for an op that has no
+body for the device.
 """
 
 import functools
 import importlib
+import importlib.util
 import warnings
 from enum import StrEnum
 from types import ModuleType
@@ -25,16 +27,25 @@ class Body(StrEnum):
 
 
 def choose(op: str, *tensors: Tensor) -> ModuleType:
-    """Return the module that serves `op` (a module name under each body's package) for these tensors.
+    """Return the module that serves `op` (a module name under each body's package) for these tensors of any shape.
 
-    Raises ValueError when devices or floating dtypes are mixed, because the op would then mean two things.
+    An op of NumPy arrays, which live on the CPU, gives none. Raises ValueError when devices or floating dtypes are
+    mixed, because the op would then mean two things.
     """
     devices = {tensor.device for tensor in tensors}
     dtypes = {tensor.dtype for tensor in tensors if tensor.is_floating_point()}
     if len(devices) > 1 or len(dtypes) > 1:
         raise ValueError(f"All tensors of one op must share a device and a floating dtype, not {devices} and {dtypes}.")
-    body = body_for(devices.pop().type) if dtypes <= {torch.float32} else Body.REFERENCE
-    return importlib.import_module(f"{__package__}.{body}.{op}")
+    device = devices.pop().type if devices else "cpu"
+    return _module(body_for(device) if dtypes <= {torch.float32} else Body.REFERENCE, op)
+
+
+@functools.cache
+def _module(body: Body, op: str) -> ModuleType:
+    name = f"{__package__}.{body}.{op}"
+    if importlib.util.find_spec(name) is None:
+        name = f"{__package__}.{Body.REFERENCE}.{op}"
+    return importlib.import_module(name)
 
 
 def body_for(device: str) -> Body:
@@ -57,7 +68,7 @@ def _has_triton() -> bool:
 
 
 def require_shape(name: str, tensor: Tensor, *shape: int | None) -> None:
-    """Raise ValueError unless `tensor` has this shape; None stands for any size."""
+    """Raise ValueError unless `tensor`, which may come in any shape, has this one; None stands for any size."""
     matches = tensor.ndim == len(shape) and all(
         want in (None, size) for want, size in zip(shape, tensor.shape, strict=True)
     )

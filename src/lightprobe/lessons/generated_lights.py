@@ -71,7 +71,7 @@ def generated_light(
 
 
 def beside(drawn: Tensor, values: Tensor) -> Tensor:
-    """Return a tensor on the device of `values`; what was drawn on the CPU is sent there without waiting."""
+    """Return a tensor of any shape on the device of `values`; what was drawn on the CPU is sent without waiting."""
     return drawn if drawn.device == values.device else sent(drawn, values.device)
 
 
@@ -104,7 +104,7 @@ class Draw:
         return int(torch.randint(low, high + 1, (), generator=self.random))
 
     def normal(self, *shape: int) -> Tensor:
-        """Return standard normal numbers."""
+        """Return standard normal numbers of any shape."""
         return torch.randn(shape, generator=self.random)
 
     def choice(self, items: list[Place], shares: list[float]) -> Place:

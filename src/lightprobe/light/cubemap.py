@@ -71,7 +71,7 @@ def directions(resolution: int, device: torch.device | str = "cpu") -> Tensor:
 
 
 def exact_directions(resolution: int, device: torch.device | str = "cpu") -> Tensor:
-    """Return `directions` in float64."""
+    """Return `directions` (6, R, R, 3) in float64."""
     points = face_points(*texel_grid(resolution, device))
     return points / points.norm(dim=-1, keepdim=True)
 

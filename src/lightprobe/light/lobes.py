@@ -22,18 +22,16 @@ import functools
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import scipy.linalg
 import scipy.sparse
 import torch
 
-from lightprobe.core.jit import compiled, threads
+from lightprobe.kernels import lobe_rows
+from lightprobe.kernels.lobe_rows import ROOT
 from lightprobe.light import cubemap
 from lightprobe.light.orbits import sources
 
-ROOT = 2  # squares along a face edge at the top of the pyramid
-_GAUSS = 1.0 / math.sqrt(3.0)
 _FRAMES = np.stack(
     [frame.numpy() for frame in cubemap.frames(torch.device("cpu"))], axis=1
 )  # (face, major|along|down, xyz)
@@ -50,7 +48,7 @@ class Nodes:
     @property
     def squares(self) -> int:
         """Number of the pyramid's squares: 6 (2^2 + 4^2 + ... + R^2)."""
-        return _pyramid_offset(2 * self.resolution)
+        return sum(6 * size * size for size in self._sizes())
 
     @property
     def total(self) -> int:
@@ -93,14 +91,7 @@ def narrow_rows(directions: np.ndarray, alpha: float, nodes: Nodes, tolerance: f
 
     tolerance: the share of a row's weight that one square may misplace by its own size.
     """
-    shape = (alpha, _lobe_integral(alpha), nodes.resolution, tolerance)
-    threads(10_000 * len(directions))
-    counts = np.zeros(len(directions), np.int64)
-    nothing = np.zeros(0, np.int32), np.zeros(0)
-    _refine(directions, _FRAMES, *shape, np.zeros_like(counts), counts, *nothing, False)
-    start = np.concatenate([[0], np.cumsum(counts)])
-    index, weight = np.empty(start[-1], np.int32), np.empty(start[-1])
-    _refine(directions, _FRAMES, *shape, start[:-1], counts, index, weight, True)
+    start, index, weight = lobe_rows(directions, _FRAMES, alpha, _lobe_integral(alpha), nodes.resolution, tolerance)
     return _normalised(scipy.sparse.csr_array((weight, index, start), shape=(len(directions), nodes.total)))
 
 
@@ -161,87 +152,3 @@ def _lobe_integral(alpha: float) -> float:
         return math.pi
     low, high = a2, a2 + 0.5 * k
     return 4.0 * math.pi / k * ((1.0 + 2.0 * a2 / k) * (1.0 / low - 1.0 / high) - 2.0 / k * math.log(high / low))
-
-
-@compiled()
-def _lobe(chord2: float, alpha: float) -> float:
-    quarter = 0.25 * chord2
-    denominator = alpha * alpha + (1.0 - alpha * alpha) * quarter
-    return max(1.0 - 2.0 * quarter, 0.0) / (denominator * denominator)
-
-
-@compiled()
-def _pyramid_offset(size: int) -> int:
-    """Return the number of squares in the pyramid's levels above the one with `size` squares along an edge."""
-    return 2 * (size * size - ROOT * ROOT)
-
-
-@compiled()
-def _chord2(frame: np.ndarray, direction: np.ndarray, a: float, b: float) -> tuple[float, float]:
-    """Return the squared chord from `direction` to the face point (a, b), and that point's distance from the origin."""
-    length = math.sqrt(1.0 + a * a + b * b)
-    chord2 = 0.0
-    for axis in range(3):
-        step = (frame[0, axis] + a * frame[1, axis] + b * frame[2, axis]) / length - direction[axis]
-        chord2 += step * step
-    return chord2, length
-
-
-@compiled()
-def _square_weight(frame: np.ndarray, direction: np.ndarray, x: int, y: int, size: int, alpha: float) -> float:
-    """Return the integral of the lobe over a square by 2 x 2 Gauss points on the face plane."""
-    weight = 0.0
-    for corner in range(4):
-        a = (2.0 * x + 1.0 + (_GAUSS if corner & 1 else -_GAUSS)) / size - 1.0
-        b = (2.0 * y + 1.0 + (_GAUSS if corner & 2 else -_GAUSS)) / size - 1.0
-        chord2, length = _chord2(frame, direction, a, b)
-        weight += _lobe(chord2, alpha) / (length * length * length)
-    return weight / (size * size)
-
-
-@compiled(parallel=True)
-def _refine(
-    directions: np.ndarray, frames: np.ndarray, alpha: float, total: float, resolution: int, tolerance: float,
-    start: np.ndarray, counts: np.ndarray, index: np.ndarray, weight: np.ndarray, write: bool,
-) -> None:  # fmt: skip
-    """Refine each row's pyramid from the top, depth first; count its entries or write them from `start`.
-
-    All parts of a texel follow one another in this order, so they add up in the entry written last.
-    """
-    for row in numba.prange(len(directions)):
-        direction = directions[row]
-        stack = np.empty((160, 4), np.int64)
-        top, count, last = 0, 0, -1
-        for root in range(6 * ROOT * ROOT):
-            stack[top] = (ROOT, root // (ROOT * ROOT), root // ROOT % ROOT, root % ROOT)
-            top += 1
-        while top > 0:
-            top -= 1
-            size, face, y, x = stack[top]
-            chord2, length = _chord2(
-                frames[face], direction, (2.0 * x + 1.0) / size - 1.0, (2.0 * y + 1.0) / size - 1.0
-            )
-            area = 4.0 / (size * size * length * length * length)
-            extent = math.sqrt(area)
-            near = max(math.sqrt(chord2) - 0.75 * extent, 0.0)  # about the closest point of the square
-            share = min(area * _lobe(near * near, alpha) / total, 1.0)
-            if share <= 0.0:
-                continue
-            deeper = share * extent > tolerance * math.sqrt(4.0 * alpha * alpha + near * near)
-            if deeper and top + 4 <= len(stack):  # a lobe without width would go down for ever
-                for quarter in range(4):
-                    stack[top] = (2 * size, face, 2 * y + quarter // 2, 2 * x + quarter % 2)
-                    top += 1
-                continue
-            ratio = max(size // resolution, 1)
-            level = size // ratio
-            node = _pyramid_offset(level) + (face * level + y // ratio) * level + x // ratio
-            if node != last:
-                last = node
-                count += 1
-                if write:
-                    index[start[row] + count - 1] = node
-                    weight[start[row] + count - 1] = 0.0
-            if write:
-                weight[start[row] + count - 1] += _square_weight(frames[face], direction, x, y, size, alpha)
-        counts[row] = count

@@ -8,12 +8,11 @@ first texel of each orbit; the others hold the same numbers elsewhere.
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import scipy.sparse
 import torch
 
-from lightprobe.core.jit import compiled, threads
+from lightprobe.kernels import permute_rows
 from lightprobe.light import cubemap
 
 
@@ -48,17 +47,5 @@ def unfold(
     which and by: (T,) as in `Orbits`. source: (48, N) int32, the node that each symmetry carries onto each node.
     Entries keep the order of the row that they come from, so that they are not sorted.
     """
-    start = np.concatenate([[0], np.cumsum(np.diff(rows.indptr)[which])]).astype(rows.indptr.dtype)
-    index, weight = np.empty(start[-1], np.int32), np.empty(start[-1], rows.data.dtype)
-    threads(int(start[-1]))
-    _carry(rows.indptr, rows.indices, rows.data, which, by, source, start, index, weight)
+    start, index, weight = permute_rows(rows.indptr, rows.indices, rows.data, which, by, source)
     return scipy.sparse.csr_array((weight, index, start), shape=(len(which), rows.shape[1]))
-
-
-@compiled(parallel=True)
-def _carry(start, column, value, which, by, source, new_start, new_column, new_value):
-    for row in numba.prange(len(which)):
-        nodes, at = source[by[row]], new_start[row]
-        for k in range(start[which[row]], start[which[row] + 1]):
-            new_column[at], new_value[at] = nodes[column[k]], value[k]
-            at += 1

@@ -61,7 +61,7 @@ def stack(pixels: ProbePixels, colors: Tensor, directions: Tensor, rule: AlphaRu
 def stack_everywhere(pixels: ProbePixels, colors: Tensor, resolution: int, rule: AlphaRule) -> tuple[Tensor, Tensor]:
     """Return `stack` in all texels of a cubemap: radiance (6, R, R, 3) and mean distribution (6, R, R).
 
-    For many pixels and texels: not differentiable, and within the bound of `light.culled_stacking`.
+    For many pixels and texels: not differentiable, and within the bound of `kernels.culled_stacking`.
     """
     lobes = pixels.normal, pixels.view, alpha2(pixels.roughness, rule)
     radiance, total = stack_on_cubemap(colors, *lobes, resolution)

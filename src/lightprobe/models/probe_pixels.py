@@ -31,7 +31,7 @@ class ProbePixels:
         return len(self.color)
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """Return the fields, in order."""
+        """Return the fields, in order, as in `ProbePixels`."""
         return tuple(getattr(self, field.name) for field in fields(self))
 
     def take(self, index: Tensor) -> "ProbePixels":

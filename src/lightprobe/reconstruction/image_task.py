@@ -133,7 +133,7 @@ class ImageTask:
         return ()
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
-        """Return the loss of one photo: image, coverage, light and model regularisation."""
+        """Return the loss () of one photo: image, coverage, light and model regularisation."""
         target, step = self.target(iteration), self.stage.first_step + iteration
         seen = self.model.see(target.view, step, fraction)
         levels, light_loss = self.lights.levels(target, seen.gbuffer, step)

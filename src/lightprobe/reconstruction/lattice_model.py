@@ -126,7 +126,10 @@ class LatticeModel(nn.Module):
         return torch.where(self.lattice.boundary, free.detach().clamp(min=0.5 * self.lattice.cell), free)
 
     def surface(self, distance: Tensor, crossing: Crossing) -> tuple[Tensor, Tensor]:
-        """Return the triangles of the zero set; raise `ConvergenceError` when there is none."""
+        """Return vertices (N, 3) and faces (F, 3) of the zero set; raise `ConvergenceError` when there is none.
+
+        distance (V,): the signed distances at the lattice's vertices, whose sign changes `crossing` holds.
+        """
         positions = self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
         vertices, faces = marching_tetrahedra(self.lattice, crossing, positions, distance)
         if len(faces) == 0:

@@ -55,13 +55,13 @@ class Lights:
         self.prefilter = prefilters.cached(resolution, device)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
-        """Return up to `count` rows of the G-buffer that lie inside the mask, drawn without replacement."""
+        """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""
         inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
         draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
         return inside[sent(draw[:count], inside.device)]
 
     def levels(self, target: Target, gbuffer: GBuffer, step: int) -> tuple[Tensor, Tensor]:
-        """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss."""
+        """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss ()."""
         row = self.index[target.name]
         if self.gradient:
             return self.prefilter.apply(self.maps[row]), self.regularisation(row)
@@ -74,7 +74,7 @@ class Lights:
         return self.prefilter.apply(self.maps[row]), self.regularisation(row)
 
     def regularisation(self, row: int) -> Tensor:
-        """Return what a light fitted by gradients costs for not being grey; a solved one costs nothing."""
+        """Return what a light fitted by gradients costs () for not being grey; a solved one costs nothing."""
         light = self.maps[row]
         if not self.gradient:
             return light.new_zeros(())

@@ -36,7 +36,7 @@ class MovingShadows:
         return MovingShadows(self.points, self.tree, self.around.brightened(factor))
 
     def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> Openness:
-        """Return the openness at the visible points of the mesh as it is now."""
+        """Return the openness at the visible points of the mesh as it is now, vertices (V, 3) and faces (F, 3)."""
         corners = faces[surface.face].long()
         seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
         seen[corners.reshape(-1)] = True

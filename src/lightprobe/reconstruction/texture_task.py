@@ -64,7 +64,7 @@ class PhotoPixels:
         return self.select(draw_rows(every, _PIXELS, generator(seed, f"texture/{self.name}", step)))
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """Return the fields of the surface, the colours, and where these are clipped."""
+        """Return the fields of the surface, as in `Surface`, the colours (K, 3), and where these are clipped (K, 3)."""
         return *vars(self.surface).values(), self.color, self.clipped
 
 
@@ -133,7 +133,7 @@ class TextureTask:
         return *photos, beside, torch.stack(levels), cost, self.lights.cast()
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
-        """Return the mean image loss of the photos `given`, and what their materials cost."""
+        """Return the mean image loss () of the photos `given`, and what their materials cost."""
         *tensors, beside, levels, cost, cast = given
         count = len(tensors) // len(levels)
         fields = [tensors[k : k + count] for k in range(0, len(tensors), count)]

@@ -70,7 +70,10 @@ class Surface:
 
 
 def visible_surface(vertices: Tensor, faces: Tensor, view: View, screen: Tensor | None = None) -> Surface:
-    """Return the surface seen by `view`; `screen` reuses `view.project(vertices)` when the caller has it."""
+    """Return the surface of a mesh (V, 3), (F, 3) seen by `view`; differentiable in the vertices, not in visibility.
+
+    screen (V, 3): `view.project(vertices)`, where the caller has it.
+    """
     if screen is None:
         screen = view.project(vertices)
     visibility = rasterize(screen.detach(), faces, view.height, view.width)

@@ -25,7 +25,10 @@ def fitted_hull(
     *,
     agreement: float | None = None,
 ) -> Hull:
-    """Return the hull in the normalised frame on a grid that fits it closely; `cameras` are in the input frame."""
+    """Return the hull in the normalised frame on a grid that fits it closely; `cameras` are in the input frame.
+
+    alphas: a mask (H, W) for each camera.
+    """
     normalised = [camera.normalised(similarity) for camera in cameras]
     rough = visual_hull(normalised, alphas, resolution // 2, agreement=agreement)
     if not rough.occupancy.any():
@@ -41,13 +44,13 @@ def silhouette(hull: Hull, camera: Camera, similarity: Similarity, shape: tuple[
 
 
 def overlap(mask: np.ndarray, picture: np.ndarray) -> float:
-    """Return the IoU of two bool pictures; 1 when both are empty."""
+    """Return the IoU of two bool pictures (H, W); 1 when both are empty."""
     union = int((mask | picture).sum())
     return float((mask & picture).sum() / union) if union else 1.0
 
 
 def look_inverted(alphas: Sequence[np.ndarray]) -> bool:
-    """Tell whether most masks fill the rim of their photo and leave out something inside it.
+    """Tell whether most masks (H, W) fill the rim of their photo and leave out something inside it.
 
     The hull cannot tell: the space around an object is as consistent as the object.
     """
@@ -67,8 +70,8 @@ def better_turn(mask: np.ndarray, picture: np.ndarray) -> tuple[str, float] | No
 def explain(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: float) -> str | None:
     """Return a sentence naming the convention under which masks and cameras agree much better, or None.
 
-    `found` is the overlap as things are. Each of the usual mistakes is undone in turn, on a few small masks, and the
-    hull is carved anew.
+    alphas: a mask (H, W) for each camera. `found` is the overlap as things are. Each of the usual mistakes is undone in
+    turn, on a few small masks, and the hull is carved anew.
     """
     chosen = np.unique(np.linspace(0, len(alphas) - 1, min(len(alphas), _TRIAL_PHOTOS)).astype(int))
     small = [(cameras[i], shrink_area(alphas[i], _TRIAL_SIDE)) for i in chosen]

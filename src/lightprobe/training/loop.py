@@ -53,7 +53,7 @@ class Task(Protocol):
         """Whether the loss of a step depends on the parameters and what the step is given alone."""
 
     def given(self, iteration: int) -> tuple[Tensor, ...]:
-        """Return what the loss of a step depends on."""
+        """Return what the loss of a step depends on: tensors of any shape."""
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the loss () of a step; `fraction` of the stage is over."""

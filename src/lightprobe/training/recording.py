@@ -27,10 +27,10 @@ class Recorder(Protocol):
     """What records on a device."""
 
     def warm_up(self, call: Call) -> Tensor:
-        """Make the call in the way that a recording of it will need, and return its result."""
+        """Make the call in the way that a recording of it will need, and return its result ()."""
 
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return where the result of the call will be and what fills it; nothing is computed yet.
+        """Return where the result () of the call will be and what fills it; nothing is computed yet.
 
         Raises `RuntimeError` when the call cannot be recorded.
         """
@@ -88,7 +88,7 @@ class CudaRecorder:
         self._device, self._stream = device, torch.cuda.Stream(device)
 
     def warm_up(self, call: Call) -> Tensor:
-        """Make the call on the stream of the recordings."""
+        """Make the call on the stream of the recordings, and return its result ()."""
         with torch.cuda.device(self._device), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="This instance was constructed with capturable=True")
             current = torch.cuda.current_stream()
@@ -99,7 +99,7 @@ class CudaRecorder:
         return result
 
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return the place of the call's result and the replay of its graph.
+        """Return the place of the call's result () and the replay of its graph.
 
         Ending a capture that was broken fails in turn, before PyTorch has left the stream it recorded on and before
         its allocator knows of the end; both are made good here, so that whoever catches the error can go on.

@@ -1,0 +1,71 @@
+"""Numba body of the sparse products; symbols as in `lightprobe.kernels.sparse`. Loops take float32 and float64."""
+
+import numpy as np
+import torch
+from numba import prange
+from torch import Tensor
+
+from lightprobe.core.jit import compiled, threads
+from lightprobe.kernels.sparse import CompressedRows
+
+
+def product(matrix: CompressedRows, x: Tensor, rows: Tensor | None) -> Tensor:
+    """Return the product (K, 3) of the rows (K,), all (M,) if None."""
+    count = matrix.start.numel() - 1
+    chosen = np.arange(count, dtype=np.int32) if rows is None else rows.numpy()
+    out = torch.empty((len(chosen), 3), dtype=x.dtype)
+    threads(len(chosen) * 2 * matrix.value.numel() // (count + 1))
+    _multiply(*_stored(matrix), chosen, x.contiguous().numpy(), out.numpy())
+    return out
+
+
+def product_transposed(matrix: CompressedRows, y: Tensor, rows: Tensor, bounds: np.ndarray) -> Tensor:
+    """Return the transposed product (N, 3) on y (K, 3)."""
+    parts = torch.zeros((len(bounds) - 1, matrix.columns, 4), dtype=y.dtype)
+    threads(len(rows) * 4 * matrix.value.numel() // matrix.start.numel())
+    _spread(*_stored(matrix), rows.numpy(), bounds, y.contiguous().numpy(), parts.numpy())
+    return parts.sum(0)[:, :3]
+
+
+def _stored(matrix: CompressedRows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return matrix.start.numpy(), matrix.column.numpy(), matrix.value.numpy()
+
+
+@compiled(parallel=True, fastmath={"contract"})
+def _multiply(start, column, value, rows, x, out):
+    """Rows of x are padded to four, so that one vector holds one; four sums at a time hide the adds' latency."""
+    padded = np.zeros((x.shape[0], 4), out.dtype)
+    padded[:, :3] = x
+    for q in prange(rows.size):
+        a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = out.dtype.type(0)
+        c0 = c1 = c2 = c3 = d0 = d1 = d2 = d3 = out.dtype.type(0)
+        first, end = start[rows[q]], start[rows[q] + 1]
+        whole = first + (end - first) // 4 * 4
+        for k in range(first, whole, 4):
+            j, w = column[k], value[k]
+            a0, a1, a2, a3 = a0 + w * padded[j, 0], a1 + w * padded[j, 1], a2 + w * padded[j, 2], a3 + w * padded[j, 3]
+            j, w = column[k + 1], value[k + 1]
+            b0, b1, b2, b3 = b0 + w * padded[j, 0], b1 + w * padded[j, 1], b2 + w * padded[j, 2], b3 + w * padded[j, 3]
+            j, w = column[k + 2], value[k + 2]
+            c0, c1, c2, c3 = c0 + w * padded[j, 0], c1 + w * padded[j, 1], c2 + w * padded[j, 2], c3 + w * padded[j, 3]
+            j, w = column[k + 3], value[k + 3]
+            d0, d1, d2, d3 = d0 + w * padded[j, 0], d1 + w * padded[j, 1], d2 + w * padded[j, 2], d3 + w * padded[j, 3]
+        for k in range(whole, end):
+            j, w = column[k], value[k]
+            a0, a1, a2, a3 = a0 + w * padded[j, 0], a1 + w * padded[j, 1], a2 + w * padded[j, 2], a3 + w * padded[j, 3]
+        out[q, 0], out[q, 1], out[q, 2] = a0 + b0 + c0 + d0, a1 + b1 + c1 + d1, a2 + b2 + c2 + d2
+
+
+@compiled(parallel=True, fastmath={"contract"})
+def _spread(start, column, value, rows, bounds, y, parts):
+    """Add the transposed product of the rows[bounds[c] : bounds[c + 1]] to parts[c] (columns, 4), for each c."""
+    for c in prange(parts.shape[0]):
+        part = parts[c]
+        for q in range(bounds[c], bounds[c + 1]):
+            y0, y1, y2, y3 = y[q, 0], y[q, 1], y[q, 2], parts.dtype.type(0)
+            for k in range(start[rows[q]], start[rows[q] + 1]):
+                j, w = column[k], value[k]
+                part[j, 0] += w * y0
+                part[j, 1] += w * y1
+                part[j, 2] += w * y2
+                part[j, 3] += w * y3
