@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig
-from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, rasterize_asset
@@ -51,7 +51,9 @@ def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, config: Disti
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
     color, clipped = (torch.from_numpy(x).reshape(-1, 3)[gbuffer.pixel] for x in (photo.color, photo.clipped))
-    return Desk(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(name, color, clipped, light)
+    return LessonMaker(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(
+        name, color, clipped, light
+    )
 
 
 PATCHES = ((1.0, 0.3, 0.4), (-0.8, 0.9, 0.2), (0.2, -1.0, 0.5), (0.1, 0.2, 1.0), (-0.6, -0.6, 0.5), (0.7, 0.2, -0.5))

@@ -33,7 +33,7 @@ def oracle(scene, tmp_path_factory):
 
 
 def test_the_true_object_is_found_again(oracle, scene):
-    """Seen from a camera that no photo has, in every channel that shading uses."""
+    """RasterisedView from a camera that no photo has, in every channel that shading uses."""
     camera = dataclasses.replace(scene.test[0].camera).normalised(SIMILARITY)
     pose = camera.camera_to_world.copy()
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -47,7 +47,7 @@ def test_the_true_object_is_found_again(oracle, scene):
         assert float((getattr(a, name) - getattr(b, name)).abs().mean()) < tolerance, name
     angle = torch.rad2deg(torch.acos((a.normal * b.normal).sum(1).clamp(-1, 1)))
     assert float(angle.mean()) < 2
-    assert oracle.asset.around is not None
+    assert oracle.asset.visibility is not None
 
 
 def test_it_is_made_once_and_kept(oracle, scene, tmp_path):

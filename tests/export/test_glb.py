@@ -13,7 +13,7 @@ from lightprobe.light.environment import Environment
 from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
-from lightprobe.render.openness import Surroundings
+from lightprobe.render.visibility import VertexVisibility
 from lightprobe.scene.camera import Similarity
 from tests.export.glb_reader import Glb
 from tests.shapes import sphere_mesh
@@ -123,7 +123,7 @@ def test_occlusion_is_dark_where_the_object_blocks_the_light(tmp_path):
     mesh = sphere_mesh(2)
     table = torch.full((len(mesh.vertices), 384), 255, dtype=torch.uint8)
     table[mesh.vertices[:, 2] > 0] = 0
-    around = Surroundings(table, torch.zeros(len(table), 3))
+    around = VertexVisibility(table, torch.zeros(len(table), 3))
     write_mesh(Asset(mesh, toy_textures(128), around), SIMILARITY, tmp_path / "mesh.glb")
     occlusion = Glb((tmp_path / "mesh.glb").read_bytes()).picture(1)[..., 0] / 255
     assert occlusion.min() == 0

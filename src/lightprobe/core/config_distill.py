@@ -19,7 +19,7 @@ class AlphaRule(StrEnum):
 
 
 class LossSpace(StrEnum):
-    """Where Equation 6 takes its difference: radiance as printed, or log(1 + radiance), in which no sun rules."""
+    """Where Equation 6 takes its difference: radiance as printed, or log(1 + radiance), where a sun weighs little."""
 
     LINEAR = "linear"
     LOG = "log"

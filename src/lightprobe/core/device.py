@@ -53,7 +53,7 @@ def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(int.from_bytes(digest, "little") >> 1)
 
 
-def sent(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
+def to_device(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
     """Return a CPU tensor of any shape on `device`, without waiting for what a GPU is still doing."""
     return tensor.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else tensor.to(device)
 
@@ -62,4 +62,4 @@ def draw_rows(rows: torch.Tensor, count: int, random: torch.Generator) -> torch.
     """Return at most `count` of the row numbers (N,), drawn without replacement, in their order."""
     if len(rows) <= count:
         return rows
-    return rows[sent(torch.randperm(len(rows), generator=random)[:count].sort().values, rows.device)]
+    return rows[to_device(torch.randperm(len(rows), generator=random)[:count].sort().values, rows.device)]

@@ -23,7 +23,7 @@ class UnexpectedError(LightprobeError):
 
 
 @contextlib.contextmanager
-def explained(log: Path | None = None) -> Iterator[None]:
+def reporting_errors(log: Path | None = None) -> Iterator[None]:
     """Turn whatever goes wrong inside into a `LightprobeError`; an unexpected traceback goes to `log`.
 
     Without `log` it goes to a new file in the temporary folder. KeyboardInterrupt and SystemExit pass.
@@ -48,11 +48,11 @@ def explained(log: Path | None = None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def writing(run: RunFolder) -> Iterator[None]:
-    """Hold `run` for writing; what goes wrong inside is `explained`, with unexpected tracebacks in the run's log.txt.
+    """Hold `run` for writing; errors inside are reported as by `reporting_errors`, tracebacks go to the run's log.txt.
 
     Raises `ResourceError` when another process holds it.
     """
-    with run.writing(), explained(run.log_file):
+    with run.writing(), reporting_errors(run.log_file):
         yield
 
 

@@ -16,7 +16,7 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import generator, sent
+from lightprobe.core.device import generator, to_device
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 
@@ -72,7 +72,7 @@ def generated_light(
 
 def beside(drawn: Tensor, values: Tensor) -> Tensor:
     """Return a tensor of any shape on the device of `values`; what was drawn on the CPU is sent without waiting."""
-    return drawn if drawn.device == values.device else sent(drawn, values.device)
+    return drawn if drawn.device == values.device else to_device(drawn, values.device)
 
 
 def upright(up: Tensor, azimuth: float) -> Tensor:

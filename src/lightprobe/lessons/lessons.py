@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config_distill import DistillConfig, Lessons
-from lightprobe.core.device import draw_rows, generator, sent
+from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.core.errors import InputError
 from lightprobe.lessons.generated_lights import Draw
-from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.lessons.synthetic import LightPool, mean_up, rerender
 from lightprobe.light.environment import Environment
 from lightprobe.models.probe_maps import RESOLUTION
@@ -28,7 +28,7 @@ _SYNTHETIC_PIXELS = 2048
 
 
 @dataclass(frozen=True)
-class _Look:
+class _TrainingView:
     """The trusted pixels of a training photo."""
 
     photo: Photo
@@ -49,9 +49,9 @@ def collect_lessons(
     up = mean_up([torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train])
     pool = LightPool(up, [lights[name] for name in sorted(lights)], environments, RESOLUTION, seed, device)
     lessons: list[Lesson] = []
-    for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
+    for done, look in enumerate(_training_views(asset, lights, scene, config, device, seed)):
         if config.lessons is not Lessons.SYNTHETIC:
-            desk = Desk(look.gbuffer, up, config)
+            desk = LessonMaker(look.gbuffer, up, config)
             light = lights[look.photo.name].to(device).texels
             lessons.append(desk.lesson(look.photo.name, look.color, look.clipped, light))
         if config.lessons is not Lessons.TEACHER:
@@ -67,11 +67,11 @@ def collect_lessons(
     return lessons
 
 
-def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
+def _synthetic(look: _TrainingView, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
     """Return the re-rendered lessons `numbers` in the camera of a photo."""
     order = torch.randperm(len(look.color), generator=generator(seed, f"distill-rerender/{look.photo.name}"))
-    gbuffer = look.gbuffer.select(sent(order[:_SYNTHETIC_PIXELS], look.color.device))
-    desk, lessons = Desk(gbuffer, pool.up, config), []
+    gbuffer = look.gbuffer.select(to_device(order[:_SYNTHETIC_PIXELS], look.color.device))
+    desk, lessons = LessonMaker(gbuffer, pool.up, config), []
     for number in numbers:
         light = pool.light(number)
         color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", number)))
@@ -79,14 +79,14 @@ def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConf
     return lessons
 
 
-def _looks(
+def _training_views(
     asset: Asset,
     lights: Mapping[str, Environment],
     scene: Scene,
     config: DistillConfig,
     device: torch.device,
     seed: int,
-) -> Iterator[_Look]:
+) -> Iterator[_TrainingView]:
     """Yield at most `pixels_per_photo` object pixels of each usable training photo, chosen at random."""
     for photo in scene.train:
         if photo.name not in lights:
@@ -102,4 +102,4 @@ def _looks(
         color, clipped = (
             torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped)
         )
-        yield _Look(photo, gbuffer.select(rows), color, clipped)
+        yield _TrainingView(photo, gbuffer.select(rows), color, clipped)

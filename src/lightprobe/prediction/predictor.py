@@ -26,7 +26,7 @@ from lightprobe.prediction.confidence import confidence
 from lightprobe.prediction.observation import Observation, observe
 from lightprobe.prediction.optimize import OptimizeConfig, brief, optimize_environment, refine_environment
 from lightprobe.prediction.prediction import Prediction
-from lightprobe.prediction.prior import calmed, constant_light, network_light, sampled_probes, stacked_light
+from lightprobe.prediction.prior import constant_light, desaturated, network_light, sampled_probes, stacked_light
 from lightprobe.prediction.solve import SolveConfig, solve_environment
 from lightprobe.prediction.verdict import Status, judge
 from lightprobe.scene.camera import Camera
@@ -135,8 +135,8 @@ class Predictor:
         with clock.part("network"):
             return network_light(model, observation, probes, chosen, self.config.light_resolution, self.seed)
 
-    def _calmed_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
-        return calmed(self._network(observation, chosen, clock), observation.light_level)
+    def _desaturated_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        return desaturated(self._network(observation, chosen, clock), observation.light_level)
 
     def _solved(self, observation: Observation, prior: Tensor) -> Tensor:
         return solve_environment(observation, prior, self.solve, self.seed)
@@ -160,8 +160,8 @@ _PRIORS = {
     Method.PROBE_MLP: Predictor._stacked,
     Method.PROBE_MLP_SOLVE: Predictor._stacked,
     Method.PROBE_NET: Predictor._network,
-    Method.PROBE_NET_SOLVE: Predictor._calmed_network,
-    Method.PROBE_NET_OPTIMIZE: Predictor._calmed_network,
+    Method.PROBE_NET_SOLVE: Predictor._desaturated_network,
+    Method.PROBE_NET_OPTIMIZE: Predictor._desaturated_network,
 }
 _FITTED = {
     Method.SOLVE: Predictor._solved,

@@ -38,23 +38,23 @@ def signed(value: float) -> str:
     return f"{value:+.2f}" if math.isfinite(value) else NONE
 
 
-def score_cells(scores: Mapping[str, float], around: Mapping[str, float], columns: Mapping[str, int]) -> list[str]:
+def score_cells(scores: Mapping[str, float], interval: Mapping[str, float], columns: Mapping[str, int]) -> list[str]:
     """Return the scores in `columns` (score -> decimals), each with its interval where there is one."""
     cells = []
     for key, decimals in columns.items():
-        margin = f" ± {number(around[key], decimals)}" if key in around else ""
+        margin = f" ± {number(interval[key], decimals)}" if key in interval else ""
         cells.append(number(scores.get(key), decimals) + margin)
     return cells
 
 
-def mean_cell(values: Sequence[float], decimals: int, *, spread: bool = False) -> str:
+def mean_cell(values: Sequence[float], decimals: int, *, with_range: bool = False) -> str:
     """Return the mean of values that are independent of each other with its interval, and the range of the values."""
     if not values:
         return NONE
     margin = interval(values)
     text = number(mean(values), decimals) + (f" ± {number(margin, decimals)}" if math.isfinite(margin) else "")
     both = f" ({number(min(values), decimals)} to {number(max(values), decimals)})"
-    return text + both if spread and len(values) > 1 else text
+    return text + both if with_range and len(values) > 1 else text
 
 
 def mean(values: Sequence[float]) -> float:

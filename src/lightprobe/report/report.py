@@ -107,7 +107,7 @@ def report_page(report: Report, folder: Path) -> str:
     return f'<!doctype html>\n<html lang="en"><head>{head}</head><body>\n' + "\n".join(body) + "\n</body></html>\n"
 
 
-def spread(names: Sequence[str], limit: int = MAX_ROWS) -> list[str]:
+def evenly_spaced(names: Sequence[str], limit: int = MAX_ROWS) -> list[str]:
     """Return at most `limit` of `names`, evenly spread."""
     if len(names) <= limit:
         return list(names)
@@ -145,8 +145,8 @@ def _by_method(metrics: dict[str, Any], headings: dict[str, Heading]) -> str:
     }
     rows: Rows = {labels[method]: scores for method, scores in metrics["methods"].items()}
     compared = [labels[method] for method, count in counts.items() if count == len(seen)]
-    known: Rows = {labels[method]: around for method, around in metrics.get("interval", {}).items()}
-    intervals = {label: around for label, around in known.items() if label in compared}
+    known: Rows = {labels[method]: interval for method, interval in metrics.get("interval", {}).items()}
+    intervals = {label: interval for label, interval in known.items() if label in compared}
     return table("method", rows, headings, intervals=intervals, compared=compared)
 
 

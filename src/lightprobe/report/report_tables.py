@@ -20,9 +20,9 @@ def table(
     used = {key: heading for key, heading in headings.items() if any(key in scores for scores in rows.values())}
     head = "".join(f'<th title="{html.escape(h.note)}">{_headline(h)}</th>' for h in used.values())
     best = best_cells({name: rows[name] for name in compared if name in rows}, used)
-    around = intervals or {}
+    known = intervals or {}
     lines = [
-        f"<tr><td>{html.escape(name)}</td>{''.join(_cells(name, scores, around.get(name, {}), used, best))}</tr>"
+        f"<tr><td>{html.escape(name)}</td>{''.join(_cells(name, scores, known.get(name, {}), used, best))}</tr>"
         for name, scores in rows.items()
     ]
     body = f"<thead><tr><th>{html.escape(corner)}</th>{head}</tr></thead><tbody>{''.join(lines)}</tbody>"
@@ -76,5 +76,5 @@ def _cells(
             continue
         value = heading.text(scores[key])
         value = f"<b>{value}</b>" if (name, key) in best else value
-        around = f"<small> ± {heading.text(interval[key])}</small>" if key in interval else ""
-        yield f"<td>{value}{around}</td>"
+        margin = f"<small> ± {heading.text(interval[key])}</small>" if key in interval else ""
+        yield f"<td>{value}{margin}</td>"

@@ -109,7 +109,7 @@ def seed_table(results: BenchResults) -> list[str]:
     rows = []
     for name, records in results.seeds.items():
         means = [default_scores(record.metrics) for record in records]
-        cells = [mean_cell([m[key] for m in means if key in m], d, spread=True) for key, d in columns.items()]
+        cells = [mean_cell([m[key] for m in means if key in m], d, with_range=True) for key, d in columns.items()]
         rows.append([name, ", ".join(str(record.seed) for record in records), *cells])
     head = ["scene", "seeds", "PSNR", "PSNR object", "PSNR unseen", "relit, raw", "scaled", *SPHERES]
     return markdown_table([*head, "log-RMSE, raw", "scaled"], rows) if rows else []

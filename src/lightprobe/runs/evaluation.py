@@ -25,7 +25,7 @@ from lightprobe.evaluation import (
 )
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.prediction import Method, methods_for, recorded_config
-from lightprobe.report import Report, spread, view_pictures, write_report
+from lightprobe.report import Report, evenly_spaced, view_pictures, write_report
 from lightprobe.report.run_info import read_phases, training_commands, training_facts
 from lightprobe.report.summary import SummaryTable, summary_lines, summary_tables
 from lightprobe.runs.progress import OnProgress, silent
@@ -128,7 +128,7 @@ class _Subject:
     ) -> tuple[Evaluation, dict[str, dict[str, str]]]:
         """Return the evaluation, and the pictures of the photos that the report shows, by title."""
         pictures: dict[str, dict[str, str]] = {}
-        shown = set(spread([photo.name for photo in self.scene.test]))
+        shown = set(evenly_spaced([photo.name for photo in self.scene.test]))
 
         def keep(result: ViewResult) -> None:
             if result.view.photo.name in shown:

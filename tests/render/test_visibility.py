@@ -1,4 +1,4 @@
-"""The object's own shadows: openness in closed form, and what shading and the transport make of it."""
+"""The object's own shadows: visibility in closed form, and what shading and the transport make of it."""
 
 import dataclasses
 
@@ -7,10 +7,10 @@ import torch
 
 from lightprobe.light.prefilter import cached
 from lightprobe.render import transport
-from lightprobe.render.openness import Openness, Surroundings, ambient_occlusion
 from lightprobe.render.split_sum import Shading, furnace, shade
-from lightprobe.render.surroundings import surroundings
 from lightprobe.render.transport import Transport
+from lightprobe.render.vertex_visibility import vertex_visibility
+from lightprobe.render.visibility import PointVisibility, VertexVisibility, ambient_occlusion
 from tests.render.test_split_sum import R, sky, sphere_gbuffer
 from tests.shapes import sphere
 
@@ -39,20 +39,20 @@ def shaded_gbuffer(blockers=(0.6, 0.3, 0.8), **material):
     table = torch.randint(0, 256, (30, 384), generator=random, dtype=torch.uint8)
     index = torch.randint(0, 30, (400, 3), generator=random)
     weight = torch.rand(400, 3, generator=random)
-    around = Surroundings(table, torch.tensor(blockers).expand(30, 3).contiguous())
-    return dataclasses.replace(gbuffer, openness=Openness(around, index, weight / weight.sum(1, keepdim=True)))
+    around = VertexVisibility(table, torch.tensor(blockers).expand(30, 3).contiguous())
+    return dataclasses.replace(gbuffer, visibility=PointVisibility(around, index, weight / weight.sum(1, keepdim=True)))
 
 
 def test_a_sphere_is_open_everywhere():
     vertices, faces = (torch.from_numpy(part) for part in sphere(3))
-    assert float(ambient_occlusion(surroundings(vertices, faces, grey(faces)), vertices).min()) > 0.95
+    assert float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), vertices).min()) > 0.95
 
 
 @pytest.mark.parametrize(("radius", "height"), [(0.3, 0.6), (0.2, 0.5), (0.4, 0.45)])
 def test_under_a_ball_a_cone_is_blocked(radius, height):
     vertices, faces, middle = ball_over_floor(radius, height)
     normals = torch.tensor([0.0, 0, 1]).expand(len(vertices), 3)
-    opened = float(ambient_occlusion(surroundings(vertices, faces, grey(faces)), normals)[middle])
+    opened = float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), normals)[middle])
     assert opened == pytest.approx(1 - (radius / height) ** 2, abs=0.05)  # one of 384 directions weighs up to .02
 
 
@@ -60,9 +60,9 @@ def test_the_shadow_falls_away_from_the_light():
     vertices, faces, _ = ball_over_floor(0.2, 0.4)
     point = torch.tensor([[0.4, 0.0, 0.0]])
     nearest = int((vertices[: 41 * 41] - point).norm(dim=1).argmin())
-    around = surroundings(vertices, faces, grey(faces))
-    openness = Openness(around, torch.full((2, 3), nearest), torch.tensor([[1.0, 0, 0]] * 2))
-    to_ball, away = openness.towards(torch.tensor([[-0.7, 0.0, 0.7], [0.7, 0.0, 0.7]]))
+    around = vertex_visibility(vertices, faces, grey(faces))
+    visibility = PointVisibility(around, torch.full((2, 3), nearest), torch.tensor([[1.0, 0, 0]] * 2))
+    to_ball, away = visibility.towards(torch.tensor([[-0.7, 0.0, 0.7], [0.7, 0.0, 0.7]]))
     assert float(to_ball) < 0.1
     assert float(away) > 0.9
 
@@ -71,7 +71,7 @@ def test_the_floor_under_a_red_ball_sees_red():
     vertices, faces, middle = ball_over_floor(0.3, 0.4)
     red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
     ball = (faces >= 41 * 41).all(1, keepdim=True)
-    around = surroundings(vertices, faces, torch.where(ball, red, blue))
+    around = vertex_visibility(vertices, faces, torch.where(ball, red, blue))
     torch.testing.assert_close(around.blockers[middle], red, atol=1e-3, rtol=0)
     lowest = 41 * 41 + int(vertices[41 * 41 :, 2].argmin())
     torch.testing.assert_close(around.blockers[lowest], blue, atol=0.02, rtol=0)
@@ -87,17 +87,17 @@ def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
 
 def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
     vertices, faces = two_balls()
-    every = surroundings(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
-    table = surroundings(vertices, faces, grey(faces)).openness
+    every = vertex_visibility(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
+    table = vertex_visibility(vertices, faces, grey(faces)).visibility
     assert (table == 0).all(1).sum() > 8  # within the other ball
-    assert (table != every.openness).float().mean() < 1e-3
+    assert (table != every.visibility).float().mean() < 1e-3
 
 
 def test_the_colour_seen_is_that_of_the_other_ball():
     vertices, faces = two_balls()
     count = len(vertices) // 2
     red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
-    around = surroundings(vertices, faces, torch.where((faces < count)[:, :1], red, blue))
+    around = vertex_visibility(vertices, faces, torch.where((faces < count)[:, :1], red, blue))
     nearest = int((vertices[:count] - vertices[count:].mean(0)).norm(dim=1).argmin())
     torch.testing.assert_close(around.blockers[nearest], blue, atol=0.05, rtol=0)
 
@@ -130,8 +130,8 @@ def test_furnace(metallic):
     gbuffer, operator = shaded_gbuffer(roughness=0.4, metallic=metallic), cached(R)
     white = shade(gbuffer, operator, torch.ones(operator.total, 3))
     torch.testing.assert_close(furnace(gbuffer), white, rtol=1e-4, atol=1e-5)
-    unshadowed = furnace(dataclasses.replace(gbuffer, openness=None))
+    unshadowed = furnace(dataclasses.replace(gbuffer, visibility=None))
     assert bool((white <= unshadowed + 1e-5).all())
     lossless = shaded_gbuffer(roughness=0.4, metallic=metallic, base=(1.0, 1.0, 1.0), blockers=(1.0, 1.0, 1.0))
-    unshadowed = furnace(dataclasses.replace(lossless, openness=None))
+    unshadowed = furnace(dataclasses.replace(lossless, visibility=None))
     torch.testing.assert_close(furnace(lossless), unshadowed, rtol=1e-4, atol=1e-5)

@@ -1,4 +1,4 @@
-"""Openness for a surface whose triangles change from step to step: looked up at the nearest point it was found for."""
+"""Visibility on a surface whose triangles change from step to step: that of the nearest point it was found for."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
-from lightprobe.render.openness import Openness, Surroundings
 from lightprobe.render.surface import Surface
-from lightprobe.render.surroundings import surroundings
+from lightprobe.render.vertex_visibility import vertex_visibility
+from lightprobe.render.visibility import PointVisibility, VertexVisibility
 
 _SIDE = 256  # pixels of a depth map: the surface will have moved on by the next step
 _TURN = 0.1  # a turned normal is as far away as this share of the object's radius: thin parts keep their sides apart
@@ -17,32 +17,32 @@ _PAIRS = 1 << 25  # distances of a GPU's comparison that are held at a time
 
 
 @dataclass(frozen=True)
-class MovingShadows:
-    """What a past state of the surface saw around it."""
+class MovingVisibility:
+    """What a past state of the surface saw of itself."""
 
     points: Tensor  # (V, 6): position and scaled normal
     tree: "scipy.spatial.cKDTree | None"  # of these points; None on a GPU, which compares with all of them
-    around: Surroundings
+    vertices: VertexVisibility
 
     @staticmethod
-    def of(vertices: Tensor, faces: Tensor, colors: Tensor) -> "MovingShadows":
+    def of(vertices: Tensor, faces: Tensor, colors: Tensor) -> "MovingVisibility":
         """Return what the mesh (V, 3), (F, 3) with base colours (V, 3) sees."""
-        around = surroundings(vertices, faces, colors[faces.long()].mean(1), _SIDE)
+        visible = vertex_visibility(vertices, faces, colors[faces.long()].mean(1), _SIDE)
         points = _points(vertices, faces)
-        return MovingShadows(points, scipy.spatial.cKDTree(points.numpy()) if _searches(points) else None, around)
+        return MovingVisibility(points, scipy.spatial.cKDTree(points.numpy()) if _searches(points) else None, visible)
 
-    def brightened(self, factor: float) -> "MovingShadows":
+    def brightened(self, factor: float) -> "MovingVisibility":
         """Return them with base colours times `factor`."""
-        return MovingShadows(self.points, self.tree, self.around.brightened(factor))
+        return MovingVisibility(self.points, self.tree, self.vertices.brightened(factor))
 
-    def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> Openness:
-        """Return the openness at the visible points of the mesh as it is now, vertices (V, 3) and faces (F, 3)."""
+    def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> PointVisibility:
+        """Return the visibility at the visible points of the mesh as it is now, vertices (V, 3) and faces (F, 3)."""
         corners = faces[surface.face].long()
         seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
         seen[corners.reshape(-1)] = True
         row = torch.empty(len(vertices), dtype=torch.long, device=vertices.device)
         row[seen] = self._nearest(_points(vertices, faces)[seen])
-        return Openness(self.around, row[corners], surface.barycentric.detach())
+        return PointVisibility(self.vertices, row[corners], surface.barycentric.detach())
 
     def _nearest(self, points: Tensor) -> Tensor:
         """Return the row (K,) int64 of the stored point that is nearest to each of the points (K, 6)."""
