@@ -39,8 +39,8 @@ def shaded_gbuffer(blockers=(0.6, 0.3, 0.8), **material):
     table = torch.randint(0, 256, (30, 384), generator=random, dtype=torch.uint8)
     index = torch.randint(0, 30, (400, 3), generator=random)
     weight = torch.rand(400, 3, generator=random)
-    around = VertexVisibility(table, torch.tensor(blockers).expand(30, 3).contiguous())
-    return dataclasses.replace(gbuffer, visibility=PointVisibility(around, index, weight / weight.sum(1, keepdim=True)))
+    seen = VertexVisibility(table, torch.tensor(blockers).expand(30, 3).contiguous())
+    return dataclasses.replace(gbuffer, visibility=PointVisibility(seen, index, weight / weight.sum(1, keepdim=True)))
 
 
 def test_a_sphere_is_open_everywhere():
@@ -60,8 +60,8 @@ def test_the_shadow_falls_away_from_the_light():
     vertices, faces, _ = ball_over_floor(0.2, 0.4)
     point = torch.tensor([[0.4, 0.0, 0.0]])
     nearest = int((vertices[: 41 * 41] - point).norm(dim=1).argmin())
-    around = vertex_visibility(vertices, faces, grey(faces))
-    visibility = PointVisibility(around, torch.full((2, 3), nearest), torch.tensor([[1.0, 0, 0]] * 2))
+    seen = vertex_visibility(vertices, faces, grey(faces))
+    visibility = PointVisibility(seen, torch.full((2, 3), nearest), torch.tensor([[1.0, 0, 0]] * 2))
     to_ball, away = visibility.towards(torch.tensor([[-0.7, 0.0, 0.7], [0.7, 0.0, 0.7]]))
     assert float(to_ball) < 0.1
     assert float(away) > 0.9
@@ -71,11 +71,11 @@ def test_the_floor_under_a_red_ball_sees_red():
     vertices, faces, middle = ball_over_floor(0.3, 0.4)
     red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
     ball = (faces >= 41 * 41).all(1, keepdim=True)
-    around = vertex_visibility(vertices, faces, torch.where(ball, red, blue))
-    torch.testing.assert_close(around.blockers[middle], red, atol=1e-3, rtol=0)
+    seen = vertex_visibility(vertices, faces, torch.where(ball, red, blue))
+    torch.testing.assert_close(seen.occluder_color[middle], red, atol=1e-3, rtol=0)
     lowest = 41 * 41 + int(vertices[41 * 41 :, 2].argmin())
-    torch.testing.assert_close(around.blockers[lowest], blue, atol=0.02, rtol=0)
-    torch.testing.assert_close(around.brightened(0.5).blockers, 0.5 * around.blockers)
+    torch.testing.assert_close(seen.occluder_color[lowest], blue, atol=0.02, rtol=0)
+    torch.testing.assert_close(seen.brightened(0.5).occluder_color, 0.5 * seen.occluder_color)
 
 
 def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
@@ -88,18 +88,18 @@ def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
 def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
     vertices, faces = two_balls()
     every = vertex_visibility(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
-    table = vertex_visibility(vertices, faces, grey(faces)).visibility
+    table = vertex_visibility(vertices, faces, grey(faces)).unoccluded
     assert (table == 0).all(1).sum() > 8  # within the other ball
-    assert (table != every.visibility).float().mean() < 1e-3
+    assert (table != every.unoccluded).float().mean() < 1e-3
 
 
 def test_the_colour_seen_is_that_of_the_other_ball():
     vertices, faces = two_balls()
     count = len(vertices) // 2
     red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
-    around = vertex_visibility(vertices, faces, torch.where((faces < count)[:, :1], red, blue))
+    seen = vertex_visibility(vertices, faces, torch.where((faces < count)[:, :1], red, blue))
     nearest = int((vertices[:count] - vertices[count:].mean(0)).norm(dim=1).argmin())
-    torch.testing.assert_close(around.blockers[nearest], blue, atol=0.05, rtol=0)
+    torch.testing.assert_close(seen.occluder_color[nearest], blue, atol=0.05, rtol=0)
 
 
 @pytest.mark.parametrize("taps", [transport._SparseTaps, transport._GatheredTaps])  # a CPU's and a GPU's
