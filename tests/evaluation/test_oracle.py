@@ -10,7 +10,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.scene.photo import Scene
-from tests.evaluation.test_evaluation import CPU, SIMILARITY, known_decomposition, write_photo
+from tests.evaluation.known import CPU, SIMILARITY, known_decomposition, write_photo
 
 AROUND = {"a": (3, 1, 1), "bb": (-1, 3, 0.5), "ccc": (-2, -2, -1.5), "dddd": (1, -1, -3), "eeeee": (0.5, 0.5, 3)}
 
