@@ -8,6 +8,7 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
+from lightprobe.prediction.observation import Observation, observe
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.split_sum import shade
 from lightprobe.scene.camera import Camera
@@ -54,6 +55,19 @@ def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, config: Disti
     return LessonMaker(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(
         name, color, clipped, light
     )
+
+
+CORNER = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
+
+
+def corner(device: torch.device = CPU) -> tuple[Observation, Tensor]:
+    """Return the observation of a corner of a sphere, lit from the side, and the direction that the corner faces."""
+    asset = glossy_sphere()
+    photo = photograph(asset, CORNER, patch_light((0.2, 1.0, 0.5)))
+    mask = np.zeros_like(photo.alpha)
+    mask[30:38, 18:26] = photo.alpha[30:38, 18:26]
+    observation = observe(asset.to(device), Pixels.of(photo.color, mask), CORNER, device, 65_536)
+    return observation, observation.gbuffer.normal[observation.rows].mean(0)
 
 
 PATCHES = ((1.0, 0.3, 0.4), (-0.8, 0.9, 0.2), (0.2, -1.0, 0.5), (0.1, 0.2, 1.0), (-0.6, -0.6, 0.5), (0.7, 0.2, -0.5))

@@ -28,6 +28,19 @@ def sphere_mesh(subdivisions: int, texture_size: int = 256) -> Mesh:
     )
 
 
+def ball_over_floor(radius: float, height: float) -> tuple[torch.Tensor, torch.Tensor, int]:
+    """Return a fine square floor at z = 0 with a ball over its middle, and the index of the middle vertex."""
+    n = 41
+    line = torch.linspace(-0.7, 0.7, n)
+    floor = torch.stack([*torch.meshgrid(line, line, indexing="xy"), torch.zeros(n, n)], -1).reshape(-1, 3)
+    corner = (torch.arange(n - 1)[:, None] * n + torch.arange(n - 1)).reshape(-1)
+    faces = torch.cat([torch.stack([corner, corner + 1, corner + n], 1),
+                       torch.stack([corner + 1, corner + n + 1, corner + n], 1)])  # fmt: skip
+    vertices, ball = (torch.from_numpy(part) for part in sphere(3))
+    moved = radius * vertices + torch.tensor([0.0, 0.0, height])
+    return torch.cat([floor, moved]), torch.cat([faces, ball.long() + n * n]).int(), n * n // 2
+
+
 def camera_at(position, *, size: int = 64, focal: float = 90.0, width: int | None = None) -> Camera:
     """Return a camera at `position` that looks at the origin with +z up in the image."""
     eye = np.asarray(position, np.float64)

@@ -27,7 +27,8 @@ from lightprobe.core.device import generator
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation.metrics import aligned, log_difference
-from lightprobe.lessons.generated_lights import Draw, generated_light
+from lightprobe.lessons.draw import Draw
+from lightprobe.lessons.generated_lights import generated_light
 from lightprobe.lessons.synthetic import mean_up, rerender
 from lightprobe.light import cubemap
 from lightprobe.models import Decomposition

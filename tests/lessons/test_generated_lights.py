@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lightprobe.lessons import generated_lights
-from lightprobe.lessons.generated_lights import Place, generated_light, upright
+from lightprobe.lessons.generated_lights import Place, generated_light
 from lightprobe.light import cubemap
 
 ANGLE = cubemap.solid_angles(16)[..., None] / (4 * math.pi)
@@ -60,14 +60,6 @@ def test_tumbled_lights_come_from_anywhere():
             torch.nn.functional.normalize((light.mean(-1, keepdim=True) * cubemap.directions(16)).sum((0, 1, 2)), dim=0)
         )
     assert float(torch.stack(axes).mean(0).norm()) < 0.5
-
-
-def test_upright_is_a_rotation_that_brings_up_to_z():
-    for up in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.48, -0.6, 0.64)):
-        rotation = upright(torch.tensor(up), 0.7)
-        torch.testing.assert_close(rotation @ rotation.T, torch.eye(3), atol=1e-6, rtol=0)
-        assert float(torch.linalg.det(rotation)) == pytest.approx(1.0, abs=1e-5)
-        torch.testing.assert_close(rotation @ torch.tensor(up), torch.tensor([0.0, 0.0, 1.0]), atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("place", list(Place))

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from lightprobe.core.device import generator
-from lightprobe.lessons.generated_lights import Draw
+from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.synthetic import LightPool, erroneous, mean_up, photograph, rerender
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.environment import Environment

@@ -3,7 +3,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -11,24 +10,11 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
 from lightprobe.prediction.observation import observe
 from lightprobe.prediction.optimize import OptimizeConfig, brief, refine_environment
-from lightprobe.scene.photo import Pixels
 from lightprobe.training import descent
-from tests.lit_sphere import glossy_sphere, patch_light, photograph
-from tests.shapes import camera_at
+from tests.lit_sphere import CORNER, corner, glossy_sphere, patch_light, photograph
 from tests.tape import compute_as_a_gpu_does, record_on_tape
 
-CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
 CPU = torch.device("cpu")
-
-
-def corner(device=CPU):
-    """Return the observation of a corner of a sphere, lit from the side, and the direction that the corner faces."""
-    asset = glossy_sphere()
-    photo = photograph(asset, CAMERA, patch_light((0.2, 1.0, 0.5)))
-    mask = np.zeros_like(photo.alpha)
-    mask[30:38, 18:26] = photo.alpha[30:38, 18:26]
-    observation = observe(asset.to(device), Pixels.of(photo.color, mask), CAMERA, device, 65_536)
-    return observation, observation.gbuffer.normal[observation.rows].mean(0)
 
 
 def test_directions_the_photo_says_nothing_about_stay():
@@ -58,7 +44,7 @@ def test_the_smooth_part_moves_what_single_texels_hardly_would():
 def test_the_broad_part_brings_the_whole_light_to_its_brightness():
     """From a light half as bright as it should be, in steps too few for the damped parts alone."""
     asset, light = glossy_sphere(), patch_light((0.2, 1.0, 0.5))
-    observation = observe(asset, photograph(asset, CAMERA, light), CAMERA, CPU, 65_536)
+    observation = observe(asset, photograph(asset, CORNER, light), CORNER, CPU, 65_536)
     start, off = (0.5 * light).contiguous(), {}
     for damping in (brief().broad_damping, 1e6):
         config = replace(brief(), iterations=20, broad_damping=damping)
@@ -100,7 +86,7 @@ def test_a_refinement_in_a_new_process_loads_no_compiler():
     code = """
 import sys, torch
 from lightprobe.prediction.optimize import brief, refine_environment
-from tests.prediction.test_optimize import corner
+from tests.lit_sphere import corner
 observation, _ = corner()
 refine_environment(observation, observation.light_level.expand(6, 4, 4, 3).contiguous(), brief(), seed=0)
 sys.exit("torch._dynamo" in sys.modules)

@@ -11,7 +11,7 @@ from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction import agreement
 from lightprobe.reconstruction.agreement import SPLITS, disagreement
 from lightprobe.render.split_sum import shade
-from tests.render.test_split_sum import sky, sphere_gbuffer
+from tests.gbuffers import sky, sphere_gbuffer
 
 CONFIG = DecomposeConfig()
 

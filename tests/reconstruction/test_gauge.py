@@ -16,7 +16,7 @@ from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.scene.photo import CLIPPED
 from lightprobe.training import Stage
-from tests.render.test_split_sum import sky, sphere_gbuffer
+from tests.gbuffers import sky, sphere_gbuffer
 from tests.shapes import camera_at
 
 CPU = torch.device("cpu")

@@ -13,7 +13,7 @@ from lightprobe.reconstruction import material_trials
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import STARTS, Sample, best_trial
 from lightprobe.render.split_sum import shade
-from tests.render.test_split_sum import sky, sphere_gbuffer
+from tests.gbuffers import sky, sphere_gbuffer
 
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_finest=64)

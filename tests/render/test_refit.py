@@ -6,7 +6,7 @@ import torch
 from lightprobe.light.prefilter import cached
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport
-from tests.render.test_split_sum import R, sky, sphere_gbuffer
+from tests.gbuffers import R, sky, sphere_gbuffer
 
 
 def case(exposure=1.0):

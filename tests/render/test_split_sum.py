@@ -11,22 +11,7 @@ from lightprobe.render.brdf import base_reflectance, diffuse_fresnel, environmen
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import Shading, reflectance, shade, specular_taps
 from lightprobe.render.transport import Transport, solve_light
-
-R = 16
-
-
-def sphere_gbuffer(count=1500, *, roughness=0.3, metallic=0.0, base=(0.7, 0.5, 0.3), dtype=torch.float32) -> GBuffer:
-    """Points of a unit sphere seen from far along +x."""
-    disc = torch.rand(4 * count, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * 2 - 1
-    disc = disc[disc.norm(dim=1) < 0.995][:count]  # uniform in the picture, as pixels are
-    normal = torch.cat([(1 - disc.square().sum(1, keepdim=True)).sqrt(), disc], 1).to(dtype)
-    ids = torch.arange(count)
-    return GBuffer(
-        height=1, width=count, pixel=ids, face=ids, position=normal, normal=normal,
-        view=torch.tensor([1.0, 0, 0], dtype=dtype).expand(count, 3),
-        base_color=torch.tensor(base, dtype=dtype).expand(count, 3),
-        roughness=torch.full((count,), roughness, dtype=dtype), metallic=torch.full((count,), metallic, dtype=dtype),
-    )  # fmt: skip
+from tests.gbuffers import R, any_gbuffer, sky, sphere_gbuffer
 
 
 def brute_force(gbuffer: GBuffer, light: torch.Tensor) -> torch.Tensor:
@@ -48,15 +33,6 @@ def brute_force(gbuffer: GBuffer, light: torch.Tensor) -> torch.Tensor:
         brdf = (1 - f) * base * (1 - m) / math.pi + f * (d * 0.5 / smith.clamp(min=1e-9))[:, None]
         out.append((brdf * (nl * weight)[:, None] * radiance).sum(0))
     return torch.stack(out)
-
-
-def sky(resolution: int) -> torch.Tensor:
-    """A sky with a broad sun, a warm horizon and a dark ground: high contrast, no feature below a texel."""
-    d = cubemap.directions(resolution)
-    sun = torch.nn.functional.normalize(torch.tensor([0.6, 0.4, 0.5]), dim=0)
-    glow = 20 * torch.exp(80 * ((d @ sun) - 1))
-    up = torch.sigmoid(8 * d[..., 2])
-    return (0.1 + up)[..., None] * torch.tensor([0.5, 0.7, 1.0]) + glow[..., None] * torch.tensor([1.0, 0.9, 0.7])
 
 
 def test_white_furnace():
@@ -95,19 +71,6 @@ def test_split_sum_stays_near_the_integral(metallic, bound, roughness):
     truth = brute_force(gbuffer, fine)
     error = float((ours - truth).square().mean().sqrt() / truth.square().mean().sqrt())
     assert error < bound
-
-
-def any_gbuffer(count: int, dtype: torch.dtype = torch.float32) -> GBuffer:
-    """Points of every material and view angle."""
-    random = torch.Generator().manual_seed(2)
-    normal, view = torch.nn.functional.normalize(torch.randn(2, count, 3, generator=random, dtype=dtype), dim=-1)
-    view = view * (normal * view).sum(-1, keepdim=True).sign()
-    material = torch.rand(count, 5, generator=random, dtype=dtype)
-    ids = torch.arange(count)
-    return GBuffer(
-        height=1, width=count, pixel=ids, face=ids, position=normal, normal=normal, view=view,
-        base_color=material[:, :3], roughness=0.08 + 0.92 * material[:, 3], metallic=material[:, 4],
-    )  # fmt: skip
 
 
 def test_a_constant_light_is_reflected_exactly():

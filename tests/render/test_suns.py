@@ -9,8 +9,7 @@ from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, rasterize_asset, textured_visibility
 from lightprobe.render.picture import Picture
 from lightprobe.render.suns import Suns, sharpened
-from tests.render.test_openness import ball_over_floor
-from tests.shapes import camera_at, sphere_mesh
+from tests.shapes import ball_over_floor, camera_at, sphere_mesh
 
 CPU = torch.device("cpu")
 R = 16

@@ -11,21 +11,8 @@ from lightprobe.render.split_sum import Shading, furnace, shade
 from lightprobe.render.transport import Transport
 from lightprobe.render.vertex_visibility import vertex_visibility
 from lightprobe.render.visibility import PointVisibility, VertexVisibility, ambient_occlusion
-from tests.render.test_split_sum import R, sky, sphere_gbuffer
-from tests.shapes import sphere
-
-
-def ball_over_floor(radius: float, height: float) -> tuple[torch.Tensor, torch.Tensor, int]:
-    """Return a fine square floor at z = 0 with a ball over its middle, and the index of the middle vertex."""
-    n = 41
-    line = torch.linspace(-0.7, 0.7, n)
-    floor = torch.stack([*torch.meshgrid(line, line, indexing="xy"), torch.zeros(n, n)], -1).reshape(-1, 3)
-    corner = (torch.arange(n - 1)[:, None] * n + torch.arange(n - 1)).reshape(-1)
-    faces = torch.cat([torch.stack([corner, corner + 1, corner + n], 1),
-                       torch.stack([corner + 1, corner + n + 1, corner + n], 1)])  # fmt: skip
-    vertices, ball = (torch.from_numpy(part) for part in sphere(3))
-    moved = radius * vertices + torch.tensor([0.0, 0.0, height])
-    return torch.cat([floor, moved]), torch.cat([faces, ball.long() + n * n]).int(), n * n // 2
+from tests.gbuffers import R, sky, sphere_gbuffer
+from tests.shapes import ball_over_floor, sphere
 
 
 def grey(faces: torch.Tensor) -> torch.Tensor:

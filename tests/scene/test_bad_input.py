@@ -1,7 +1,6 @@
 """Every way a scene folder can be wrong: one sentence that says what, where and what to do."""
 
 import json
-import re
 import struct
 import zlib
 
@@ -13,6 +12,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.scene import Camera, load_pixels, load_scene
 from lightprobe.scene.inspect import inspect
 from lightprobe.scene.normalise import first_guess
+from tests.scene.refusal import COUNT, edit_json, refused
 from tests.scene.worlds import (
     names,
     picture,
@@ -21,47 +21,7 @@ from tests.scene.worlds import (
     write_colmap,
     write_colmap_model,
     write_nerd,
-    write_nerfstudio,
 )
-
-COUNT = 4
-
-
-@pytest.fixture
-def nerd(tmp_path):
-    return write_nerd(tmp_path / "scene", views(COUNT))
-
-
-@pytest.fixture
-def nerfstudio(tmp_path):
-    return write_nerfstudio(tmp_path / "scene", views(COUNT))
-
-
-@pytest.fixture
-def colmap(tmp_path):
-    return write_colmap(tmp_path / "scene", views(COUNT), binary=True)
-
-
-def refused(root, pattern, *others):
-    """Assert that loading fails with one sentence matching `pattern`, and that an inspection reports it too.
-
-    Of the problems that the inspection reports, one must hold each of the words `others`.
-    """
-    with pytest.raises(InputError, match=pattern) as caught:
-        load_scene(root)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.endswith(".")
-    problems = inspect(root).problems
-    assert any(re.search(pattern, problem) for problem in problems)
-    assert [sum(words in problem for problem in problems) for words in others] == [1] * len(others)
-
-
-def edit_json(path, change):
-    data = json.loads(path.read_text())
-    change(data)
-    path.write_text(json.dumps(data))
-
 
 # Folders
 

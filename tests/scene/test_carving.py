@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lightprobe.scene import carved_hull, visual_hull
-from tests.scene.test_hull import ball_views, disc
+from tests.scene.balls import ball_views, disc
 from tests.shapes import camera_at
 
 BOX = {"lo": (-1.05,) * 3, "hi": (1.05,) * 3}

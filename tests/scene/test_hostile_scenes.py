@@ -17,7 +17,7 @@ from lightprobe.scene import Camera, load_scene, read_camera
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.inspect import inspect
 from lightprobe.scene.normalise import find_similarity
-from tests.scene.test_bad_input import colmap, edit_json, nerd, nerfstudio, refused  # noqa: F401
+from tests.scene.refusal import edit_json, refused
 from tests.scene.worlds import expected_camera, picture, views, write_blender, write_colmap, write_nerd
 from tests.shapes import camera_at
 
@@ -72,7 +72,7 @@ def test_rays_from_afar_come_to_an_end():
 
 @pytest.mark.parametrize("value", [*HUGE[:2], LONG])
 @pytest.mark.parametrize("key", ["fl_x", "fl_y", "cx", "cy"])
-def test_intrinsics_beyond_all_bounds(nerfstudio, key, value):  # noqa: F811
+def test_intrinsics_beyond_all_bounds(nerfstudio, key, value):
     edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update({key: value}))
     others_are_found(nerfstudio, r"view_01\.jpg\).*(focal length|principal point|must be a finite number)")
 
@@ -94,7 +94,7 @@ def test_colmap_intrinsics_beyond_all_bounds(tmp_path, place, value, binary):
     refused(root, r"view_01\.jpg\).*(focal lengths? |principal point)")
 
 
-def test_cameras_astronomically_far_away(nerfstudio):  # noqa: F811
+def test_cameras_astronomically_far_away(nerfstudio):
     edit_json(
         nerfstudio / "transforms.json", lambda data: data["frames"][1]["transform_matrix"][0].__setitem__(3, 1e200)
     )
@@ -119,18 +119,18 @@ def test_cameras_astronomically_far_away(nerfstudio):  # noqa: F811
         ({"env_path": "\0"}, r"names '\\x00', which is no file name"),
     ],
 )
-def test_odd_frames(nerfstudio, change, pattern):  # noqa: F811
+def test_odd_frames(nerfstudio, change, pattern):
     edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update(change))
     others_are_found(nerfstudio, pattern)
 
 
-def test_links_in_a_loop(nerfstudio):  # noqa: F811
+def test_links_in_a_loop(nerfstudio):
     (nerfstudio / "images" / "loop.jpg").symlink_to("loop.jpg")
     edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update(file_path="images/loop.jpg"))
     others_are_found(nerfstudio, r"names 'images/loop\.jpg', which is no file name|loop\.jpg', which does not exist")
 
 
-def test_a_guessed_suffix_leads_out_of_the_folder_no_more_than_a_written_one(nerfstudio, tmp_path):  # noqa: F811
+def test_a_guessed_suffix_leads_out_of_the_folder_no_more_than_a_written_one(nerfstudio, tmp_path):
     Image.new("RGB", (72, 60)).save(tmp_path / "secret.png")
     (nerfstudio / "images" / "link.png").symlink_to(tmp_path / "secret.png")
     edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update(file_path="images/link"))
@@ -145,7 +145,7 @@ def test_a_guessed_suffix_leads_out_of_the_folder_no_more_than_a_written_one(ner
         ('{"frames": [' + "9" * 5000 + "]}", r"number of too many digits"),
     ],
 )
-def test_json_beyond_all_bounds(nerfstudio, text, pattern):  # noqa: F811
+def test_json_beyond_all_bounds(nerfstudio, text, pattern):
     (nerfstudio / "transforms.json").write_text(text)
     refused(nerfstudio, pattern)
 
@@ -162,7 +162,7 @@ def test_one_broken_file_does_not_hide_the_other(tmp_path):
 # poses_bounds.npy
 
 
-def test_poses_in_an_archive(nerd):  # noqa: F811
+def test_poses_in_an_archive(nerd):
     path = nerd / "poses_bounds.npy"
     np.savez(nerd / "poses.npz", np.load(path))
     (nerd / "poses.npz").rename(path)
@@ -171,14 +171,14 @@ def test_poses_in_an_archive(nerd):  # noqa: F811
     refused(nerd, r"poses_bounds\.npy cannot be read as a NumPy array")
 
 
-def test_poses_that_announce_more_than_there_is(nerd):  # noqa: F811
+def test_poses_that_announce_more_than_there_is(nerd):
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 17)}".ljust(117) + b"\n"
     (nerd / "poses_bounds.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(99))
     refused(nerd, r"poses_bounds\.npy cannot be read as a NumPy array")
 
 
 @pytest.mark.parametrize("dtype", ["c16", "S30", "M8[s]", [("a", "f8"), ("b", "f8")]])
-def test_poses_that_are_no_real_numbers(nerd, dtype):  # noqa: F811
+def test_poses_that_are_no_real_numbers(nerd, dtype):
     np.save(nerd / "poses_bounds.npy", np.zeros((COUNT, 17), dtype))
     refused(nerd, r"poses_bounds\.npy must hold 17 numbers per photo")
 
@@ -324,13 +324,13 @@ def test_names_that_are_no_files_belong_to_no_photo(tmp_path, name):
 # Photos named twice
 
 
-def test_a_photo_named_twice(nerfstudio):  # noqa: F811
+def test_a_photo_named_twice(nerfstudio):
     edit_json(nerfstudio / "transforms.json", lambda data: data["frames"].append(data["frames"][1]))
     others_are_found(nerfstudio, r"view_01\.jpg is named twice")
     assert len(inspect(nerfstudio).photos) == COUNT - 1
 
 
-def test_a_photo_with_two_cameras(nerfstudio):  # noqa: F811
+def test_a_photo_with_two_cameras(nerfstudio):
     def spoil(data):
         other = {**data["frames"][2], "file_path": "./images/../images/view_01.jpg"}
         data["frames"].append(other)
@@ -360,7 +360,7 @@ def test_links_to_one_photo(tmp_path):
     refused(root, r"view_01\.png is named twice, with different cameras")
 
 
-def test_archives_are_no_poses(nerd):  # noqa: F811
+def test_archives_are_no_poses(nerd):
     with zipfile.ZipFile(nerd / "poses_bounds.npy", "w") as archive:
         archive.writestr("a.npy", b"x")
     refused(nerd, r"cannot be read as a NumPy array")

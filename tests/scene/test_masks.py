@@ -11,7 +11,7 @@ from PIL import Image
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.scene import load_alpha, load_photo, load_scene
 from lightprobe.scene.inspect import inspect
-from tests.imaging.test_profiles import P3_PRIMARIES, icc, own_srgb
+from tests.imaging.icc_profiles import P3_PRIMARIES, icc, own_srgb
 from tests.scene.worlds import expected_camera, names, picture, views, write_blender, write_nerd, write_nerfstudio
 
 COUNT = 18

@@ -11,7 +11,7 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import generator
 from lightprobe.distillation.sphere_training import sphere_examples, sphere_loss
 from lightprobe.geometry.mesh import is_closed
-from lightprobe.lessons.generated_lights import Draw
+from lightprobe.lessons.draw import Draw
 from lightprobe.models.probe_model import new_network, new_sphere
 from pretraining import photos
 from pretraining.photos import LIGHTS, VIEWS, lessons_of

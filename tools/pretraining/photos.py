@@ -12,7 +12,8 @@ from lightprobe.core.config_distill import DistillConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.evaluation.viewpoints import look_at
 from lightprobe.geometry.mesh import vertex_normals
-from lightprobe.lessons.generated_lights import Draw, generated_light
+from lightprobe.lessons.draw import Draw
+from lightprobe.lessons.generated_lights import generated_light
 from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.lessons.synthetic import rerender
 from lightprobe.models.probe_maps import RESOLUTION

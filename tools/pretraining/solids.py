@@ -12,7 +12,7 @@ from torch import Tensor
 from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra
 from lightprobe.geometry.mesh import clean, decimate
 from lightprobe.geometry.tet_lattice import build_lattice
-from lightprobe.lessons.generated_lights import Draw, upright
+from lightprobe.lessons.draw import Draw, upright
 
 CELLS = 40  # of the lattice, per edge
 REACH = 1.3  # half edge of the lattice

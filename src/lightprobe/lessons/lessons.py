@@ -12,7 +12,7 @@ from torch import Tensor
 from lightprobe.core.config_distill import DistillConfig, Lessons
 from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.core.errors import InputError
-from lightprobe.lessons.generated_lights import Draw
+from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.lessons.synthetic import LightPool, mean_up, rerender
 from lightprobe.light.environment import Environment

@@ -17,7 +17,8 @@ from torch import Tensor
 from lightprobe.core.device import generator
 from lightprobe.imaging import srgb_decode, srgb_encode
 from lightprobe.imaging.photometry import USUAL_MEAN
-from lightprobe.lessons.generated_lights import Draw, beside, generated_light, upright
+from lightprobe.lessons.draw import Draw, beside, upright
+from lightprobe.lessons.generated_lights import generated_light
 from lightprobe.light import prefilter
 from lightprobe.light.environment import Environment
 from lightprobe.light.resize import rotate_light

@@ -116,15 +116,9 @@ def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]
 
 @torch.no_grad()
 def solve_light(
-    transport: Transport,
-    observed: Tensor,
-    weight: Tensor,
-    clipped: Tensor,
-    prior: Tensor,
-    regularisation: float,
-    iterations: int,
-    start: Tensor | None = None,
-) -> Tensor:
+    transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float,
+    iterations: int, start: Tensor | None = None,
+) -> Tensor:  # fmt: skip
     """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`; deterministic.
 
     Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,

@@ -1,0 +1,76 @@
+"""What is drawn keeps to its bounds and its frequencies, and equal generators draw equal numbers."""
+
+import pytest
+import torch
+
+from lightprobe.lessons.draw import Draw, beside, upright
+from lightprobe.light import cubemap
+
+
+def draw(seed=0):
+    return Draw(torch.Generator().manual_seed(seed))
+
+
+def test_numbers_keep_to_their_bounds_and_spread_over_them():
+    one = draw()
+    uniform, scale = [one.uniform(-2, 3) for _ in range(400)], [one.scale(0.01, 100) for _ in range(400)]
+    assert -2 <= min(uniform) < -1.9
+    assert 2.9 < max(uniform) < 3
+    assert 0.01 <= min(scale) < max(scale) < 100
+    assert 150 < sum(value < 1 for value in scale) < 250  # as many below the middle of the logarithm as above
+    assert {one.count(2, 4) for _ in range(100)} == {2, 3, 4}
+
+
+def test_choices_come_as_often_as_their_share():
+    one = draw()
+    drawn = [one.choice(["often", "rarely", "never"], [0.9, 0.1, 0.0]) for _ in range(500)]
+    assert 420 < drawn.count("often") < 480
+    assert drawn.count("never") == 0
+
+
+def test_directions_are_unit_and_towards_keeps_its_elevations():
+    one = draw()
+    assert torch.stack([one.direction() for _ in range(500)]).mean(0).norm() < 0.15
+    towards = torch.stack([one.towards(20, 40) for _ in range(100)])
+    torch.testing.assert_close(towards.norm(dim=1), torch.ones(100))
+    elevation = torch.rad2deg(torch.arcsin(towards[:, 2]))
+    assert 20 <= float(elevation.min()) < 22
+    assert 38 < float(elevation.max()) <= 40
+
+
+def test_a_paint_has_its_brightness_and_a_warm_white_is_redder():
+    one = draw()
+    for _ in range(20):
+        assert 0.1 <= float(one.paint(0.1, 0.5, 0.3).log().mean().exp()) <= 0.5
+    red, _, blue = torch.stack([one.white(1.0) for _ in range(200)]).log().mean(0)
+    assert red > 0 > blue
+
+
+def test_noise_has_no_mean_and_a_deviation_near_one_and_its_frequency():
+    d, one = cubemap.directions(32).reshape(-1, 3), draw()
+    values = torch.stack([one.noise(d, 12) for _ in range(100)])
+    assert abs(float(values.mean())) < 0.1
+    assert 0.8 < float(values.std()) < 1.2
+    beside_d = torch.nn.functional.normalize(d + 0.01 * torch.randn(d.shape), dim=1)
+    slow, fast = (float((draw().noise(d, f) - draw().noise(beside_d, f)).std()) for f in (2, 40))
+    assert slow < 0.5 * fast
+
+
+def test_equal_generators_draw_equal_numbers():
+    first, again, other = (draw(seed).normal(7, 3) for seed in (1, 1, 2))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+def test_what_is_beside_is_on_the_same_device():
+    one = draw().direction()
+    assert beside(one, torch.zeros(2)) is one
+    assert beside(one, torch.zeros(2, device="meta")).device.type == "meta"
+
+
+def test_upright_is_a_rotation_that_brings_up_to_z():
+    for up in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.48, -0.6, 0.64)):
+        rotation = upright(torch.tensor(up), 0.7)
+        torch.testing.assert_close(rotation @ rotation.T, torch.eye(3), atol=1e-6, rtol=0)
+        assert float(torch.linalg.det(rotation)) == pytest.approx(1.0, abs=1e-5)
+        torch.testing.assert_close(rotation @ torch.tensor(up), torch.tensor([0.0, 0.0, 1.0]), atol=1e-6, rtol=0)
