@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures

@@ -5,15 +5,17 @@ import shlex
 
 from lightprobe.cli import training
 from lightprobe.cli.main import main
-from lightprobe.core import config, config_distill
+from lightprobe.core.config import distillation, reconstruction
 from lightprobe.core.run import RunFolder
 from lightprobe.report.run_info import read_phases, training_commands
 
 
 def test_the_command_of_a_training_gives_its_settings_again(tmp_path, monkeypatch):
     run = RunFolder.create(tmp_path / "run")
-    first = dataclasses.replace(config.standard(), shadows=False, sdf=config.SdfMode.MLP, laplacian=0.25)
-    second = dataclasses.replace(config_distill.standard(), pretrained=True, alpha_rule=config_distill.AlphaRule.R2)
+    first = dataclasses.replace(
+        reconstruction.standard(), shadows=False, sdf=reconstruction.SdfMode.MLP, laplacian=0.25
+    )
+    second = dataclasses.replace(distillation.standard(), pretrained=True, alpha_rule=distillation.AlphaRule.R2)
     run.record_config("decompose", {"seed": 5, **dataclasses.asdict(first)})
     run.record_config("distill", {"seed": 5, "hdri": None, **dataclasses.asdict(second)})
     given = []

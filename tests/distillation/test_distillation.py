@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lightprobe.core.checkpoint import Checkpoints
-from lightprobe.core.config_distill import (
+from lightprobe.core.config.distillation import (
     AlphaRule,
     DistillConfig,
     LossSpace,

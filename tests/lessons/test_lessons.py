@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lightprobe.core.config_distill import DistillConfig, Lessons
+from lightprobe.core.config.distillation import DistillConfig, Lessons
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.light.environment import Environment

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config import OptimizeConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
@@ -16,7 +17,6 @@ from lightprobe.models.probe_distribution import stack_everywhere
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, methods_for
 from lightprobe.prediction.observation import observe
-from lightprobe.prediction.optimize import OptimizeConfig
 from lightprobe.prediction.prior import sampled_probes
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
@@ -49,7 +49,7 @@ def model():
 @pytest.fixture(scope="module")
 def predictor(sphere, model):
     decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
-    return Predictor(decomposition, model, config=COARSE, optimize=OptimizeConfig(iterations=10, pixels=512))
+    return Predictor(decomposition, model, config=COARSE, optimize_config=OptimizeConfig(iterations=10, pixels=512))
 
 
 def test_the_configured_method_comes_first(model):
@@ -132,7 +132,7 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
     patient = Predictor(
         Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE,
-        optimize=OptimizeConfig(iterations=150, pixels=512),
+        optimize_config=OptimizeConfig(iterations=150, pixels=512),
     )  # fmt: skip
     optimised, solved = (patient.predict(photo, CAMERA, m).environment.texels for m in (Method.OPTIMIZE, Method.SOLVE))
     assert rerender_error(predictor, photo, optimised) < 1.1 * rerender_error(predictor, photo, solved)

@@ -4,7 +4,7 @@ import re
 import numpy as np
 
 from lightprobe.report.pictures import PICTURE_HINTS, PICTURE_NOTES, data_uri, object_box
-from lightprobe.report.report import Report, report_page, spread, write_report
+from lightprobe.report.report import Report, report_page, evenly_spaced, write_report
 
 METRICS = {
     "default_method": "solve",
@@ -137,5 +137,5 @@ def test_pictures_are_cut_to_the_object():
 
 def test_spread_takes_evenly():
     names = [str(i) for i in range(100)]
-    assert spread(names, 4) == ["0", "25", "50", "75"]
-    assert spread(names[:3], 4) == names[:3]
+    assert evenly_spaced(names, 4) == ["0", "25", "50", "75"]
+    assert evenly_spaced(names[:3], 4) == names[:3]

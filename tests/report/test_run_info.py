@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from lightprobe.core import config, config_distill, config_predict
+from lightprobe.core.config import distillation, prediction, reconstruction
 from lightprobe.core.run import RunFolder
 from lightprobe.report.run_info import read_phases, training_commands, training_facts
 
@@ -22,7 +22,7 @@ def record(run: RunFolder, first, second=None, *, seeds=(0, 0), hdri=None) -> No
 
 
 def test_a_preset_is_recognised(run):
-    record(run, config.standard(), config_distill.standard(), seeds=(3, 3), hdri="/some/where")
+    record(run, reconstruction.standard(), distillation.standard(), seeds=(3, 3), hdri="/some/where")
     phases = read_phases(run)
     assert training_facts(phases) == {"preset": "standard", "seed": "3"}
     assert training_commands(phases, Path("x")) == [
@@ -31,8 +31,8 @@ def test_a_preset_is_recognised(run):
 
 
 def test_other_settings_are_told_by_their_steps_and_options(run):
-    first = dataclasses.replace(config.quick(), pass1_iterations=12, shadows=False)
-    record(run, first, dataclasses.replace(config_distill.quick(), sphere_steps=0))
+    first = dataclasses.replace(reconstruction.quick(), pass1_iterations=12, shadows=False)
+    record(run, first, dataclasses.replace(distillation.quick(), sphere_steps=0))
     phases = read_phases(run)
     assert training_facts(phases) == {"Phase I": "12 + 800 + 1500 steps", "Phase II": "2000 + 0 steps", "seed": "0"}
     assert training_commands(phases, BUNDLED) == [
@@ -42,7 +42,7 @@ def test_other_settings_are_told_by_their_steps_and_options(run):
 
 
 def test_the_demo_is_a_command_of_its_own_on_its_own_scene_only(run):
-    record(run, config.demo(), config_distill.demo())
+    record(run, reconstruction.demo(), distillation.demo())
     phases = read_phases(run)
     assert training_facts(phases) == {"preset": "demo", "seed": "0"}
     assert training_commands(phases, BUNDLED) == ["lightprobe demo -o RUN --seed 0"]
@@ -53,7 +53,7 @@ def test_the_demo_is_a_command_of_its_own_on_its_own_scene_only(run):
 
 
 def test_phases_of_two_seeds_or_presets_are_two_commands(run):
-    record(run, config.quick(), config_distill.paper(), seeds=(0, 1))
+    record(run, reconstruction.quick(), distillation.paper(), seeds=(0, 1))
     phases = read_phases(run)
     assert training_facts(phases) == {"Phase I": "preset quick", "Phase II": "preset paper", "seeds": "0 and 1"}
     assert training_commands(phases, Path("x")) == [
@@ -63,20 +63,20 @@ def test_phases_of_two_seeds_or_presets_are_two_commands(run):
 
 
 def test_one_phase_alone_is_fit(run):
-    record(run, config.paper())
+    record(run, reconstruction.paper())
     assert training_commands(read_phases(run), Path("x")) == ["lightprobe fit SCENE -o RUN --preset paper --seed 0"]
 
 
 def test_how_the_run_predicts_belongs_to_its_preset(run):
-    record(run, config.paper(), config_distill.paper())
-    run.record_config("predict", dataclasses.asdict(config_predict.paper()))
+    record(run, reconstruction.paper(), distillation.paper())
+    run.record_config("predict", dataclasses.asdict(prediction.paper()))
     (command,) = training_commands(read_phases(run), Path("x"))
     assert command == "lightprobe train SCENE -o RUN --preset paper --seed 0"
 
 
 def test_other_settings_of_predictions_are_options(run):
-    record(run, config.paper(), config_distill.paper())
-    run.record_config("predict", dataclasses.asdict(config_predict.quick()))
+    record(run, reconstruction.paper(), distillation.paper())
+    run.record_config("predict", dataclasses.asdict(prediction.quick()))
     assert training_facts(read_phases(run))["Phase I"] == "preset paper"
     (command,) = training_commands(read_phases(run), Path("x"))
     assert command.endswith("--predict.light-resolution 32 --predict.max-pixels 65536 --predict.unseen-share 0.02")
@@ -85,7 +85,7 @@ def test_other_settings_of_predictions_are_options(run):
 
 @pytest.mark.parametrize("change", [{}, {"gone": 1}, {"pass1_iterations": None}])
 def test_settings_of_another_version_tell_nothing(run, change):
-    settings = {"seed": 0, **dataclasses.asdict(config.quick())}
+    settings = {"seed": 0, **dataclasses.asdict(reconstruction.quick())}
     del settings["shadows"]
     run.record_config("decompose", {key: value for key, value in {**settings, **change}.items() if value is not None})
     assert read_phases(run) == []

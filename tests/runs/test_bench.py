@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config import Preset, settings
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.report.records import Record
@@ -218,12 +218,12 @@ def test_the_paper_s_settings_get_a_run_of_their_own_that_says_how_long_it_was(d
 
 def test_the_paper_s_options_are_its_own_where_nothing_is_cut():
     options, iterations = paper_options(10**6, 10**6)
-    settings = DecomposeConfig.preset(Preset.PAPER)
+    paper = settings(Preset.PAPER)
     assert options[:2] == ("--preset", "paper")
     given = dict(zip(options[2::2], options[3::2], strict=True))
     for option, value in given.items():
         section, _, name = option.removeprefix("--").partition(".")
-        owner = settings if section == "decompose" else distill_preset(Preset.PAPER)
+        owner = getattr(paper, section)
         assert getattr(owner, name.replace("-", "_")) == int(value)
     assert iterations == "40 000 + 30 000"
 

@@ -7,7 +7,7 @@ import pytest
 
 import lightprobe
 from lightprobe.core.config import DecomposeConfig, DistillConfig
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.timings import read_timings
 from lightprobe.report.provenance import training_costs

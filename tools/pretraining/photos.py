@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.evaluation.viewpoints import look_at
 from lightprobe.geometry.mesh import vertex_normals

@@ -7,7 +7,7 @@ from dataclasses import replace
 import torch
 from torch import nn
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.distillation.mlp_training import lesson_loss, lesson_tensors
 from lightprobe.distillation.sphere_training import batch, sphere_examples, sphere_loss
 from lightprobe.distillation.training import train

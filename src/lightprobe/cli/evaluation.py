@@ -10,7 +10,7 @@ from tyro.conf import FlagCreatePairsOff
 
 from lightprobe.cli.options import Device, MovedScene, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
-from lightprobe.core.config_predict import UNCHANGED, Method
+from lightprobe.core.config.prediction import UNCHANGED, Method
 from lightprobe.runs.evaluation import (
     EvaluatedRun,
     Evaluation,

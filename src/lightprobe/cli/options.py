@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from lightprobe.core.config_predict import PredictionOptions
+from lightprobe.core.config.prediction import PredictionOptions
 
 _UNSAID = ("", "None", "False")  # defaults that tell nobody anything
 

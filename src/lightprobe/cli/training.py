@@ -10,9 +10,8 @@ from typing import Annotated
 from lightprobe.cli.evaluation import show_evaluation
 from lightprobe.cli.options import Device, Hdri, MovedScene, Restart, RunArg, RunOut, SceneArg, Seed, option
 from lightprobe.cli.progress import Meter
-from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset, predict_preset
-from lightprobe.core.config_predict import Method, PredictConfig
+from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, demo_settings, settings
+from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.core.run import RunFolder
 from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
 from lightprobe.runs.training import distill_run, fit_run, train_run
@@ -99,8 +98,7 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
         with Meter() as meter:
             run = train_run(
-                scene, output, decompose=config.demo(), distill=config_distill.demo(), device=device, seed=seed,
-                on_progress=meter.update,
+                scene, output, **vars(demo_settings()), device=device, seed=seed, on_progress=meter.update,
             )  # fmt: skip
         _tell(run)
         with Meter() as meter:
@@ -124,8 +122,7 @@ def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:
     """
     preset = Preset(name) if name in list(Preset) else Preset.QUICK
     values = {
-        "preset": preset, "decompose": DecomposeConfig.preset(preset), "distill": distill_preset(preset),
-        "predict": predict_preset(preset),
+        "preset": preset, **vars(settings(preset)),
     }  # fmt: skip
     known = inspect.signature(command).parameters
     return functools.partial(command, **{name: value for name, value in values.items() if name in known})

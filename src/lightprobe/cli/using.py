@@ -8,7 +8,7 @@ from tyro.conf import Positional
 
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
-from lightprobe.core.config_predict import UNCHANGED, Method
+from lightprobe.core.config.prediction import UNCHANGED, Method
 from lightprobe.runs.outputs import export_run, relight_run, render_run
 from lightprobe.runs.predictions import PredictedPhoto, PredictionFiles, predict_photos
 

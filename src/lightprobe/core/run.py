@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.checkpoint import Checkpoints
-from lightprobe.core.config_json import first_difference, plain
+from lightprobe.core.config.stored import first_difference, plain
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.file_lock import locked_file
 from lightprobe.core.files import append_text, disk_errors, named_file, remove, write_bytes, write_json

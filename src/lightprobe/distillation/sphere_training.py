@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import generator, to_device
 from lightprobe.distillation.network_task import NetworkTask, mixed_precision
 from lightprobe.lessons.lesson import Lesson

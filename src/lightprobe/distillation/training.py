@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import copy_stored
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import full_precision
 from lightprobe.distillation.mlp_training import MlpTask
 from lightprobe.distillation.sphere_training import SphereTask, schedule, sphere_examples

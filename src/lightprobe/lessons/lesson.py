@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from lightprobe.models.probe_distribution import total_distribution

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig, Lessons
+from lightprobe.core.config.distillation import DistillConfig, Lessons
 from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.core.errors import InputError
 from lightprobe.lessons.draw import Draw

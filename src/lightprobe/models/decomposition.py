@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.config_distill import LIGHT_RESOLUTIONS
+from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import REMAKE, RunFolder
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied

@@ -19,7 +19,7 @@ import math
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import AlphaRule
+from lightprobe.core.config.distillation import AlphaRule
 from lightprobe.imaging.photometry import luma, relative_tone_weight
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RETRAIN

@@ -9,7 +9,7 @@ import math
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from lightprobe.core.config.prediction import SolveConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.imaging.photometry import beyond_clipping, one_sided_residual, relative_tone_weight
 from lightprobe.light import cubemap
@@ -37,18 +38,6 @@ _COLOR = 10.0  # how much more a change of colour costs than one of brightness
 _AS_GOOD = 1.1  # a held-out error within this factor of the best is no reason to leave the prior
 _DARK = 1e-3  # relative to the light level: a black prior can be raised, too
 _LARGEST_FACTOR = 10.0
-
-
-@dataclass(frozen=True)
-class SolveConfig:
-    """Cost of a solve."""
-
-    pixels: int = 3072
-    """Pixels the factor is solved from."""
-    fitted_pixels: int = 1536
-    """The same while its strength is chosen."""
-    judging_pixels: int = 768
-    """Held-out pixels that choose it."""
 
 
 @dataclass(frozen=True)

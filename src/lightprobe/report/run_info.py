@@ -6,14 +6,10 @@ SCENE, RUN and HDRI stand for folders in the commands, which are the same wherev
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig, Preset, distill_preset, predict_preset
-from lightprobe.core.config_distill import DistillConfig
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config import DecomposeConfig, DistillConfig, PredictConfig, Preset, demo_settings, settings
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
 
@@ -22,19 +18,7 @@ Config = DecomposeConfig | DistillConfig
 _DEMO = "demo"  # has the settings of a preset, but a command of its own
 _BUNDLED = ("lightprobe", "assets", "demo")  # the end of the path of the demo's scene
 
-_FIRST: dict[str, Callable[[], Config]] = {
-    **{preset.value: partial(DecomposeConfig.preset, preset) for preset in Preset},
-    _DEMO: config.demo,
-}
-_SECOND: dict[str, Callable[[], Config]] = {
-    **{preset.value: partial(distill_preset, preset) for preset in Preset},
-    _DEMO: config_distill.demo,
-}
-
-_PREDICTION: dict[str, Callable[[], PredictConfig]] = {
-    **{preset.value: partial(predict_preset, preset) for preset in Preset},
-    _DEMO: PredictConfig,
-}
+_SETTINGS = {**{preset.value: settings(preset) for preset in Preset}, _DEMO: demo_settings()}
 
 
 @dataclass(frozen=True)
@@ -43,7 +27,6 @@ class Phase:
 
     section: str  # of config.json, and of the command line's options
     config: Config
-    presets: dict[str, Callable[[], Config]]
     seed: int
     hdri: bool = False
     prediction: PredictConfig | None = None  # how the run predicts, kept with the second phase
@@ -51,7 +34,7 @@ class Phase:
     @property
     def preset(self) -> str | None:
         """The preset that has these very settings, or None."""
-        return next((name for name in self.presets if not self.options(name)), None)
+        return next((name for name in _SETTINGS if not self.options(name)), None)
 
     @property
     def steps(self) -> str:
@@ -68,9 +51,9 @@ class Phase:
 
     def options(self, preset: str) -> list[str]:
         """Return the options that turn a preset into these settings."""
-        options = _changed(self.section, self.presets[preset](), self.config)
+        options = _changed(self.section, getattr(_SETTINGS[preset], self.section), self.config)
         if self.prediction is not None:
-            options += _changed("predict", _PREDICTION[preset](), self.prediction)
+            options += _changed("predict", _SETTINGS[preset].predict, self.prediction)
         return options
 
 
@@ -80,7 +63,7 @@ def read_phases(run: RunFolder) -> list[Phase]:
     if "decompose" not in stored:
         return []
     try:
-        phases = [_phase("decompose", run.config("decompose"), DecomposeConfig.from_json, _FIRST)]
+        phases = [_phase("decompose", run.config("decompose"), DecomposeConfig.from_json)]
         if "distill" in stored:
             phases.append(_second_phase(run))
     except ConfigError:
@@ -124,19 +107,18 @@ def _command(start: str, phases: list[Phase]) -> str:
 
 def _phase(
     section: str, stored: dict[str, Any], parse: Callable[[dict[str, Any]], Config],
-    presets: dict[str, Callable[[], Config]],
 ) -> Phase:  # fmt: skip
     settings = {key: value for key, value in stored.items() if key not in ("seed", "hdri")}
     parsed = parse(settings)
     seed = stored.get("seed")
     if settings.keys() != {f.name for f in fields(parsed)} or type(seed) is not int:  # what is missing would be guessed
         raise ConfigError(f"The stored settings of '{section}' are of another version.")
-    return Phase(section, parsed, presets, seed, stored.get("hdri") is not None)
+    return Phase(section, parsed, seed, stored.get("hdri") is not None)
 
 
 def _second_phase(run: RunFolder) -> Phase:
     prediction = PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else None
-    return replace(_phase("distill", run.config("distill"), DistillConfig.from_json, _SECOND), prediction=prediction)
+    return replace(_phase("distill", run.config("distill"), DistillConfig.from_json), prediction=prediction)
 
 
 def _changed(section: str, usual: Config | PredictConfig, config: Config | PredictConfig) -> list[str]:

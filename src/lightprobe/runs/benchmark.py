@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from lightprobe.core.config import DecomposeConfig, Preset, distill_preset
+from lightprobe.core.config import Preset, settings
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
@@ -225,10 +225,10 @@ def paper_options(first: int, second: int) -> tuple[tuple[str, ...], str]:
 
     first: of each pass that Phase I has with these settings; second: of Phase II. More than the paper's are cut to its.
     """
-    settings = DecomposeConfig.preset(Preset.PAPER)
-    passes = {f"pass{i}_iterations": getattr(settings, f"pass{i}_iterations") for i in (1, 2, 3)}
+    paper = settings(Preset.PAPER)
+    passes = {f"pass{i}_iterations": getattr(paper.decompose, f"pass{i}_iterations") for i in (1, 2, 3)}
     used = {name: (min(first, most), most) for name, most in passes.items() if most}
-    steps = distill_preset(Preset.PAPER).steps
+    steps = paper.distill.steps
     options = ["--preset", Preset.PAPER.value]
     for name, (count, _) in used.items():
         options += [f"--decompose.{name.replace('_', '-')}", str(count)]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from lightprobe.core.config_predict import UNCHANGED, PredictConfig, PredictionOptions
+from lightprobe.core.config.prediction import UNCHANGED, PredictConfig, PredictionOptions
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import InputError
 from lightprobe.core.failures import writing

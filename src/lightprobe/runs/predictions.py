@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from lightprobe.core.config_predict import UNCHANGED, Method, PredictionOptions
+from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder

@@ -7,8 +7,8 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
-from lightprobe.core.config_distill import Lessons
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config.distillation import Lessons
+from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import torch
 
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset, predict_preset
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
+from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.failures import writing
 from lightprobe.core.run import RunFolder
@@ -38,16 +38,16 @@ def train_run(
     those that the run was started with, `ResourceError` when another process writes the run or disk or memory run out,
     `ConvergenceError` when nothing usable comes out.
     """
-    second = distill or distill_preset(preset)
+    second = distill or settings(preset).distill
     where, maps = resolve_device(device), UserMaps.read(None if hdri is None else Path(hdri), second)
     scene = load_scene(Path(scene_folder))
     run = RunFolder.create(Path(output))
     with writing(run):
         if restart:
             restart_decompose(run)
-        first = decompose or DecomposeConfig.preset(preset)
+        first = decompose or settings(preset).decompose
         found = run_decompose(run, scene, first, where, seed, on_progress)
-        prediction = predict or predict_preset(preset)
+        prediction = predict or settings(preset).predict
         run_distill(run, found, lambda: scene, second, where, seed, on_progress, maps, prediction)
     return run
 
@@ -63,7 +63,7 @@ def fit_run(
     with writing(run):
         if restart:
             restart_decompose(run)
-        run_decompose(run, scene, decompose or DecomposeConfig.preset(preset), where, seed, on_progress)
+        run_decompose(run, scene, decompose or settings(preset).decompose, where, seed, on_progress)
     return run
 
 
@@ -77,12 +77,12 @@ def distill_run(
 
     scene_folder: where the run's scene is now, if it has moved. restart: throw away the run's Phase II and evaluation.
     """
-    second = distill or distill_preset(preset)
+    second = distill or settings(preset).distill
     where, run, maps = resolve_device(device), RunFolder.open(Path(run_folder)), UserMaps.read(hdri, second)
     with writing(run):
         if restart:
             restart_distill(run)
-        found, prediction = Decomposition.load(run, where), predict or predict_preset(preset)
+        found, prediction = Decomposition.load(run, where), predict or settings(preset).predict
         run_distill(
             run, found, lambda: open_scene(run, scene_folder), second, where, seed, on_progress, maps, prediction
         )

@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core.config_distill import LIGHT_RESOLUTIONS
-from lightprobe.core.config_json import config_from_json
+from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
+from lightprobe.core.config.stored import config_from_json
 from lightprobe.core.errors import ConfigError
 
 
@@ -62,6 +62,52 @@ class PredictConfig:
     def from_json(value: dict[str, Any]) -> "PredictConfig":
         """Return the configuration written as JSON."""
         return config_from_json(PredictConfig, value, "configuration of predictions")
+
+
+@dataclass(frozen=True)
+class SolveConfig:
+    """Cost of a solve."""
+
+    pixels: int = 3072
+    """Pixels the factor is solved from."""
+    fitted_pixels: int = 1536
+    """The same while its strength is chosen."""
+    judging_pixels: int = 768
+    """Held-out pixels that choose it."""
+
+
+@dataclass(frozen=True)
+class OptimizeConfig:
+    """Cost and steps of the optimisation."""
+
+    iterations: int = 1500
+    """Adam steps, each on all pixels."""
+    learning_rate: float = 0.05
+    """Adam step in log radiance at the start; it falls to nothing along a cosine."""
+    smooth_learning_rate: float = 0.0
+    """The same of the smooth and the broad part of the change, on 6 x 8 x 8 and 6 x 2 x 2 texels."""
+    damping: float = 0.0
+    """How large a gradient, relative to the usual one, makes half a step."""
+    broad_damping: float = 0.0
+    """The same of the broad part."""
+    pixels: int = 12_288
+    """Pixels the light is fitted to."""
+    grey: float = 0.005
+    """Weight of the mean deviation of the light from grey."""
+
+    def __post_init__(self) -> None:
+        """Refuse values no optimisation could use."""
+        if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0:
+            raise ConfigError("An optimisation needs iterations and pixels of at least 1 and a positive step.")
+        if min(self.smooth_learning_rate, self.damping, self.broad_damping, self.grey) < 0:
+            raise ConfigError("An optimisation needs weights of at least 0.")
+
+
+def refinement() -> OptimizeConfig:
+    """Return a fraction of a second of it, for where a network has gone most of the way."""
+    return OptimizeConfig(
+        iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, broad_damping=0.1, pixels=3072
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Phase I configuration, and all presets; Phase II's and that of predictions: `config_distill`, `config_predict`.
+"""Phase I configuration.
 
 Every field can be set on the command line; the configuration used is written to the run folder as JSON.
 """
@@ -8,16 +8,9 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core import config_distill, config_predict
-from lightprobe.core.config_distill import LIGHT_RESOLUTIONS, DistillConfig
-from lightprobe.core.config_json import config_from_json
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
+from lightprobe.core.config.stored import config_from_json
 from lightprobe.core.errors import ConfigError
-
-__all__ = [
-    "DecomposeConfig", "DistillConfig", "ImageLoss", "LightUpdate", "Preset", "SdfMode", "Smoothed", "StartShape",
-    "VertexUnit", "distill_preset", "predict_preset",
-]  # fmt: skip
 
 # field of `DecomposeConfig` -> the least value that a run can use
 _LEAST = {
@@ -38,14 +31,6 @@ _LEAST = {
         0,
     ),
 }
-
-
-class Preset(StrEnum):
-    """Size of a run: `quick` for two CPU cores, `standard` for a GPU, `paper` for the paper's settings."""
-
-    QUICK = "quick"
-    STANDARD = "standard"
-    PAPER = "paper"
 
 
 class SdfMode(StrEnum):
@@ -242,11 +227,6 @@ class DecomposeConfig:
             raise ConfigError("decompose.start random needs decompose.sdf direct: a network cannot hold noise.")
 
     @staticmethod
-    def preset(preset: Preset) -> "DecomposeConfig":
-        """Return the configuration of a preset."""
-        return {Preset.QUICK: quick, Preset.STANDARD: standard, Preset.PAPER: paper}[preset]()
-
-    @staticmethod
     def from_json(value: dict[str, Any]) -> "DecomposeConfig":
         """Return the configuration written as JSON."""
         return config_from_json(DecomposeConfig, value, "Phase I configuration")
@@ -284,19 +264,3 @@ def paper() -> DecomposeConfig:
         parsimony=0.0, normal_prior=0.0, normal_ramp=0.0, laplacian_fades=True, max_faces=1_000_000,
         crease_degrees=180.0, texture_size=2048, unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
     )  # fmt: skip
-
-
-def distill_preset(preset: Preset) -> DistillConfig:
-    """Return the Phase II configuration of a preset."""
-    presets = {
-        Preset.QUICK: config_distill.quick, Preset.STANDARD: config_distill.standard, Preset.PAPER: config_distill.paper
-    }  # fmt: skip
-    return presets[preset]()
-
-
-def predict_preset(preset: Preset) -> PredictConfig:
-    """Return the configuration of predictions after a preset."""
-    presets = {
-        Preset.QUICK: config_predict.quick, Preset.STANDARD: config_predict.standard, Preset.PAPER: config_predict.paper
-    }  # fmt: skip
-    return presets[preset]()

@@ -2,20 +2,20 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from lightprobe.core.config import Preset, predict_preset
-from lightprobe.core.config_predict import Method, PredictConfig, PredictionOptions
+from lightprobe.core.config import Preset, settings
+from lightprobe.core.config.prediction import Method, PredictConfig, PredictionOptions
 from lightprobe.core.errors import ConfigError
 
 
 @pytest.mark.parametrize("preset", list(Preset))
 def test_what_a_run_keeps_is_what_was_asked_for(preset):
-    config = predict_preset(preset)
+    config = settings(preset).predict
     assert PredictConfig.from_json(asdict(config)) == config
 
 
 def test_the_paper_s_preset_takes_the_paper_s_single_step():
-    assert predict_preset(Preset.PAPER) == PredictConfig(Method.PROBE_MLP, 128, 1_048_576, 0.25, 0.0)
-    assert predict_preset(Preset.QUICK) == PredictConfig()
+    assert settings(Preset.PAPER).predict == PredictConfig(Method.PROBE_MLP, 128, 1_048_576, 0.25, 0.0)
+    assert settings(Preset.QUICK).predict == PredictConfig()
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_broken_records_are_one_sentence(stored):
 
 
 def test_the_command_line_changes_what_it_names_alone():
-    config = predict_preset(Preset.PAPER)
+    config = settings(Preset.PAPER).predict
     assert PredictionOptions().over(config) == config
     changed = PredictionOptions(light_resolution=64).over(config)
     assert (changed.light_resolution, changed.method, changed.unseen_share) == (64, Method.PROBE_MLP, 0.0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core.config_json import config_from_json
+from lightprobe.core.config.stored import config_from_json
 from lightprobe.core.errors import ConfigError
 
 LIGHT_RESOLUTIONS = (8, 16, 32, 64, 128, 256)  # texels along each edge of a cubemap
