@@ -3,7 +3,7 @@
     python examples/05_export.py runs/pot src/lightprobe/assets/demo/test/r_000.png -o pot
 
 Blender: import pot/mesh.glb, then World > Color > Environment Texture with the .exr. three.js: GLTFLoader for mesh.glb,
-RGBELoader for the .hdr with EquirectangularReflectionMapping as scene.environment. Neither needs a rotation.
+EXRLoader for the .exr with EquirectangularReflectionMapping as scene.environment. Neither needs a rotation.
 """
 
 import argparse
