@@ -87,5 +87,7 @@ def test_the_reference_has_every_package_and_every_public_name():
 
     folder = ROOT / "docs" / "api"
     assert {page.stem for page in folder.glob("*.rst")} == set(PACKAGES) - {"cli"}
+    modules = re.findall(r"automodule:: lightprobe\.(\S+)", "".join(page.read_text() for page in folder.glob("*.rst")))
+    assert not {module for module in modules if not exists(module)}
     index = (folder / "index.md").read_text()
     assert not {name for name in lightprobe.__all__ if f"`lightprobe.{name}`" not in index}
