@@ -35,14 +35,12 @@ def exists(name: str) -> bool:
     return False
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_names_of_modules_and_functions_exist(page):
     names = {name for name in NAME.findall(page.read_text()) if not name.endswith(FILES)}
     assert not {name for name in names if not exists(name)}
 
 
-@pytest.mark.slow
 def test_every_equation_of_the_theory_stands_beside_the_function_that_computes_it():
     text = (ROOT / "docs" / "theory.md").read_text()
     sections = re.split(r"^##+ ", text, flags=re.M)[1:]
@@ -82,3 +80,14 @@ def test_the_readme_draws_the_layers_from_photos_upwards():
 
 def test_the_guide_for_contributors_draws_the_layers_from_the_command_line_downwards():
     assert drawn(ROOT / "CONTRIBUTING.md") == contract()
+
+
+def test_the_reference_has_every_package_and_every_public_name():
+    import lightprobe
+
+    folder = ROOT / "docs" / "api"
+    assert {page.stem for page in folder.glob("*.rst")} == set(PACKAGES) - {"cli"}
+    modules = re.findall(r"automodule:: lightprobe\.(\S+)", "".join(page.read_text() for page in folder.glob("*.rst")))
+    assert not {module for module in modules if not exists(module)}
+    index = (folder / "index.md").read_text()
+    assert not {name for name in lightprobe.__all__ if f"`lightprobe.{name}`" not in index}
