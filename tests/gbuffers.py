@@ -1,4 +1,6 @@
-"""Points to be shaded, and a sky to shade them with."""
+"""Points to be shaded, a sky to shade them with, and their shading by the plain integral."""
+
+import math
 
 import torch
 
@@ -42,3 +44,24 @@ def sky(resolution: int) -> torch.Tensor:
     glow = 20 * torch.exp(80 * ((d @ sun) - 1))
     up = torch.sigmoid(8 * d[..., 2])
     return (0.1 + up)[..., None] * torch.tensor([0.5, 0.7, 1.0]) + glow[..., None] * torch.tensor([1.0, 0.9, 0.7])
+
+
+def brute_force(gbuffer: GBuffer, light: torch.Tensor) -> torch.Tensor:
+    """The reflection integral of the exact BRDF by summation over a fine light (6, N, N, 3)."""
+    resolution = light.shape[1]
+    light_in = cubemap.directions(resolution).reshape(-1, 3).double()
+    weight = cubemap.solid_angles(resolution).reshape(-1).double()
+    radiance = light.reshape(-1, 3).double()
+    out = []
+    for i in range(len(gbuffer.pixel)):
+        n, v, base = gbuffer.normal[i].double(), gbuffer.view[i].double(), gbuffer.base_color[i].double()
+        m, alpha = float(gbuffer.metallic[i]), float(gbuffer.roughness[i]) ** 2
+        nl, nv = (light_in @ n).clamp(min=0), float(n @ v)
+        h = torch.nn.functional.normalize(light_in + v, dim=1)
+        d = alpha**2 / (math.pi * ((h @ n) ** 2 * (alpha**2 - 1) + 1) ** 2)
+        smith = nl * math.sqrt(alpha**2 + (1 - alpha**2) * nv**2) + nv * (alpha**2 + (1 - alpha**2) * nl**2).sqrt()
+        f0 = 0.04 * (1 - m) + base * m
+        f = f0 + (1 - f0) * ((1 - (h @ v).clamp(0, 1)) ** 5)[:, None]
+        brdf = (1 - f) * base * (1 - m) / math.pi + f * (d * 0.5 / smith.clamp(min=1e-9))[:, None]
+        out.append((brdf * (nl * weight)[:, None] * radiance).sum(0))
+    return torch.stack(out)

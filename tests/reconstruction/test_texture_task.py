@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.material.textures import Textures
 from lightprobe.reconstruction import texture_task
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
@@ -97,14 +96,3 @@ def test_the_same_seed_gives_the_same_bits():
     photos = targets(glossy_sphere())
     one, two = (refine(plain(glossy_sphere()), photos, 3)[0] for _ in range(2))
     assert torch.equal(one.textures.flat(), two.textures.flat())
-
-
-@pytest.mark.parametrize("size", [64, 256])
-def test_resized_textures_show_the_same(size):
-    maps = glossy_sphere().textures
-    resized = maps.resized(size)
-    assert resized.base_color.shape == (size, size, 3)
-    back = resized.resized(maps.size)
-    assert (back.base_color - maps.base_color).abs().mean() < 0.01
-    assert torch.allclose(resized.normal.norm(dim=-1), torch.ones(size, size))
-    assert isinstance(resized, Textures)

@@ -72,19 +72,6 @@ def test_outline_pixels_repeat_the_colour_inside():
     assert torch.allclose(image, 0.25 * cover[:, None].expand(-1, 3), atol=1e-6)
 
 
-def test_position_and_view_of_visible_points():
-    vertices, faces = unit_sphere(4)
-    camera = camera_at([0.3, -3.0, 1.0], width=80)
-    view = View.of(camera, torch.device("cpu"))
-    surface = visible_surface(vertices, faces, view)
-    projected = camera.project(surface.position.double().numpy())
-    rows, columns = surface.pixel // 80, surface.pixel % 80
-    assert abs(projected[:, 0] - columns.numpy() - 0.5).max() < 1e-3
-    assert abs(projected[:, 1] - rows.numpy() - 0.5).max() < 1e-3
-    assert (surface.position.norm(dim=1) - 1).abs().max() < 0.005
-    assert ((surface.view * surface.position).sum(1) > -1e-2).all()
-
-
 def test_the_outline_needs_only_the_vertices_where_it_can_be():
     vertices, faces = unit_sphere(3)
     view = View.of(camera_at([3.0, 0.5, 0.3]), torch.device("cpu"))

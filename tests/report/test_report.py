@@ -4,7 +4,7 @@ import re
 import numpy as np
 
 from lightprobe.report.pictures import PICTURE_HINTS, PICTURE_NOTES, data_uri, object_box
-from lightprobe.report.report import Report, report_page, evenly_spaced, write_report
+from lightprobe.report.report import Report, evenly_spaced, report_page, write_report
 
 METRICS = {
     "default_method": "solve",

@@ -45,8 +45,9 @@ class View:
 
     def rays(self, pixel: Tensor) -> Tensor:
         """Return ray directions (P, 3) in world axes through pixel centres, not normalised; `pixel` is row-major."""
-        x = (pixel % self.width + 0.5 - self.center[0]) / self.focal[0]
-        y = -(torch.div(pixel, self.width, rounding_mode="floor") + 0.5 - self.center[1]) / self.focal[1]
+        row = torch.div(pixel, self.width, rounding_mode="floor")
+        x, y = (place.to(self.focal.dtype) + 0.5 for place in (pixel % self.width, row))
+        x, y = (x - self.center[0]) / self.focal[0], -(y - self.center[1]) / self.focal[1]
         return torch.stack([x, y, -torch.ones_like(x)], 1) @ self.rotation.T
 
 

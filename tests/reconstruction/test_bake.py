@@ -1,0 +1,92 @@
+"""From the lattice to a textured mesh: what the model shows, the baked asset shows."""
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.errors import ConvergenceError
+from lightprobe.geometry.mesh import uv_tangents
+from lightprobe.geometry.texels import texel_points
+from lightprobe.reconstruction.bake import bake
+from lightprobe.reconstruction.lattice_model import LatticeModel
+from lightprobe.reconstruction.start import start_from_hull
+from lightprobe.render.asset import asset_gbuffer
+from lightprobe.render.surface import View, visible_surface
+from lightprobe.scene.hull import Hull
+from tests.lit_sphere import CORNER, CPU
+
+CONFIG = DecomposeConfig(
+    hash_levels=4, hash_finest=32, texture_size=256, unwrap_seconds=0.0, shadows=False, normal_ramp=0.0
+)
+
+
+@pytest.fixture(scope="module")
+def model():
+    """Return a ball on a lattice, with materials and bent normals that change over its surface."""
+    axis = np.linspace(-1.15, 1.15, 24)
+    ball = sum(a**2 for a in np.meshgrid(axis, axis, axis)) < 0.8
+    hull = Hull(ball, ball.astype(np.float32), np.full(3, -1.15), np.full(3, 1.15))
+    model = LatticeModel(start_from_hull(hull, 16), CONFIG, CPU, 0)
+    with torch.no_grad():
+        model.material.field.table[:1].normal_(generator=torch.Generator().manual_seed(0))
+        model.material.field.weights[-1].mul_(10)
+    return model
+
+
+@pytest.fixture(scope="module")
+def baked(model):
+    said = []
+    return bake(model, CONFIG, CPU, said.append), said
+
+
+def test_the_asset_shows_what_the_model_shows(model, baked):
+    """In every channel, but for what lies between texels and what creases of the coarse ball do to normals."""
+    asset, view = baked[0], View.of(CORNER, CPU)
+    mine = asset_gbuffer(asset, visible_surface(asset.mesh.vertices, asset.mesh.faces, view), view)
+    theirs = next(model.gbuffers([view], 1.0))
+    assert torch.equal(mine.pixel, theirs.pixel)
+    for name, tolerance in (("position", 1e-5), ("base_color", 0.01), ("roughness", 0.01), ("metallic", 0.01)):
+        found, expected = getattr(mine, name), getattr(theirs, name)
+        assert float((found - expected).abs().mean()) < tolerance, name
+        assert name == "position" or float(expected.std(0).min()) > 3 * tolerance, name
+    assert float((mine.normal * theirs.normal).sum(1).mean()) > 0.995
+    assert float((torch.nn.functional.normalize(mine.position, dim=1) * mine.normal).sum(1).mean()) < 0.99  # bent
+
+
+def test_a_texel_holds_the_material_of_its_point(model, baked):
+    asset = baked[0]
+    face, barycentric, texel = texel_points(asset.mesh, asset.textures.size)
+    position = (asset.mesh.vertices[asset.mesh.faces[face].long()] * barycentric[..., None]).sum(1)
+    with torch.no_grad():
+        expected = model.material(position)
+    torch.testing.assert_close(asset.textures.flat()[texel, :5], expected[:, :5])
+
+
+def test_normals_in_tangent_space_are_the_bent_ones_in_the_world(model, baked):
+    asset = baked[0]
+    mesh, (face, barycentric, texel) = asset.mesh, texel_points(asset.mesh, asset.textures.size)
+    position = (mesh.vertices[mesh.faces[face].long()] * barycentric[..., None]).sum(1)
+    normal = (mesh.normals()[mesh.normal_index[face].long()] * barycentric[..., None]).sum(1)
+    normal = torch.nn.functional.normalize(normal, dim=1)
+    with torch.no_grad():
+        bent = torch.nn.functional.normalize(normal + model.material(position)[:, 5:], dim=1)
+    mapped = asset.textures.flat()[texel, 5:]
+    tangent = (uv_tangents(mesh)[mesh.uv_faces[face].long()] * barycentric[..., None]).sum(1)
+    tangent = torch.nn.functional.normalize(tangent - (tangent * normal).sum(1, keepdim=True) * normal, dim=1)
+    torch.testing.assert_close(mapped[:, 2], (bent * normal).sum(1), atol=1e-4, rtol=0)
+    torch.testing.assert_close(mapped[:, 0], (bent * tangent).sum(1), atol=1e-4, rtol=0)
+    torch.testing.assert_close(mapped.norm(dim=1), torch.ones(len(mapped)))
+
+
+def test_an_unwrapper_out_of_time_is_told(baked):
+    asset, said = baked
+    assert asset.textures.size == CONFIG.texture_size or "triangles on a grid" in said[0]
+    assert asset.visibility is None
+
+
+def test_small_pieces_are_no_surface(model, monkeypatch):
+    nothing = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
+    monkeypatch.setattr(model, "extract", lambda: nothing)
+    with pytest.raises(ConvergenceError, match="only small pieces"):
+        bake(model, CONFIG, CPU, print)

@@ -1,0 +1,108 @@
+"""The photos' lights while the asset changes: solved from their pixels or fitted by gradients."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.light.prefilter import cached
+from lightprobe.reconstruction.lights import Lights, solve_target_light
+from lightprobe.reconstruction.photos import Target
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import View
+from tests.gbuffers import sky, sphere_gbuffer
+from tests.shapes import camera_at
+
+CPU = torch.device("cpu")
+CONFIG = DecomposeConfig(light_solve_pixels=500)
+GRADIENT = replace(CONFIG, light_update=LightUpdate.GRADIENT)
+
+
+def ball():
+    """Return the G-buffer of a glossy ball, its photo, of which some pixels lie outside the mask, and its light."""
+    gbuffer, operator = sphere_gbuffer(1500, roughness=0.2, metallic=0.5), cached(CONFIG.light_resolution)
+    light = 0.5 * sky(CONFIG.light_resolution).clamp(max=3)
+    color = shade(gbuffer, operator, operator.apply(light))
+    alpha = (torch.arange(1500) % 3 > 0).float()
+    view = View.of(camera_at((3.0, 0, 0), size=1, width=1500), CPU)
+    return gbuffer, Target("ball", view, color, alpha, torch.zeros(1500, 3, dtype=torch.bool)), light
+
+
+def test_a_solved_light_explains_its_photo():
+    gbuffer, target, light = ball()
+    rows, start = torch.arange(0, 1500, 2), torch.full_like(light, 0.5)
+    solved = solve_target_light(target.color[rows], target.clipped[rows], gbuffer, start, rows, CONFIG, times=6)
+    operator = cached(CONFIG.light_resolution)
+    before, after = (
+        float((shade(gbuffer, operator, operator.apply(x)) - target.color).abs().mean()) for x in (start, solved)
+    )
+    assert after < 0.1 * before
+    assert (solved >= 0).all()
+
+
+def test_rows_lie_in_the_mask_and_come_once():
+    gbuffer, target, _ = ball()
+    lights = Lights(["ball"], CONFIG, CPU, 0)
+    rows = lights.rows(target, gbuffer, 3, 400)
+    assert len(rows.unique()) == 400
+    assert (target.alpha[gbuffer.pixel[rows]] == 1).all()
+    assert len(lights.rows(target, gbuffer, 3, 5000)) == 1000  # all there are
+    assert torch.equal(rows, lights.rows(target, gbuffer, 3, 400))
+    assert not torch.equal(rows, lights.rows(target, gbuffer, 4, 400))
+
+
+def test_a_visit_solves_the_light_or_leaves_it_to_gradients():
+    gbuffer, target, _ = ball()
+    solving, fitting = Lights(["ball"], CONFIG, CPU, 0), Lights(["ball"], GRADIENT, CPU, 0)
+    grey = solving.maps[0].clone()
+    levels, cost = solving.levels(target, gbuffer, 0)
+    assert not torch.equal(solving.maps[0], grey)
+    torch.testing.assert_close(levels, solving.prefilter.apply(solving.maps[0]))
+    assert float(cost) == 0
+    levels, _ = fitting.levels(target, gbuffer, 0)
+    assert torch.equal(fitting.maps[0].detach(), grey)
+    (gradient,) = torch.autograd.grad(levels.sum(), fitting.maps[0])
+    assert (gradient > 0).all()
+    assert solving.groups() == []
+    assert list(fitting.groups()[0].parameters) == ["light.ball"]
+
+
+def test_only_a_coloured_light_costs():
+    lights, (_, _, light) = Lights(["ball"], GRADIENT, CPU, 0), ball()
+    assert float(lights.regularisation(0).detach()) == 0  # they start grey
+    lights.load(light[None])
+    expected = GRADIENT.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
+    torch.testing.assert_close(lights.regularisation(0).detach(), expected)
+
+
+def test_the_cast_is_what_all_lights_have_in_common():
+    lights, factors = Lights(["a", "b"], CONFIG, CPU, 0), torch.tensor([2.0, 1.0, 0.5])
+    lights.load(torch.stack([0.5 * torch.ones(6, 16, 16, 3) * factors, 3.0 * torch.ones(6, 16, 16, 3) * factors]))
+    torch.testing.assert_close(lights.color_cast(), factors.log())
+    lights.load(torch.stack([torch.ones(6, 16, 16, 3) * factors, torch.ones(6, 16, 16, 3) / factors]))
+    torch.testing.assert_close(lights.color_cast(), torch.zeros(3), atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("config", [CONFIG, GRADIENT], ids=["solved", "gradient"])
+def test_lights_change_in_place(config):
+    """An optimiser may hold them."""
+    lights, (_, _, light) = Lights(["a", "b"], config, CPU, 0), ball()
+    held = lights.maps[1]
+    lights.replace("b", light)
+    lights.dim(4.0)
+    assert lights.maps[1] is held
+    torch.testing.assert_close(held.detach(), light / 4)
+    torch.testing.assert_close(lights.stacked()[0], torch.full_like(light, 0.125))
+
+
+def test_what_is_solved_travels_with_a_checkpoint_and_must_fit():
+    lights, (_, _, light) = Lights(["a", "b"], CONFIG, CPU, 0), ball()
+    lights.replace("b", light)
+    again = Lights(["a", "b"], CONFIG, CPU, 0)
+    again.load_solved({name: value.clone() for name, value in lights.solved().items()})
+    assert torch.equal(again.stacked(), lights.stacked())
+    assert Lights(["a"], GRADIENT, CPU, 0).solved() == {}
+    for odd in (lights.stacked()[:1], -lights.stacked()):
+        with pytest.raises(ValueError, match="'lights' are"):
+            again.load_solved({"lights": odd})

@@ -1,0 +1,41 @@
+"""Training photos as tensors: their size, their colours under their masks, and their views."""
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.reconstruction.photos import load_targets
+from lightprobe.scene import load_pixels, load_scene
+from tests.toy_scene import write_toy_scene
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return load_scene(write_toy_scene(tmp_path_factory.mktemp("toy"), train=4, test=1))
+
+
+@pytest.mark.parametrize("side", [40, 20])
+def test_a_target_is_the_photo_over_black_at_its_size(scene, side):
+    targets = load_targets(scene, scene.train, side, CPU)
+    assert [target.name for target in targets] == [photo.name for photo in scene.train]
+    for target, photo in zip(targets, scene.train, strict=True):
+        pixels, _ = load_pixels(photo, side)
+        assert (target.view.width, target.view.height) == (side, side)
+        expected = (pixels.color * pixels.alpha[..., None]).reshape(-1, 3)
+        np.testing.assert_array_equal(target.color.numpy(), expected)
+        np.testing.assert_array_equal(target.alpha.numpy(), pixels.alpha.reshape(-1))
+        assert not target.color[target.alpha == 0].any()
+        assert target.clipped.shape == target.color.shape
+
+
+def test_views_are_in_the_normalised_frame(scene):
+    """There the ball, of radius 1 around the origin in the scene's own, covers what its mask covers."""
+    for target in load_targets(scene, scene.train, 40, CPU):
+        centre = torch.from_numpy(scene.similarity.apply(np.zeros((1, 3)))).float()
+        x, y, _ = target.view.project(centre)[0]
+        pixel = torch.arange(1600)
+        mass = target.alpha / target.alpha.sum()
+        assert float((mass * (pixel % 40 + 0.5)).sum()) == pytest.approx(float(x), abs=0.3)
+        assert float((mass * (pixel // 40 + 0.5)).sum()) == pytest.approx(float(y), abs=0.3)

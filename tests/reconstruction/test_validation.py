@@ -1,0 +1,70 @@
+"""The guard of the second pass: the true asset explains its photos best, under the light they were taken in."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.validation import fit_light, validate
+from lightprobe.render.surface import View
+from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
+from tests.shapes import camera_at
+
+CONFIG = DecomposeConfig(shadows=False, light_resolution=16)
+
+
+def targets(asset, count=2):
+    found = []
+    for k, patch in enumerate(PATCHES[:count]):
+        camera = camera_at((2.6 - k, 1.4 * (-1) ** k, 1.2), size=48, focal=60.0)
+        photo = photograph(asset, camera, patch_light(patch))
+        color, clipped = (torch.from_numpy(part).reshape(-1, 3) for part in (photo.color, photo.clipped))
+        alpha = torch.from_numpy(photo.alpha).reshape(-1)
+        found.append(Target(f"photo{k}", View.of(camera, CPU), color * alpha[:, None], alpha, clipped))
+    return found
+
+
+def recolored(asset, color):
+    return replace(asset, textures=replace(asset.textures, base_color=color.contiguous()))
+
+
+def test_the_true_asset_scores_best():
+    true = glossy_sphere()
+    photos, color = targets(true), true.textures.base_color
+    plain = recolored(true, color.mean((0, 1)).expand_as(color))
+    mirrored = recolored(true, color.flip(1))
+    best, *others = (validate(asset, photos, CONFIG, 0) for asset in (true, plain, mirrored))
+    assert best > 30
+    assert best > max(others) + 8
+    assert best == validate(true, photos, CONFIG, 0)
+
+
+def test_the_light_is_found_where_the_ball_shows_it():
+    true = glossy_sphere()
+    (photo,) = targets(true, 1)
+    gbuffer, light = fit_light(true, photo, 16, CONFIG, 0)
+    expected = patch_light(PATCHES[0])
+    assert light.shape == expected.shape
+    assert len(gbuffer.pixel) == int((photo.alpha > 0).sum())
+    inside = expected[..., 0] > 1
+    assert float(light[inside].mean() / light[~inside].mean()) > 5
+
+
+def test_a_light_to_start_from_may_be_coarser():
+    true = glossy_sphere()
+    (photo,) = targets(true, 1)
+    _, coarse = fit_light(true, photo, 8, CONFIG, 0)
+    _, fine = fit_light(true, photo, 16, CONFIG, 0, start=coarse)
+    assert fine.shape == (6, 16, 16, 3)
+
+
+@pytest.mark.parametrize("start", [None, 2.0])
+def test_a_photo_that_shows_nothing_leaves_the_light_as_it_was(start):
+    true = glossy_sphere()
+    (photo,) = targets(true, 1)
+    hidden = replace(photo, alpha=torch.zeros_like(photo.alpha))
+    given = None if start is None else torch.full((6, 8, 8, 3), start)
+    _, light = fit_light(true, hidden, 16, CONFIG, 0, start=given)
+    torch.testing.assert_close(light, torch.full((6, 16, 16, 3), start or 0.5))

@@ -1,0 +1,81 @@
+"""The photo as a linear function of its light: it is the renderer, has its transpose, and gives the light back."""
+
+import pytest
+import torch
+
+from lightprobe.light import cubemap
+from lightprobe.light.prefilter import cached
+from lightprobe.render import transport
+from lightprobe.render.split_sum import shade
+from lightprobe.render.transport import Transport, solve_light
+from tests.gbuffers import R, sky, sphere_gbuffer
+
+
+@pytest.mark.parametrize("taps", [transport._SparseTaps, transport._GatheredTaps])  # a CPU's and a GPU's
+def test_transport_is_the_renderer_and_its_adjoint(taps, monkeypatch):
+    monkeypatch.setattr(transport, "_look_up", lambda device: taps)
+    gbuffer, operator = sphere_gbuffer(200, metallic=0.4), cached(R)
+    light = sky(R)
+    linear = Transport(gbuffer, operator)
+    rendered = shade(gbuffer, operator, operator.apply(light))
+    assert torch.allclose(linear.apply(light), rendered, rtol=1e-4, atol=1e-5)
+    other = torch.rand(200, 3, generator=torch.Generator().manual_seed(3))
+    left = float((linear.apply(light) * other).double().sum())
+    assert left == pytest.approx(float((light * linear.adjoint(other)).double().sum()), rel=1e-4)
+
+
+def test_solve_recovers_light_and_clipped_highlights():
+    gbuffer, operator = sphere_gbuffer(3000, roughness=0.1, metallic=1.0, base=(0.9, 0.9, 0.9)), cached(R)
+    truth = sky(R)
+    linear = Transport(gbuffer, operator)
+    image = linear.apply(truth)
+    seen = image.clamp(max=10.0)
+    prior = torch.full_like(truth, float(seen.mean()))
+    solved = solve_light(linear, seen, torch.ones(3000), seen >= 10.0, prior, 1e-4, 60)
+    again = linear.apply(solved)
+    free = (image < 10.0).all(1)
+    assert float((again - image)[free].square().mean().sqrt() / image[free].mean()) < 0.05
+    assert (again[~free].amax(1) > 9.5).all()
+    assert (solved >= 0).all()
+
+
+def test_unseen_directions_go_to_the_prior():
+    gbuffer, operator = sphere_gbuffer(2000, roughness=0.15, metallic=1.0), cached(R)
+    facing = (gbuffer.normal[:, 0] > 0.9).nonzero()[:, 0]  # these mirror only what is before the object
+    linear = Transport(gbuffer, operator, facing)
+    count = len(facing)
+    prior = torch.full((6, R, R, 3), 0.3)
+    seen = linear.adjoint(torch.ones(count, 3)).mean(-1)
+    clipped = torch.zeros(count, 3, dtype=torch.bool)
+    solved = solve_light(linear, linear.apply(sky(R)), torch.ones(count), clipped, prior, 0.1, 20)
+    dark = seen < 1e-3 * seen.max()
+    assert dark.float().mean() > 0.2
+    assert (solved[dark] - 0.3).abs().max() < 0.03
+    assert torch.isfinite(solved).all()
+
+
+def test_the_solved_light_is_the_objective_s_minimum():
+    """As its docstring has it: the derivative vanishes where the light is free, and is not negative where it is 0."""
+    gbuffer, operator = sphere_gbuffer(400, roughness=0.2, metallic=0.5), cached(8)
+    linear, prior, share = Transport(gbuffer, operator), torch.full((6, 8, 8, 3), 0.4), 0.3
+    observed, weight = linear.apply(sky(8)), torch.rand(400, generator=torch.Generator().manual_seed(0))
+    nothing = torch.zeros(400, 3, dtype=torch.bool)
+    solved = solve_light(linear, observed, weight, nothing, prior, share, 200)
+    weight = (weight / weight.sum())[:, None].double()
+    angle = (cubemap.solid_angles(8) / (4 * torch.pi))[..., None].double()
+    gain = (weight * linear.apply(torch.ones_like(prior)).square()).sum(0).mean()
+
+    def slope(light, way):
+        """Return the derivative of the objective, a square, along a way."""
+        light, ends = light.double(), []
+        for step in (1, -1):
+            data = weight * (linear.apply(light + step * way) - observed).square()
+            ends.append(data.sum() + share * gain * (angle * (light + step * way - prior).square()).sum())
+        return float(ends[0] - ends[1]) / 2
+
+    assert (solved > 0).float().mean() > 0.5
+    random = torch.Generator().manual_seed(1)
+    for _ in range(5):
+        way = torch.randn(prior.shape, generator=random, dtype=torch.float64)
+        assert abs(slope(solved, way * (solved > 0))) < 1e-3 * abs(slope(prior, way * (solved > 0)))
+        assert slope(solved, way.abs() * (solved == 0)) >= 0
