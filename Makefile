@@ -1,6 +1,7 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, shapes in docstrings, fast tests
 # make test    the same with the slow tests
+# make docs    the documentation, build/docs/index.html; a warning is an error
 # make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
 
 PYTHON ?= python3
@@ -8,13 +9,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 TOOLS := $(VENV)/.installed-dev
+SPHINX := $(VENV)/.installed-docs
 # Files of tests side by side, as many as there are cores, up to four. One thread each, and none that spins while it
 # waits: two processes that do take five times as long as one.
 PYTEST := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/pytest -q -n auto --maxprocesses 4 --dist loadfile \
 	--no-loadscope-reorder
 DATA ?= data
 
-.PHONY: demo check test bench
+.PHONY: demo check test docs bench
 
 demo: $(READY)
 	$(BIN)/lightprobe demo
@@ -35,6 +37,10 @@ test: $(TOOLS)
 	@$(BIN)/python tools/check_shapes.py
 	@$(PYTEST)
 
+docs: $(SPHINX)
+	@$(BIN)/python -m sphinx -q -E -n -W --keep-going docs build/docs
+	@echo build/docs/index.html
+
 bench: $(TOOLS)
 	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests
 	@$(BIN)/python tools/measure_speed.py
@@ -48,4 +54,8 @@ $(READY): pyproject.toml constraints.txt
 
 $(TOOLS): $(READY)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	touch $@
+
+$(SPHINX): $(READY)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
 	touch $@

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig
-from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.core.config.distillation import DistillConfig
+from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.prediction.observation import Observation, observe
@@ -52,7 +52,9 @@ def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, config: Disti
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
     color, clipped = (torch.from_numpy(x).reshape(-1, 3)[gbuffer.pixel] for x in (photo.color, photo.clipped))
-    return Desk(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(name, color, clipped, light)
+    return LessonMaker(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(
+        name, color, clipped, light
+    )
 
 
 CORNER = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)

@@ -3,9 +3,9 @@
     python tools/compare_runs.py RUN OTHER
 
 Compares every tensor of mesh/ and model/, every map of env/ and predictions/, every picture and GLB by its bytes, and
-the scores of metrics.json but for what was timed. Checkpoints, logs and reports are left out: they may take another
-form while results stay. Prints one line for everything that differs, and ends with 1 when anything does, with 2 when
-there is nothing to compare.
+the scores of metrics.json but for what was timed. Checkpoints, logs, timings and reports are left out: they may take
+another form while results stay. Prints one line for everything that differs, and ends with 1 when anything does, with 2
+when there is nothing to compare.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from lightprobe.imaging import read_hdr
 
 FOLDERS = ("mesh", "env", "model", "predictions", "oracle")
 _TIMED = frozenset({"seconds"})
-_LEFT_OUT = frozenset({"checkpoints", "report"})
+_LEFT_OUT = frozenset({"checkpoints", "report", "timings.json"})
 _LEAVES = {".safetensors", ".exr", ".hdr", ".json"}
 
 

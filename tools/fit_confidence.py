@@ -80,7 +80,7 @@ def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, pho
         camera = cameras[number % len(cameras)]
         light = generated_light(resolution, seed=SEED, step=number, up=up)
         pixels, truth = photograph(predictor.decomposition, camera, light, number)
-        found = predictor.predict(pixels, camera, method).environment
+        found = predictor.predict(pixels, camera, method).environment.texels
         view = camera.normalised(predictor.decomposition.similarity)
         observation = observe(asset, pixels, view, predictor.device, predictor.config.max_pixels)
         causes = error_causes(observation, found, predictor.seed)

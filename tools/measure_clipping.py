@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from lightprobe.core.config import quick
+from lightprobe.core.config.reconstruction import quick
 from lightprobe.core.errors import LightprobeError
 from lightprobe.reconstruction.photos import load_targets
 from lightprobe.scene import load_pixels, load_scene

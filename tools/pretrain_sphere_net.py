@@ -17,7 +17,7 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.checkpoint import save_tensors
-from lightprobe.core.config_distill import quick
+from lightprobe.core.config.distillation import quick
 from lightprobe.distillation.training import train
 from lightprobe.training import Progress
 from pretraining.photos import lessons_of

@@ -1,7 +1,8 @@
 """Turn one photo of a known object into the HDR environment map around it.
 
     import lightprobe
-    predictor = lightprobe.Predictor.load("runs/cup")  # what `lightprobe train photos/cup -o runs/cup` left
+    lightprobe.train("photos/cup", "runs/cup")  # as `lightprobe train photos/cup -o runs/cup` does
+    predictor = lightprobe.Predictor.load("runs/cup")
     pixels, camera = lightprobe.load_photo("new.jpg", camera="new.json", mask="new_mask.png")
     prediction = predictor.predict(pixels, camera)
     prediction.save("light.exr", confidence="seen.exr")
@@ -18,19 +19,22 @@ if TYPE_CHECKING:
     from lightprobe.evaluation import evaluate, relight
     from lightprobe.prediction import Predictor
     from lightprobe.reconstruction import decompose
+    from lightprobe.runs import train_run as train
     from lightprobe.scene import load_photo, load_scene
 
-__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "relight"]
+__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "relight", "train"]
 
+# name -> its package, and its name there where that is another
 _HOME = {
     "Predictor": "prediction", "decompose": "reconstruction", "distill": "distillation", "evaluate": "evaluation",
-    "load_photo": "scene", "load_scene": "scene", "relight": "evaluation",
+    "load_photo": "scene", "load_scene": "scene", "relight": "evaluation", "train": "runs:train_run",
 }  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     if name in _HOME:
-        return getattr(importlib.import_module(f"lightprobe.{_HOME[name]}"), name)
+        package, _, there = _HOME[name].partition(":")
+        return getattr(importlib.import_module(f"lightprobe.{package}"), there or name)
     raise AttributeError(f"module 'lightprobe' has no attribute '{name}'")
 
 

@@ -1,64 +1,21 @@
-"""Where the numbers of `eval` go and what it prints; `test_commands` runs it on a trained run."""
+"""What `eval` writes and prints."""
 
-import dataclasses
-import shlex
+import json
+import re
+from datetime import datetime
+from importlib.metadata import version
+from urllib.parse import unquote
 
+import numpy as np
 import pytest
 
-from lightprobe.cli import training
-from lightprobe.cli.evaluation import default_first, destination, eval_command, print_tables
-from lightprobe.cli.main import main
-from lightprobe.core import config, config_distill
-from lightprobe.core.files import write_json
-from lightprobe.core.run import RunFolder
-from lightprobe.evaluation import Evaluation, Protocols
-from lightprobe.evaluation.headings import LIGHTS, OBJECT
-from lightprobe.evaluation.run_info import read_phases, training_commands
+from lightprobe.cli.evaluation import print_tables
+from lightprobe.evaluation import Evaluation
 from lightprobe.prediction import Method
+from lightprobe.report.headings import LIGHTS, OBJECT
+from tests.cli.commands import succeed
 
 OWN, OTHER = Method.PROBE_NET_OPTIMIZE, Method.CONSTANT
-
-
-@pytest.fixture
-def run(tmp_path):
-    return RunFolder.create(tmp_path / "run")
-
-
-def test_the_run_s_default_is_the_first_and_each_method_comes_once():
-    assert default_first((OTHER, Method.SOLVE, OWN, OTHER), OWN) == (OWN, OTHER, Method.SOLVE)
-    assert default_first((OTHER, Method.SOLVE), OWN) == (OTHER, Method.SOLVE)
-
-
-def test_numbers_of_the_default_are_replaced_only_by_numbers_of_the_default(run):
-    usual = (run.metrics_file, run.report_file)
-    assert destination(run, (OTHER,), OWN) == usual  # nothing is there that could be lost
-    write_json(run.metrics_file, {"methods": {"solve": {}}})
-    assert destination(run, (OTHER,), OWN) == usual
-    write_json(run.metrics_file, {"methods": {OWN.value: {}}})
-    folder = run.report_file.parent / "comparison"
-    assert destination(run, (OTHER,), OWN) == (folder / "metrics.json", folder / "index.html")
-    assert destination(run, (OTHER, OWN), OWN) == usual
-
-
-def test_the_command_of_an_evaluation_says_what_was_asked_for():
-    assert eval_command((), Protocols(), oracle=False, slow=False) == "lightprobe eval RUN"
-    asked = eval_command((OTHER, OWN), Protocols(unseen=False, slow_photos=2), oracle=True, slow=True)
-    methods = "--methods constant probe-net+optimize"
-    assert asked == f"lightprobe eval RUN {methods} --no-unseen --oracle-asset --slow --slow-photos 2"
-
-
-def test_the_command_of_a_training_gives_its_settings_again(run, monkeypatch):
-    first = dataclasses.replace(config.standard(), shadows=False, sdf=config.SdfMode.MLP, laplacian=0.25)
-    second = dataclasses.replace(config_distill.standard(), pretrained=True, alpha_rule=config_distill.AlphaRule.R2)
-    run.record_config("decompose", {"seed": 5, **dataclasses.asdict(first)})
-    run.record_config("distill", {"seed": 5, "hdri": None, **dataclasses.asdict(second)})
-    given = []
-    monkeypatch.setattr(training, "_train", lambda *arguments, **_: given.append(arguments))
-    (command,) = training_commands(read_phases(run), run.path)
-    assert "--preset standard" in command
-    assert main(shlex.split(command)[1:]) == 0
-    assert given[0][3] == 5
-    assert given[0][5:7] == (first, second)
 
 
 def test_console_and_report_call_a_score_by_one_name(capsys):
@@ -77,3 +34,67 @@ def test_console_and_report_call_a_score_by_one_name(capsys):
     assert f"{OBJECT['relight_psnr'].name}: 21.91\n" in printed
     assert f"{OBJECT['chamfer'].name}: 0.0123\n" in printed
     assert "relight_psnr" not in printed
+
+
+def test_eval_writes_numbers_predictions_and_a_self_contained_report(trained, tmp_path, capsys):
+    _, run = trained
+    succeed("eval", run.path, "-o", tmp_path / "numbers.json")
+    metrics = json.loads(run.metrics_file.read_text())
+    assert metrics == json.loads((tmp_path / "numbers.json").read_text())
+    assert {"psnr", "ssim", "psnr_masked", "ssim_masked", "seconds", "psnr_unseen"} <= metrics["mean"].keys()
+    assert metrics["photos"].keys() == {"test_00", "test_01"}
+    assert metrics["methods"][metrics["default_method"]].items() <= metrics["mean"].items()
+    each = [photo["psnr"] for photo in metrics["photos"].values()]
+    assert metrics["mean"]["psnr"] == pytest.approx(np.mean(each))
+    for suffix in (".exr", ".png", ".confidence.exr"):
+        assert run.prediction_file("test_00", suffix).is_file()
+        assert run.prediction_file("test_00", suffix, metrics["default_method"]).is_file()
+    page = run.report_file.read_text()
+    assert page.count("<section>") == 2
+    assert "http://" not in page
+    assert 'src="data:image/' in page
+    printed = capsys.readouterr().out
+    assert str(run.report_file) in printed
+    assert "…" not in printed
+    for method, means in metrics["methods"].items():
+        assert any(method in line and f"{means['psnr']:.2f}" in line for line in printed.splitlines())
+
+
+@pytest.mark.slow
+def test_eval_of_other_methods_leaves_the_default_s_results_alone(trained, capsys):
+    _, run = trained
+    succeed("eval", run.path, "--no-unseen", "--methods", "constant", "probe-net+optimize")
+    assert json.loads(run.metrics_file.read_text())["default_method"] == "probe-net+optimize"
+    stored = [run.prediction_file("test_00", suffix) for suffix in (".exr", ".png", ".confidence.exr")]
+    assert stored[0].read_bytes() == run.prediction_file("test_00", ".exr", "probe-net+optimize").read_bytes()
+    before = {path: path.read_bytes() for path in (*stored, run.metrics_file, run.report_file)}
+    capsys.readouterr()
+    succeed("eval", run.path, "--no-unseen", "--methods", "constant")
+    assert {path: path.read_bytes() for path in before} == before
+    page = run.report_file.parent / "comparison" / "index.html"
+    assert list(json.loads((page.parent / "metrics.json").read_text())["methods"]) == ["constant"]
+    printed = capsys.readouterr().out
+    assert f"Report: {page}" in printed
+    assert f"{run.metrics_file} and its report keep those of probe-net+optimize" in printed
+    for report, method in ((page, "constant"), (run.report_file, "probe-net%2Boptimize")):
+        addresses = re.findall(r'href="([^"]+)"', report.read_text())
+        assert len(addresses) == 2 + 2 * 2  # the object and the numbers, and each photo's map and confidence
+        assert all((report.parent / unquote(address)).is_file() for address in addresses)
+        assert any(f"predictions/{method}/test_00.exr" in address for address in addresses)
+
+
+def test_the_report_says_how_the_run_was_made(trained):
+    _, run = trained
+    succeed("eval", run.path, "--no-unseen", "--methods", "probe-net+optimize")
+    page = run.report_file.read_text()
+    for words in (
+        "Phase I 12 + 8 + 10 steps",
+        "Phase II 12 + 6 steps",
+        "seed 0",
+        f"lightprobe {version('lightprobe')}",
+    ):
+        assert words in page
+    assert datetime.now().strftime("evaluated %Y-%m-") in page
+    assert "lightprobe train SCENE -o RUN --preset quick --seed 0 --decompose.pass1-iterations 12" in page
+    assert "lightprobe eval RUN --methods probe-net+optimize --no-unseen" in page
+    assert str(run.path) not in page

@@ -33,9 +33,9 @@ def finish(scene: Path, run: Path) -> float:
 
 
 def contents(run: Path) -> dict[str, bytes]:
-    """Every file of a run but the log with its times of day."""
+    """Every file of a run but the log with its times of day, and the record of what was timed."""
     files = {str(p.relative_to(run)): p.read_bytes() for p in sorted(run.rglob("*")) if p.is_file()}
-    return {name: data for name, data in files.items() if name not in ("log.txt", ".lock")}
+    return {name: data for name, data in files.items() if name not in ("log.txt", "timings.json", ".lock")}
 
 
 def assert_same(run: Path, other: Path) -> None:

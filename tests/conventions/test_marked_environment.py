@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.evaluation import load_environment
-from lightprobe.export import write_environment, write_mesh
+from lightprobe.export import write_mesh
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
@@ -69,7 +69,7 @@ def blender_import(position: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module", params=[".exr", ".hdr"])
 def environment_file(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("env") / f"marked{request.param}"
-    write_environment(path, marked_cubemap())
+    Environment(marked_cubemap()).save(path)
     return path
 
 
@@ -128,6 +128,6 @@ def test_between_the_axes_nothing_is_mirrored(environment_file):
 
 
 def test_the_map_reads_back_as_the_light_it_was(environment_file):
-    again = load_environment(environment_file, torch.device("cpu"), 16)
+    again = Environment.load(environment_file, resolution=16).texels
     interior = again.reshape(6, 16, 16, 3)[:, 4:12, 4:12]
     assert torch.allclose(interior, marked_cubemap()[:, 4:12, 4:12], rtol=1e-3)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from lightprobe.core.checkpoint import Checkpoints
-from lightprobe.core.config_distill import (
+from lightprobe.core.config.distillation import (
     AlphaRule,
     DistillConfig,
     LossSpace,
@@ -18,6 +18,7 @@ from lightprobe.distillation import mlp_training, sphere_training
 from lightprobe.distillation.sphere_training import sphere_examples
 from lightprobe.distillation.training import stages, train
 from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
 from lightprobe.light.resize import resize_light
 from lightprobe.models import ProbeModel
 from lightprobe.models.probe_distribution import alpha2, mean_distribution, stack, total_distribution
@@ -52,7 +53,7 @@ def log_error(model, lesson):
 
 def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
     network, up = new_network(CONFIG).requires_grad_(False), photos[0].up
-    untrained = ProbeModel(network, torch.ones(6, 16, 16, 3), up, CONFIG)
+    untrained = ProbeModel(network, Environment(torch.ones(6, 16, 16, 3)), up, CONFIG)
     model = train(photos, replace(MLP_ONLY, steps=250, width=64, learning_rate=2e-3), CPU, seed=0)
     before, after = (sum(log_error(m, photo) for photo in photos) for m in (untrained, model))
     assert after < 0.75 * before
@@ -197,7 +198,7 @@ def test_a_model_survives_the_disk(photos, tmp_path):
     model.save(tmp_path)
     loaded = ProbeModel.load(tmp_path)
     assert loaded.config == model.config
-    assert torch.equal(loaded.mean_light, model.mean_light)
+    assert torch.equal(loaded.mean_light.texels, model.mean_light.texels)
     assert torch.equal(predicted(loaded, photos[0]), predicted(model, photos[0]))
     assert all(torch.equal(value, weights(model)[name]) for name, value in weights(loaded).items())
     train(photos, replace(MLP_ONLY, steps=1), CPU, 0).save(tmp_path / "paper")

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lightprobe.core.config_distill import LossSpace, RadianceUnit
+from lightprobe.core.config.distillation import LossSpace, RadianceUnit
 from lightprobe.distillation.loss import intensity_weight, sample_weight, weighted_l2
 
 

@@ -1,40 +1,24 @@
 """Photos rendered from a known asset: an evaluation against it must find it perfect, and a wrong one not."""
 
-import base64
 import dataclasses
-import io
 
-import numpy as np
 import pytest
 import torch
-from PIL import Image
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation import Evaluation, Protocols, evaluate, view_pictures
-from lightprobe.evaluation.color_scale import confidence_colors
-from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
+from lightprobe.evaluation import Evaluation, Protocols, evaluate
 from lightprobe.evaluation.metrics import interval
-from lightprobe.evaluation.pictures import PICTURE_NOTES
 from lightprobe.material.textures import Textures
 from lightprobe.prediction import Method, methods_for
 from lightprobe.render.asset import Asset
-from lightprobe.scene.photo import Scene
-from tests.evaluation.known import CPU, SIMILARITY, known_decomposition, write_photo
+from tests.known_scene import CPU, known_scene
 
 
 @pytest.fixture(scope="module")
 def known(tmp_path_factory):
     """The decomposition, and a scene of its own renders."""
-    folder = tmp_path_factory.mktemp("known")
-    decomposition = known_decomposition()
-    test = tuple(write_photo(folder, n, decomposition, p) for n, p in (("a", (3, 1, 1)), ("bb", (-1, 3, 0.5))))
-    relit = (write_photo(folder, "ccc", decomposition, (1, -3, 0)),)
-    vertices = SIMILARITY.invert(decomposition.asset.mesh.vertices.numpy())
-    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in decomposition.asset.mesh.faces.tolist()]
-    (folder / "mesh.obj").write_text("\n".join(lines))
-    return decomposition, Scene(folder, "transforms", test[:1], test, relit, SIMILARITY)
+    return known_scene(tmp_path_factory.mktemp("known"))
 
 
 @pytest.fixture(scope="module")
@@ -107,30 +91,6 @@ def test_a_photo_that_cannot_be_scored_is_named_and_costs_no_other(known, tmp_pa
     assert metrics["verdicts"]["photos"]["a"]["status"] == "good"
     with pytest.raises(InputError, match="No test photo of"):
         evaluate(decomposition, None, dataclasses.replace(scene, test=(lost,)), methods=methods, device=CPU)
-
-
-def test_every_score_has_a_heading(evaluated):
-    result = evaluated[0]
-    assert result.truth.keys() == OBJECT.keys()
-    named = (IMAGES | LIGHTS | MAPS).keys()
-    assert {name for name in result.mean(Method.SOLVE) if not name.endswith("n_rmse")} == named
-
-
-def test_pictures_of_a_view_are_complete(evaluated):
-    titles = list(view_pictures(evaluated[2][0]))
-    assert titles == [
-        "photo", "render", "difference ×3", "base colour", "roughness", "metallic", "normal", "predicted light",
-        "true light", "confidence", "spheres, predicted light", "spheres, true light",
-    ]  # fmt: skip
-    assert titles == list(PICTURE_NOTES)
-
-
-def test_the_picture_of_the_confidence_has_the_colors_of_its_scale(evaluated):
-    view = evaluated[2][0]
-    sure = dataclasses.replace(view.prediction, confidence=torch.full_like(view.prediction.confidence, 0.5))
-    encoded = view_pictures(dataclasses.replace(view, prediction=sure))["confidence"].partition(",")[2]
-    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded)))) / 255
-    assert np.abs(picture - confidence_colors(np.array(0.5))).max() < 0.02
 
 
 def test_photos_under_one_light_are_one_piece_of_evidence():

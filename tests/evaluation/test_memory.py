@@ -21,7 +21,7 @@ from lightprobe.models import Decomposition
 from lightprobe.evaluation import evaluate
 from lightprobe.material.textures import Textures
 from lightprobe.prediction import Method
-from lightprobe.render.asset import Asset, textured_surroundings
+from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Photo, Scene
@@ -33,7 +33,7 @@ Image.open(small.image_path).resize((side, side)).save(folder / "large.png", com
 photo = Photo("large", small.camera.resized(side, side), folder / "large.png")
 mesh, up = sphere_mesh(4), torch.tensor([0.0, 0.0, 1.0]).expand(256, 256, 3).contiguous()
 textures = Textures(torch.full((256, 256, 3), 0.5), torch.full((256, 256), 0.4), torch.zeros(256, 256), up)
-ball = Asset(mesh, textures, textured_surroundings(mesh, textures.flat()))
+ball = Asset(mesh, textures, textured_visibility(mesh, textures.flat()))
 similarity = Similarity(np.zeros(3), 0.9)
 scene = Scene(folder, "transforms", (photo,), (photo,), (), similarity)
 found = evaluate(Decomposition(ball, {}, similarity), None, scene, methods=[Method.CONSTANT]).to_json()

@@ -1,4 +1,4 @@
-"""The known object of `test_evaluation`, gathered again from its own truth maps."""
+"""The known object of `tests.known_scene`, gathered again from its own truth maps."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.scene.photo import Scene
-from tests.evaluation.known import CPU, SIMILARITY, known_decomposition, write_photo
+from tests.known_scene import CPU, SIMILARITY, known_decomposition, write_photo
 
 AROUND = {"a": (3, 1, 1), "bb": (-1, 3, 0.5), "ccc": (-2, -2, -1.5), "dddd": (1, -1, -3), "eeeee": (0.5, 0.5, 3)}
 
@@ -33,7 +33,7 @@ def oracle(scene, tmp_path_factory):
 
 
 def test_the_true_object_is_found_again(oracle, scene):
-    """Seen from a camera that no photo has, in every channel that shading uses."""
+    """RasterisedView from a camera that no photo has, in every channel that shading uses."""
     camera = dataclasses.replace(scene.test[0].camera).normalised(SIMILARITY)
     pose = camera.camera_to_world.copy()
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -47,7 +47,7 @@ def test_the_true_object_is_found_again(oracle, scene):
         assert float((getattr(a, name) - getattr(b, name)).abs().mean()) < tolerance, name
     angle = torch.rad2deg(torch.acos((a.normal * b.normal).sum(1).clamp(-1, 1)))
     assert float(angle.mean()) < 2
-    assert oracle.asset.around is not None
+    assert oracle.asset.visibility is not None
 
 
 def test_it_is_made_once_and_kept(oracle, scene, tmp_path):

@@ -9,10 +9,11 @@ import torch
 from lightprobe.core.errors import InputError
 from lightprobe.export import export, write_mesh
 from lightprobe.geometry.mesh import Mesh, vertex_normals
+from lightprobe.light.environment import Environment
 from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
-from lightprobe.render.openness import Surroundings
+from lightprobe.render.visibility import VertexVisibility
 from lightprobe.scene.camera import Similarity
 from tests.export.glb_reader import Glb
 from tests.shapes import sphere_mesh
@@ -122,7 +123,7 @@ def test_occlusion_is_dark_where_the_object_blocks_the_light(tmp_path):
     mesh = sphere_mesh(2)
     table = torch.full((len(mesh.vertices), 384), 255, dtype=torch.uint8)
     table[mesh.vertices[:, 2] > 0] = 0
-    around = Surroundings(table, torch.zeros(len(table), 3))
+    around = VertexVisibility(table, torch.zeros(len(table), 3))
     write_mesh(Asset(mesh, toy_textures(128), around), SIMILARITY, tmp_path / "mesh.glb")
     occlusion = Glb((tmp_path / "mesh.glb").read_bytes()).picture(1)[..., 0] / 255
     assert occlusion.min() == 0
@@ -161,6 +162,6 @@ def test_a_light_whose_name_is_a_path_is_refused_before_anything_is_written(tmp_
     (tmp_path / "precious.exr").write_bytes(b"mine")
     for name in ("../../precious", str(tmp_path / "precious"), ".."):
         with pytest.raises(InputError, match="plain name"):
-            export(Decomposition(asset, {}, SIMILARITY), tmp_path / "out", {name: torch.ones(6, 8, 8, 3)})
+            export(Decomposition(asset, {}, SIMILARITY), tmp_path / "out", {name: Environment(torch.ones(6, 8, 8, 3))})
     assert [path.name for path in tmp_path.iterdir()] == ["precious.exr"]
     assert (tmp_path / "precious.exr").read_bytes() == b"mine"

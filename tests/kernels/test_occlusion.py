@@ -11,18 +11,18 @@ from tests.threads import torch_threads
 
 
 def problem(pixels=700, rows=50, corners=3, resolution=8, dtype=torch.float32, seed=0):
-    """Return light, normals, openness, index, weight, directions and solid angles."""
+    """Return light, normals, unoccluded, index, weight, directions and solid angles."""
     random = torch.Generator().manual_seed(seed)
     directions = cubemap.exact_directions(resolution).reshape(-1, 3)
     angles = cubemap.exact_solid_angles(resolution).reshape(-1)
     light = torch.rand(len(directions), 3, generator=random, dtype=torch.float64) ** 4
     normals = torch.nn.functional.normalize(torch.randn(pixels, 3, generator=random, dtype=torch.float64), dim=1)
-    openness = torch.randint(0, 256, (rows, len(directions)), generator=random, dtype=torch.uint8)
+    unoccluded = torch.randint(0, 256, (rows, len(directions)), generator=random, dtype=torch.uint8)
     index = torch.randint(0, rows, (pixels, corners), generator=random)
     weight = torch.rand(pixels, corners, generator=random, dtype=torch.float64)
     weight = weight / weight.sum(1, keepdim=True)
     light, normals, weight, directions, angles = (x.to(dtype) for x in (light, normals, weight, directions, angles))
-    return light, normals, openness, index, weight, directions, angles
+    return light, normals, unoccluded, index, weight, directions, angles
 
 
 def value_and_gradients(case, grad):
@@ -50,10 +50,10 @@ def test_gradients_in_float64():
 
 
 def test_open_sky_is_irradiance_over_pi():
-    _, _, openness, *rest = problem(50, dtype=torch.float64, resolution=32)
+    _, _, unoccluded, *rest = problem(50, dtype=torch.float64, resolution=32)
     up = rest[2][:, 2:].clamp(min=0).expand(-1, 3)  # a light max(w_z, 0): irradiance / pi of n = z is 2 / 3
     out = occluded_light(up.contiguous(), torch.tensor([[0.0, 0, 1]]).double().expand(50, 3),
-                         torch.full_like(openness, 255), *rest)  # fmt: skip
+                         torch.full_like(unoccluded, 255), *rest)  # fmt: skip
     torch.testing.assert_close(out[:, 0], torch.full((50,), 2 / 3).double(), rtol=2e-3, atol=0)
     torch.testing.assert_close(out[:, 3], torch.full((50,), 1 / 4).double(), rtol=2e-3, atol=0)
     torch.testing.assert_close(out[:, 6], torch.ones(50).double())
@@ -87,8 +87,8 @@ def test_bits_do_not_depend_on_threads():
 
 
 def test_refuses_what_cannot_be():
-    light, normals, openness, index, *rest = problem(5)
-    with pytest.raises(ValueError, match="openness must be uint8"):
-        occluded_light(light, normals, openness.float(), index, *rest)
+    light, normals, unoccluded, index, *rest = problem(5)
+    with pytest.raises(ValueError, match="unoccluded must be uint8"):
+        occluded_light(light, normals, unoccluded.float(), index, *rest)
     with pytest.raises(IndexError, match="index"):
-        occluded_light(light, normals, openness, index + 50, *rest)
+        occluded_light(light, normals, unoccluded, index + 50, *rest)

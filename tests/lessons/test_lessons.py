@@ -5,9 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lightprobe.core.config_distill import DistillConfig, Lessons
+from lightprobe.core.config.distillation import DistillConfig, Lessons
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.lessons.lessons import collect_lessons
+from lightprobe.light.environment import Environment
 from lightprobe.scene import load_scene
 from tests.lit_sphere import CPU, glossy_sphere, patch_light
 from tests.toy_scene import write_toy_scene
@@ -18,7 +19,7 @@ CONFIG = DistillConfig(synthetic_lessons=7, pixels_per_photo=600, light_resoluti
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     scene = load_scene(write_toy_scene(tmp_path_factory.mktemp("toy")))
-    lights = {photo.name: patch_light((1.0, 0.1 * k, 0.5)) for k, photo in enumerate(scene.train)}
+    lights = {photo.name: Environment(patch_light((1.0, 0.1 * k, 0.5))) for k, photo in enumerate(scene.train)}
     return glossy_sphere(), lights, scene
 
 
@@ -47,7 +48,10 @@ def test_equal_seeds_give_equal_lessons_and_progress_is_told(world):
 
 
 def test_maps_of_the_user_are_lit_with(world):
-    plain, lit = (collect(world, Lessons.SYNTHETIC, maps=maps) for maps in ([], [patch_light((0.0, 0.0, 1.0))]))
+    plain, lit = (
+        collect(world, Lessons.SYNTHETIC, environments=maps)
+        for maps in ([], [Environment(patch_light((0.0, 0.0, 1.0)))])
+    )
     assert any(not torch.equal(a.teacher, b.teacher) for a, b in zip(plain, lit, strict=True))
 
 

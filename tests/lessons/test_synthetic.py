@@ -9,6 +9,7 @@ from lightprobe.core.device import generator
 from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.synthetic import LightPool, erroneous, mean_up, photograph, rerender
 from lightprobe.light import cubemap, prefilter
+from lightprobe.light.environment import Environment
 from lightprobe.light.resize import rotate_light
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.render.split_sum import shade
@@ -40,7 +41,7 @@ def test_a_turned_light_shines_from_where_it_was_turned_to():
 def test_the_pool_keeps_what_is_up_and_is_deterministic():
     above = patch_light((0.2, 0.1, 1.0))
     up = torch.tensor([0.0, 1.0, 0.0])
-    pool = LightPool(up, [], [above], 16, seed=1)
+    pool = LightPool(up, [], [Environment(above)], 16, seed=1)
     lights = [pool.light(k) for k in range(30)]
     from_map = [light for k, light in enumerate(lights) if Draw(generator(1, "light-pool", k)).uniform(0, 1) < 0.5]
     assert len(from_map) > 8
@@ -100,6 +101,8 @@ def test_errors_and_photos_are_made_where_the_g_buffer_is(gbuffer, monkeypatch):
 
 def test_a_pool_turns_and_mixes_its_lights_on_its_device(monkeypatch):
     monkeypatch.setattr("lightprobe.lessons.generated_lights._mean_above", lambda d, radiance: radiance.mean(0))
-    pool = LightPool(torch.tensor([0.0, 0.0, 1.0]), [patch_light((0, 0, 1))], [], 16, 1, torch.device("meta"))
+    pool = LightPool(
+        torch.tensor([0.0, 0.0, 1.0]), [Environment(patch_light((0, 0, 1)))], [], 16, 1, torch.device("meta")
+    )
     monkeypatch.setattr("lightprobe.lessons.synthetic.rotate_light", lambda light, turn, resolution: light + turn.sum())
     assert {pool.light(k).device.type for k in range(20)} == {"meta"}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from lightprobe.core.config_distill import AlphaRule, DistillConfig
+from lightprobe.core.config.distillation import AlphaRule, DistillConfig
 from lightprobe.distillation.sphere_training import sphere_examples, sphere_loss
 from lightprobe.distillation.training import train
 from lightprobe.light import cubemap

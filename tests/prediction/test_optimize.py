@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from lightprobe.core.config.prediction import OptimizeConfig, refinement
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
 from lightprobe.prediction.observation import observe
-from lightprobe.prediction.optimize import OptimizeConfig, brief, refine_environment
+from lightprobe.prediction.optimize import refine_environment
 from lightprobe.training import descent
 from tests.lit_sphere import CORNER, corner, glossy_sphere, patch_light, photograph
 from tests.tape import compute_as_a_gpu_does, record_on_tape
@@ -22,11 +23,11 @@ def test_directions_the_photo_says_nothing_about_stay():
     prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
     behind = cubemap.directions(16) @ torch.nn.functional.normalize(facing, dim=0) < -0.3
     moved = {}
-    for damping in (0.0, brief().damping):
-        light = refine_environment(observation, prior, replace(brief(), damping=damping), seed=0)
+    for damping in (0.0, refinement().damping):
+        light = refine_environment(observation, prior, replace(refinement(), damping=damping), seed=0)
         change = (light / prior).log().abs().mean(-1)
         moved[damping] = float(change[behind].mean() / change[~behind].mean())
-    assert moved[brief().damping] < 0.5 * moved[0.0]
+    assert moved[refinement().damping] < 0.5 * moved[0.0]
 
 
 def test_the_smooth_part_moves_what_single_texels_hardly_would():
@@ -35,7 +36,7 @@ def test_the_smooth_part_moves_what_single_texels_hardly_would():
     ahead = cubemap.directions(16) @ torch.nn.functional.normalize(facing, dim=0) > 0.5
     moved = {}
     for rate in (0.0, 0.2):
-        config = replace(brief(), iterations=10, learning_rate=1e-3, smooth_learning_rate=rate)
+        config = replace(refinement(), iterations=10, learning_rate=1e-3, smooth_learning_rate=rate)
         light = refine_environment(observation, prior, config, seed=0)
         moved[rate] = float((light / prior).log().abs()[ahead].mean())
     assert moved[0.2] > 10 * moved[0.0]
@@ -46,11 +47,11 @@ def test_the_broad_part_brings_the_whole_light_to_its_brightness():
     asset, light = glossy_sphere(), patch_light((0.2, 1.0, 0.5))
     observation = observe(asset, photograph(asset, CORNER, light), CORNER, CPU, 65_536)
     start, off = (0.5 * light).contiguous(), {}
-    for damping in (brief().broad_damping, 1e6):
-        config = replace(brief(), iterations=20, broad_damping=damping)
+    for damping in (refinement().broad_damping, 1e6):
+        config = replace(refinement(), iterations=20, broad_damping=damping)
         found = refine_environment(observation, start, config, seed=0)
         off[damping] = float((found / light).log().abs().mean())
-    assert off[brief().broad_damping] < 0.7 * off[1e6]
+    assert off[refinement().broad_damping] < 0.7 * off[1e6]
 
 
 @pytest.mark.slow
@@ -58,7 +59,7 @@ def test_recorded_steps_go_where_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     observation, _ = corner()
     prior = observation.light_level.expand(6, 4, 4, 3).contiguous()
-    config = replace(brief(), iterations=12)
+    config = replace(refinement(), iterations=12)
 
     single = refine_environment(observation, prior, config, seed=0)
     recorders = record_on_tape(monkeypatch, descent)
@@ -74,9 +75,9 @@ def test_recorded_steps_go_where_single_ones_do(monkeypatch):
 def test_a_gpu_refines_from_a_recording_as_it_does_step_by_step(monkeypatch):
     observation, _ = corner(torch.device("cuda", 0))
     prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
-    recorded = refine_environment(observation, prior, brief(), seed=0)
+    recorded = refine_environment(observation, prior, refinement(), seed=0)
     monkeypatch.setattr(descent, "recorder_for", lambda device: None)
-    single = refine_environment(observation, prior, brief(), seed=0)
+    single = refine_environment(observation, prior, refinement(), seed=0)
     assert float((recorded / single).log().norm()) < 0.01 * float((single / prior).log().norm())
 
 
@@ -85,10 +86,11 @@ def test_a_refinement_in_a_new_process_loads_no_compiler():
     """PyTorch's costs it two seconds."""
     code = """
 import sys, torch
-from lightprobe.prediction.optimize import brief, refine_environment
+from lightprobe.core.config.prediction import refinement
+from lightprobe.prediction.optimize import refine_environment
 from tests.lit_sphere import corner
 observation, _ = corner()
-refine_environment(observation, observation.light_level.expand(6, 4, 4, 3).contiguous(), brief(), seed=0)
+refine_environment(observation, observation.light_level.expand(6, 4, 4, 3).contiguous(), refinement(), seed=0)
 sys.exit("torch._dynamo" in sys.modules)
 """
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True)

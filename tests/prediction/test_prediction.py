@@ -8,6 +8,7 @@ import torch
 
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.imaging import read_hdr
+from lightprobe.light.environment import Environment
 from lightprobe.light.files import panorama, write_map
 from lightprobe.prediction import Prediction
 from lightprobe.prediction.prediction import check_names
@@ -27,9 +28,9 @@ def trust():
 def test_a_map_that_is_no_light_goes_nowhere(tmp_path):
     for odd in (light() * math.nan, light() * math.inf, -light()):
         with pytest.raises(ConvergenceError, match="negative, infinite or NaN"):
-            Prediction(odd, trust(), {}, GOOD)
+            Prediction(Environment(odd), trust(), {}, GOOD)
     with pytest.raises(ConvergenceError, match="NaN"):
-        Prediction(light(), trust() * math.nan, {}, GOOD)
+        Prediction(Environment(light()), trust() * math.nan, {}, GOOD)
     with pytest.raises(ConvergenceError, match=r"l\.exr holds NaN"):
         write_map(tmp_path / "l.exr", np.full((8, 16, 3), np.nan, np.float32))
     assert not list(tmp_path.iterdir())
@@ -37,7 +38,7 @@ def test_a_map_that_is_no_light_goes_nowhere(tmp_path):
 
 @pytest.mark.parametrize(("name", "tolerance"), [("light.exr", 1e-6), ("light.hdr", 0.01)])
 def test_files_hold_the_map_and_its_confidence(tmp_path, name, tolerance):
-    prediction = Prediction(light(), trust(), {}, GOOD)
+    prediction = Prediction(Environment(light()), trust(), {}, GOOD)
     prediction.save(tmp_path / name, tmp_path / "trust.exr")
     expected = panorama(light())
     found = read_hdr(tmp_path / name)
@@ -48,7 +49,7 @@ def test_files_hold_the_map_and_its_confidence(tmp_path, name, tolerance):
 
 
 def test_without_a_name_there_is_no_confidence(tmp_path):
-    Prediction(light(), trust(), {}, GOOD).save(str(tmp_path / "light.exr"))
+    Prediction(Environment(light()), trust(), {}, GOOD).save(str(tmp_path / "light.exr"))
     assert [path.name for path in tmp_path.iterdir()] == ["light.exr"]
 
 
@@ -65,5 +66,5 @@ def test_wrong_names_are_refused_before_anything_is_written(tmp_path, names, wor
     with pytest.raises(ConfigError, match=words):
         check_names(*paths)
     with pytest.raises(ConfigError, match=words):
-        Prediction(light(), trust(), {}, GOOD).save(*paths)
+        Prediction(Environment(light()), trust(), {}, GOOD).save(*paths)
     assert not list(tmp_path.iterdir())

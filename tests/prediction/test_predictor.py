@@ -6,15 +6,16 @@ import pytest
 import torch
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config import OptimizeConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.models.probe_distribution import stack_everywhere
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.prediction import Method, PredictConfig, Predictor, methods_for
 from lightprobe.prediction.observation import observe
-from lightprobe.prediction.optimize import OptimizeConfig
 from lightprobe.prediction.prior import sampled_probes
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
@@ -41,13 +42,13 @@ def photo(sphere):
 def model():
     config = DistillConfig(width=16, depth=1, sphere_width=4)
     network, sphere = new_network(config).requires_grad_(False), new_sphere(config).requires_grad_(False)
-    return ProbeModel(network, torch.ones(6, 16, 16, 3), torch.tensor([0.0, 0.0, 1.0]), config, sphere)
+    return ProbeModel(network, Environment(torch.ones(6, 16, 16, 3)), torch.tensor([0.0, 0.0, 1.0]), config, sphere)
 
 
 @pytest.fixture(scope="module")
 def predictor(sphere, model):
     decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
-    return Predictor(decomposition, model, config=COARSE, optimize=OptimizeConfig(iterations=10, pixels=512))
+    return Predictor(decomposition, model, config=COARSE, optimize_config=OptimizeConfig(iterations=10, pixels=512))
 
 
 def test_the_configured_method_comes_first(model):
@@ -66,8 +67,8 @@ def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo):
     probes = observation.pixels.take(sampled_probes(observation, 0.25, 0))
     colors = model.network(probes, observation.light_level)
     stacked, _ = stack_everywhere(probes, colors, 16, model.config.alpha_rule)
-    assert torch.equal(plain.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
-    assert not torch.equal(filled.predict(photo, CAMERA, Method.PROBE_MLP).environment, stacked)
+    assert torch.equal(plain.predict(photo, CAMERA, Method.PROBE_MLP).environment.texels, stacked)
+    assert not torch.equal(filled.predict(photo, CAMERA, Method.PROBE_MLP).environment.texels, stacked)
 
 
 def test_the_share_of_sampled_pixels_is_the_configured_one(sphere, photo):
@@ -91,9 +92,9 @@ def brightest(light):
 @pytest.mark.parametrize("method", METHODS)
 def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, method):
     prediction = predictor.predict(photo, CAMERA, method)
-    assert prediction.environment.shape == (6, 16, 16, 3)
-    assert prediction.environment.isfinite().all()
-    assert float(prediction.environment.min()) >= 0
+    assert prediction.environment.texels.shape == (6, 16, 16, 3)
+    assert prediction.environment.texels.isfinite().all()
+    assert float(prediction.environment.texels.min()) >= 0
     assert prediction.confidence.shape == (6, 16, 16)
     assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
     assert set(prediction.seconds) == {"rasterise", "verdict", "network", "stack", "solve", "confidence", "total"}
@@ -104,7 +105,7 @@ def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, me
 @pytest.mark.parametrize("method", METHODS)
 def test_equal_calls_give_equal_bits(predictor, photo, method):
     first, second = (predictor.predict(photo, CAMERA, method) for _ in range(2))
-    assert torch.equal(first.environment, second.environment)
+    assert torch.equal(first.environment.texels, second.environment.texels)
     assert torch.equal(first.confidence, second.confidence)
 
 
@@ -112,7 +113,7 @@ def test_equal_calls_give_equal_bits(predictor, photo, method):
 def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, method):
     dim = Pixels.of(photo.color / photo.color.max() * 0.9, photo.alpha)
     dimmer = Pixels.of(dim.color / 2, photo.alpha)
-    full, half = (predictor.predict(p, CAMERA, method).environment for p in (dim, dimmer))
+    full, half = (predictor.predict(p, CAMERA, method).environment.texels for p in (dim, dimmer))
     torch.testing.assert_close(2 * half, full, rtol=1e-3, atol=1e-3)
 
 
@@ -120,8 +121,8 @@ def test_a_photo_half_as_bright_gives_a_map_half_as_bright(predictor, photo, met
     "method", [Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE, Method.PROBE_NET_OPTIMIZE]
 )
 def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo, method):
-    light = predictor.predict(photo, CAMERA, method).environment
-    constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment
+    light = predictor.predict(photo, CAMERA, method).environment.texels
+    constant = predictor.predict(photo, CAMERA, Method.CONSTANT).environment.texels
     assert rerender_error(predictor, photo, light) < 0.15 * rerender_error(predictor, photo, constant)
     axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
     assert float(brightest(light) @ axis) > 0.97
@@ -130,9 +131,9 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
     patient = Predictor(
         Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE,
-        optimize=OptimizeConfig(iterations=150, pixels=512),
+        optimize_config=OptimizeConfig(iterations=150, pixels=512),
     )  # fmt: skip
-    optimised, solved = (patient.predict(photo, CAMERA, m).environment for m in (Method.OPTIMIZE, Method.SOLVE))
+    optimised, solved = (patient.predict(photo, CAMERA, m).environment.texels for m in (Method.OPTIMIZE, Method.SOLVE))
     assert rerender_error(predictor, photo, optimised) < 1.1 * rerender_error(predictor, photo, solved)
     axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
     assert float(brightest(optimised) @ axis) > 0.97
@@ -147,7 +148,7 @@ def test_the_recommended_method_is_the_best_that_the_model_allows(model):
 def test_an_untrained_network_sees_the_constant_light(predictor, sphere):
     grey = photograph(sphere, CAMERA, torch.full((6, 16, 16, 3), 0.7))
     for method in (Method.CONSTANT, Method.PROBE_MLP, Method.PROBE_NET):
-        light = predictor.predict(grey, CAMERA, method).environment
+        light = predictor.predict(grey, CAMERA, method).environment.texels
         assert float((light - 0.7).abs().mean()) < (0.01 if method is Method.CONSTANT else 0.2)
 
 
@@ -155,14 +156,14 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     """A camera that sees only a corner of the object says nothing about the far side."""
     mask = np.zeros_like(photo.alpha)
     mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
-    usual = replace(model, mean_light=torch.full((6, 16, 16, 3), 3.0))
+    usual = replace(model, mean_light=Environment(torch.full((6, 16, 16, 3), 3.0)))
     asked = Predictor(
         Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, config=COARSE
     )
     prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
     behind = (cubemap.directions(16) @ camera) > 0.9
-    unseen = prediction.environment[behind] / prediction.environment.mean()
+    unseen = prediction.environment.texels[behind] / prediction.environment.texels.mean()
     level = float(photo.color[mask > 0].mean())
     assert float(unseen.min()) > 0.3, f"black where nothing was seen (photo level {level})"
 
@@ -177,7 +178,7 @@ def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
         )
         for count in (65_536, 2000)
     )
-    difference = (whole.environment - reduced.environment).abs().mean() / whole.environment.mean()
+    difference = (whole.environment.texels - reduced.environment.texels).abs().mean() / whole.environment.texels.mean()
     assert float(difference) < 0.1
 
 
@@ -188,8 +189,8 @@ def test_the_input_frame_is_respected(sphere, model, photo):
     pose[:3, 3] = similarity.invert(pose[:3, 3])
     moved = Predictor(Decomposition(sphere, {}, similarity), model, config=COARSE)
     plain = Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), model, config=COARSE)
-    a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment
-    b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment
+    a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment.texels
+    b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment.texels
     torch.testing.assert_close(a, b, rtol=1e-2, atol=1e-2)
 
 
@@ -230,7 +231,7 @@ def test_a_sphere_network_that_is_no_numbers_or_of_another_size_is_refused(model
 
 def test_weights_too_large_predict_nothing(predictor, photo, model):
     """Finite weights can overflow all the same."""
-    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light * 1e38), config=COARSE)
-    weak.model = replace(weak.model, mean_light=weak.model.mean_light * 1e38)
+    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light.scaled(1e38)), config=COARSE)
+    weak.model = replace(weak.model, mean_light=weak.model.mean_light.scaled(1e38))
     with pytest.raises(ConvergenceError, match="check the photo"):
         weak.predict(photo, CAMERA, Method.PROBE_MLP)

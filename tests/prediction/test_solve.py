@@ -5,9 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
+from lightprobe.core.config import SolveConfig
 from lightprobe.light import cubemap
 from lightprobe.prediction.observation import observe
-from lightprobe.prediction.solve import SolveConfig, changed, solve_environment
+from lightprobe.prediction.solve import changed, solve_environment
 from tests.lit_sphere import CPU, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
 

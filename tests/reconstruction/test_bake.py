@@ -44,7 +44,7 @@ def test_the_asset_shows_what_the_model_shows(model, baked):
     """In every channel, but for what lies between texels and what creases of the coarse ball do to normals."""
     asset, view = baked[0], View.of(CORNER, CPU)
     mine = asset_gbuffer(asset, visible_surface(asset.mesh.vertices, asset.mesh.faces, view), view)
-    theirs = next(model.look([view], 1.0))
+    theirs = next(model.gbuffers([view], 1.0))
     assert torch.equal(mine.pixel, theirs.pixel)
     for name, tolerance in (("position", 1e-5), ("base_color", 0.01), ("roughness", 0.01), ("metallic", 0.01)):
         found, expected = getattr(mine, name), getattr(theirs, name)
@@ -82,11 +82,11 @@ def test_normals_in_tangent_space_are_the_bent_ones_in_the_world(model, baked):
 def test_an_unwrapper_out_of_time_is_told(baked):
     asset, said = baked
     assert asset.textures.size == CONFIG.texture_size or "triangles on a grid" in said[0]
-    assert asset.around is None
+    assert asset.visibility is None
 
 
-def test_crumbs_are_no_surface(model, monkeypatch):
+def test_small_pieces_are_no_surface(model, monkeypatch):
     nothing = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
     monkeypatch.setattr(model, "extract", lambda: nothing)
-    with pytest.raises(ConvergenceError, match="only crumbs"):
+    with pytest.raises(ConvergenceError, match="only small pieces"):
         bake(model, CONFIG, CPU, print)

@@ -51,10 +51,10 @@ class _Dark:
         self.wrong, self.mean_color = replace(true, base_color=0.5 * true.base_color), torch.tensor(mean)
         self.factors = []
 
-    def look(self, views, progress):
+    def gbuffers(self, views, progress):
         return [self.wrong for _ in views]
 
-    def renew(self):
+    def update_visibility(self):
         pass
 
     def brighten(self, factor):

@@ -79,9 +79,9 @@ def test_only_a_coloured_light_costs():
 def test_the_cast_is_what_all_lights_have_in_common():
     lights, factors = Lights(["a", "b"], CONFIG, CPU, 0), torch.tensor([2.0, 1.0, 0.5])
     lights.load(torch.stack([0.5 * torch.ones(6, 16, 16, 3) * factors, 3.0 * torch.ones(6, 16, 16, 3) * factors]))
-    torch.testing.assert_close(lights.cast(), factors.log())
+    torch.testing.assert_close(lights.color_cast(), factors.log())
     lights.load(torch.stack([torch.ones(6, 16, 16, 3) * factors, torch.ones(6, 16, 16, 3) / factors]))
-    torch.testing.assert_close(lights.cast(), torch.zeros(3), atol=1e-6, rtol=0)
+    torch.testing.assert_close(lights.color_cast(), torch.zeros(3), atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("config", [CONFIG, GRADIENT], ids=["solved", "gradient"])

@@ -8,7 +8,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, VertexUnit
 from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.reconstruction.surface_model import SurfaceModel
-from lightprobe.render.asset import rasterize_asset, textured_surroundings
+from lightprobe.render.asset import rasterize_asset, textured_visibility
 from lightprobe.render.surface import View
 from tests.lit_sphere import CORNER, CPU, glossy_sphere
 
@@ -20,7 +20,7 @@ SHAPE = replace(  # nothing costs but what bends the shape
 
 
 def cost(model, progress=0.0):
-    return float(model.see(View.of(CORNER, CPU), 0, progress).regularisation.detach())
+    return float(model.rasterise(View.of(CORNER, CPU), 0, progress).regularisation.detach())
 
 
 def random_like(value, size=1.0):
@@ -31,7 +31,10 @@ def test_it_starts_as_the_asset():
     asset = glossy_sphere()
     model = SurfaceModel(asset, CONFIG)
     expected = rasterize_asset(asset, CORNER, CPU)
-    for found in (model.see(View.of(CORNER, CPU), 0, 0.0).gbuffer, next(model.look([View.of(CORNER, CPU)], 0.0))):
+    for found in (
+        model.rasterise(View.of(CORNER, CPU), 0, 0.0).gbuffer,
+        next(model.gbuffers([View.of(CORNER, CPU)], 0.0)),
+    ):
         for name in ("pixel", "normal", "base_color", "roughness", "metallic"):
             torch.testing.assert_close(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-6)
     again = model.asset()
@@ -90,22 +93,22 @@ def test_texels_are_brought_back_into_their_ranges():
 
 def test_brightening_multiplies_colours_their_mean_and_what_is_seen_of_them():
     asset = glossy_sphere()
-    asset = replace(asset, around=textured_surroundings(asset.mesh, asset.textures.flat()))
+    asset = replace(asset, visibility=textured_visibility(asset.mesh, asset.textures.flat()))
     model = SurfaceModel(asset, CONFIG)
     mean = float(model.mean_color)
     model.brighten(0.5)
     torch.testing.assert_close(model.color.detach(), 0.5 * asset.textures.flat()[:, :3])
     assert float(model.mean_color) == pytest.approx(0.5 * mean)
-    torch.testing.assert_close(model.around.blockers, 0.5 * asset.around.blockers)
+    torch.testing.assert_close(model.visibility.occluder_color, 0.5 * asset.visibility.occluder_color)
 
 
 def test_shadows_are_found_anew_once_something_moved():
     asset = glossy_sphere()
-    asset = replace(asset, around=textured_surroundings(asset.mesh, asset.textures.flat()))
+    asset = replace(asset, visibility=textured_visibility(asset.mesh, asset.textures.flat()))
     model = SurfaceModel(asset, replace(CONFIG, shadows=True))
-    model.renew()
-    assert model.around is asset.around
+    model.update_visibility()
+    assert model.visibility is asset.visibility
     with torch.no_grad():
         model.displacement[asset.mesh.vertices[:, 2] > 0.5] += torch.tensor([0.0, 0.0, -8.0])  # folded in
-    model.renew()
-    assert not torch.equal(model.around.openness, asset.around.openness)
+    model.update_visibility()
+    assert not torch.equal(model.visibility.unoccluded, asset.visibility.unoccluded)

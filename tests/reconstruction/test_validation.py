@@ -7,7 +7,7 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction.photos import Target
-from lightprobe.reconstruction.validation import explain, validate
+from lightprobe.reconstruction.validation import fit_light, validate
 from lightprobe.render.surface import View
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
@@ -44,7 +44,7 @@ def test_the_true_asset_scores_best():
 def test_the_light_is_found_where_the_ball_shows_it():
     true = glossy_sphere()
     (photo,) = targets(true, 1)
-    gbuffer, light = explain(true, photo, 16, CONFIG, 0)
+    gbuffer, light = fit_light(true, photo, 16, CONFIG, 0)
     expected = patch_light(PATCHES[0])
     assert light.shape == expected.shape
     assert len(gbuffer.pixel) == int((photo.alpha > 0).sum())
@@ -55,8 +55,8 @@ def test_the_light_is_found_where_the_ball_shows_it():
 def test_a_light_to_start_from_may_be_coarser():
     true = glossy_sphere()
     (photo,) = targets(true, 1)
-    _, coarse = explain(true, photo, 8, CONFIG, 0)
-    _, fine = explain(true, photo, 16, CONFIG, 0, start=coarse)
+    _, coarse = fit_light(true, photo, 8, CONFIG, 0)
+    _, fine = fit_light(true, photo, 16, CONFIG, 0, start=coarse)
     assert fine.shape == (6, 16, 16, 3)
 
 
@@ -66,5 +66,5 @@ def test_a_photo_that_shows_nothing_leaves_the_light_as_it_was(start):
     (photo,) = targets(true, 1)
     hidden = replace(photo, alpha=torch.zeros_like(photo.alpha))
     given = None if start is None else torch.full((6, 8, 8, 3), start)
-    _, light = explain(true, hidden, 16, CONFIG, 0, start=given)
+    _, light = fit_light(true, hidden, 16, CONFIG, 0, start=given)
     torch.testing.assert_close(light, torch.full((6, 16, 16, 3), start or 0.5))

@@ -13,7 +13,7 @@ from lightprobe.render.asset import (
     asset_gbuffer,
     rasterize_asset,
     shading_normals,
-    textured_surroundings,
+    textured_visibility,
     uv_handedness,
 )
 from lightprobe.render.surface import View, visible_surface
@@ -29,7 +29,7 @@ def shown(asset):
 def test_a_file_gives_the_asset_back(tmp_path, shadows):
     asset = glossy_sphere()
     if shadows:
-        asset = replace(asset, around=textured_surroundings(asset.mesh, asset.textures.flat()))
+        asset = replace(asset, visibility=textured_visibility(asset.mesh, asset.textures.flat()))
     asset.save(tmp_path / "asset.safetensors")
     again = Asset.load(tmp_path / "asset.safetensors")
     assert again.tensors().keys() == asset.tensors().keys()

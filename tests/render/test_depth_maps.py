@@ -27,7 +27,7 @@ def test_of_a_ball_the_side_towards_the_light_is_lit():
     normals = vertex_normals(vertices, faces)
     maps = DepthMaps.of(vertices, faces, vertices, normals, 256)
     for axes in frames(directions(8)):
-        lit, before = maps.look(axes)
+        lit, before = maps.visibility(axes)
         cosine = normals @ axes[2]
         assert (lit[cosine > 0.1] > 0.999).all()
         assert (lit[cosine < -0.3] < 0.001).all()
@@ -40,7 +40,7 @@ def test_the_face_before_a_point_is_the_ball_s(away):
     vertices, faces, middle = ball_over_floor(0.2, 0.5)
     point = vertices[middle] + torch.tensor([[away, 0.0, 0.0]])
     maps = DepthMaps.of(vertices, faces, point, torch.tensor([[0.0, 0, 1]]), 256)
-    lit, before = maps.look(frames(torch.tensor([[0.0, 0, 1]]))[0])
+    lit, before = maps.visibility(frames(torch.tensor([[0.0, 0, 1]]))[0])
     if away:
         assert float(lit) == 1
     else:
@@ -56,5 +56,5 @@ def test_an_open_mesh_and_a_closed_one_block_alike():
     assert closed.outward is not None
     assert opened.outward is None
     for axes in frames(directions(8)):
-        one, other = closed.look(axes)[0], opened.look(axes)[0]
+        one, other = closed.visibility(axes)[0], opened.visibility(axes)[0]
         assert (one != other).float().mean() < 0.01

@@ -5,7 +5,7 @@ from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render import picture
-from lightprobe.render.asset import Asset, textured_surroundings
+from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.render.picture import Picture
 from tests.shapes import camera_at
 
@@ -64,7 +64,7 @@ def test_one_light_after_the_other_gives_the_pictures_of_each():
 def test_a_large_picture_is_made_in_bands_without_seams(monkeypatch):
     """Outlines run through every band, and a light with a sun casts sharp shadows in all of them."""
     plain = _two_squares(0.25)
-    asset = Asset(plain.mesh, plain.textures, textured_surroundings(plain.mesh, plain.textures.flat()))
+    asset = Asset(plain.mesh, plain.textures, textured_visibility(plain.mesh, plain.textures.flat()))
     camera, operator = camera_at((4.0, 1.0, 0.5), size=24, focal=25), prefilter.cached(16, CPU)
     light = torch.full((6, 16, 16, 3), 0.2)
     light[0, 3, 4] = 50.0

@@ -6,7 +6,7 @@ import torch
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, rasterize_asset, textured_surroundings
+from lightprobe.render.asset import Asset, rasterize_asset, textured_visibility
 from lightprobe.render.picture import Picture
 from lightprobe.render.suns import Suns, sharpened
 from tests.shapes import ball_over_floor, camera_at, sphere_mesh
@@ -29,7 +29,7 @@ def white(vertices, faces) -> Asset:
     mesh = Mesh(vertices, faces, torch.rand(len(vertices), 2, generator=torch.Generator().manual_seed(0)), faces)
     plain = torch.tensor([0.0, 0.0, 1.0]).expand(8, 8, 3).contiguous()
     textures = Textures(torch.full((8, 8, 3), 0.5), torch.ones(8, 8), torch.zeros(8, 8), plain)
-    return Asset(mesh, textures, textured_surroundings(mesh, textures.flat()))
+    return Asset(mesh, textures, textured_visibility(mesh, textures.flat()))
 
 
 def test_a_sun_is_found_where_it_stands():
@@ -53,7 +53,7 @@ def test_a_ball_is_lit_as_by_a_lamp_far_away():
     suns = Suns.of(sunny())
     blocks = torch.zeros(384, 3)
     blocks[suns.block] = suns.flux / cubemap.solid_angles(8).reshape(-1, 1)[suns.block]
-    diffuse = gbuffer.openness.light(blocks, gbuffer.normal)[:, :3] + sharpened(gbuffer, asset.mesh, suns)
+    diffuse = gbuffer.visibility.light(blocks, gbuffer.normal)[:, :3] + sharpened(gbuffer, asset.mesh, suns)
     expected = (gbuffer.normal @ TOWARDS).clamp(min=0)[:, None] * suns.flux[0] / torch.pi
     off = (diffuse - expected).abs().sum(1) / (suns.flux.sum() / torch.pi)
     assert float((off > 0.01).float().mean()) < 0.05  # along the edge of its shadow faces are lit or not

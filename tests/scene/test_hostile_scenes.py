@@ -36,7 +36,7 @@ def others_are_found(root, pattern):
 def coarse(monkeypatch):
     """Hulls small enough for as many inspections; what would explain a bad one is not asked here."""
     monkeypatch.setattr("lightprobe.scene.inspect._RESOLUTION", 24)
-    monkeypatch.setattr("lightprobe.scene.inspect.explain", lambda *_: None)
+    monkeypatch.setattr("lightprobe.scene.inspect.diagnose", lambda *_: None)
 
 
 # Cameras beyond all bounds

@@ -20,6 +20,7 @@ def write_run(folder, *, radiance=1.0, weight=1.0, psnr=30.5, seconds=1.0, pictu
     scores = {"mean": {"psnr": psnr, "seconds": seconds}, "photos": [{"ssim": 0.5}]}
     (folder / "metrics.json").write_text(json.dumps(scores))
     (folder / "log.txt").write_text(f"{seconds}")
+    (folder / "timings.json").write_text(f"{seconds}")
     return folder
 
 

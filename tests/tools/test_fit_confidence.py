@@ -11,6 +11,7 @@ from fit_confidence import Samples, binned, fit, gap, photograph, report, sample
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.lessons.generated_lights import generated_light
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.prediction import Method, PredictConfig, Predictor
 from lightprobe.prediction.confidence import CAUSES, FITTED, Weights
@@ -75,7 +76,7 @@ def test_the_command_reads_a_run(sphere, tmp_path, monkeypatch, capsys):
     write_json(run.config_file, {})
     photos = load_scene(scene)
     write_json(run.scene_file, scene_record(photos))
-    replace(sphere, lights={photo.name: torch.ones(6, 16, 16, 3) for photo in photos.train}).save(run)
+    replace(sphere, lights={photo.name: Environment(torch.ones(6, 16, 16, 3)) for photo in photos.train}).save(run)
     monkeypatch.setattr(Predictor, "load", lambda path: Predictor(Decomposition.load(run, torch.device("cpu"))))
     fit_confidence.main([str(run.path), "--method", "solve", "--photos", "2"])
     printed = capsys.readouterr().out

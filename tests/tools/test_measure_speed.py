@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from lightprobe.core.run import RunFolder
+from lightprobe.core.timings import PhaseTiming, write_timing
 from lightprobe.kernels.numba import stacking
 from speed import cases, phase1, training
 from speed.ball import ball, camera
@@ -89,10 +90,11 @@ def test_the_target_says_what_it_needs():
     assert f"{SIDE} x {SIDE}" in rows[0]
 
 
-def test_the_log_of_a_run_is_read(tmp_path):
-    (tmp_path / "log.txt").write_text("decompose finished in 7:05, 2.31 GiB\ndistill finished in 0:38, 1.10 GiB\n")
-    assert training.log_rows(RunFolder(tmp_path))[-1] == f"| {tmp_path.name} | 425 | 38 | 2.31 GiB |"
-    assert "--run RUN" in training.log_rows(None)[0]
+def test_the_timings_of_a_run_are_read(tmp_path):
+    write_timing(tmp_path / "timings.json", "decompose", PhaseTiming(425.2, 2.31, True))
+    write_timing(tmp_path / "timings.json", "distill", PhaseTiming(38.1, 1.1, True))
+    assert training.run_rows(RunFolder(tmp_path))[-1] == f"| {tmp_path.name} | 425 | 38 | 2.31 GiB |"
+    assert "--run RUN" in training.run_rows(None)[0]
 
 
 def test_parts_are_medians_over_rounds():

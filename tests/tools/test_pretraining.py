@@ -7,7 +7,7 @@ import torch
 
 import pretrain_sphere_net
 from lightprobe.core.checkpoint import load_tensors
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import generator
 from lightprobe.distillation.sphere_training import sphere_examples, sphere_loss
 from lightprobe.geometry.mesh import is_closed

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gpu.boxes import Outcome, Setting, child_command, pace_rows, run_part
-from lightprobe.evaluation.provenance import commit, machine
+from lightprobe.report.provenance import commit, machine
 
 SCRIPT = Path(__file__).parents[1] / "measure_gpu.py"
 

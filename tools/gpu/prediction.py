@@ -57,5 +57,8 @@ def _row(run: Path, name: str, method: Method | None, photos: list[Photo], texel
 
 def apart(found: list[Prediction], expected: list[Prediction]) -> float:
     """Return the largest relative L2 difference between maps of the same photos."""
-    pairs = ((one.environment.cpu(), other.environment.cpu()) for one, other in zip(found, expected, strict=True))
+    pairs = (
+        (one.environment.texels.cpu(), other.environment.texels.cpu())
+        for one, other in zip(found, expected, strict=True)
+    )
     return max(float((one - other).norm() / other.norm()) for one, other in pairs)

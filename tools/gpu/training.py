@@ -8,9 +8,8 @@ from pathlib import Path
 import torch
 
 from gpu.boxes import Pace, Setting
-from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config import DecomposeConfig, distillation, reconstruction
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.files import write_json
 from lightprobe.core.memory import peak_memory
@@ -18,10 +17,10 @@ from lightprobe.core.run import RunFolder
 from lightprobe.distillation.training import distill
 from lightprobe.evaluation import evaluate
 from lightprobe.evaluation.evaluation import Protocols
-from lightprobe.evaluation.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.prediction import methods_for
 from lightprobe.reconstruction import decompose
+from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record
@@ -61,8 +60,8 @@ def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, Distil
                         pass3_texture_size=256, teacher_resolution=16, max_faces=2000)  # fmt: skip
         return first, replace(size.distill, steps=4, sphere_steps=4, synthetic_lessons=4)
     if preset == "standard":
-        return config.standard(), config_distill.standard()
-    return config.demo(), config_distill.demo()
+        return reconstruction.standard(), distillation.standard()
+    return reconstruction.demo(), distillation.demo()
 
 
 def learn(preset: str, place: str, device: torch.device, setting: Setting, pace: Pace) -> Learned:

@@ -8,19 +8,19 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.evaluation.viewpoints import look_at
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.generated_lights import generated_light
-from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.lessons.synthetic import rerender
 from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import Openness
 from lightprobe.render.surface import View, face_camera, visible_surface
-from lightprobe.render.surroundings import surroundings
+from lightprobe.render.vertex_visibility import vertex_visibility
+from lightprobe.render.visibility import PointVisibility
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import CLIPPED
 from pretraining.solids import random_solid
@@ -67,7 +67,7 @@ def views(number: int, seed: int) -> Iterator[GBuffer]:
     vertices, faces = random_solid(draw)
     paint = Paint(draw)
     middles = vertices[faces.long()].mean(1)
-    around = surroundings(vertices, faces, paint.at(middles)[0].contiguous(), _DEPTH_MAP)
+    around = vertex_visibility(vertices, faces, paint.at(middles)[0].contiguous(), _DEPTH_MAP)
     normals = vertex_normals(vertices, faces)
     for _ in range(VIEWS):
         view = View.of(_camera(draw), vertices.device)
@@ -78,7 +78,7 @@ def views(number: int, seed: int) -> Iterator[GBuffer]:
         normal = normalize(normalize(seen.interpolate(normals, faces), dim=1) + bumps, dim=1)
         yield GBuffer(
             view.height, view.width, seen.pixel, seen.face, seen.position, face_camera(normal, seen.view), seen.view,
-            color, roughness, metallic, Openness.of(around, faces, seen.face, seen.barycentric),
+            color, roughness, metallic, PointVisibility.of(around, faces, seen.face, seen.barycentric),
         )  # fmt: skip
 
 
@@ -91,7 +91,7 @@ def lessons_of(number: int, config: DistillConfig, seed: int) -> list[Lesson]:
     for k, gbuffer in enumerate(views(number, seed)):
         every = torch.arange(len(gbuffer.pixel))
         gbuffer = gbuffer.select(draw_rows(every, PIXELS, generator(seed, f"pixels/{number}", k)))
-        desk = Desk(gbuffer, up, config)
+        desk = LessonMaker(gbuffer, up, config)
         for light_number in range((number * VIEWS + k) * LIGHTS, (number * VIEWS + k + 1) * LIGHTS):
             light = generated_light(RESOLUTION, seed=seed, step=light_number)
             color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", light_number)))

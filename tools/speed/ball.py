@@ -11,7 +11,7 @@ from lightprobe.geometry.atlas import triangle_atlas
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import cubemap, prefilter
 from lightprobe.material.textures import Textures
-from lightprobe.render.asset import Asset, textured_surroundings
+from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.render.picture import Picture
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
@@ -34,7 +34,7 @@ def ball(subdivisions: int, texture_size: int = 1024) -> Asset:
     up = torch.tensor([0.0, 0.0, 1.0]).expand(*size, 3).contiguous()
     textures = Textures(0.1 + 0.8 * maps[..., :3], 0.2 + 0.5 * maps[..., 3], (maps[..., 4] > 0.6).float(), up)
     mesh = Mesh(vertices, faces, torch.from_numpy(uvs).float(), torch.from_numpy(uv_faces.astype(np.int32)))
-    return Asset(mesh, textures, textured_surroundings(mesh, textures.flat()))
+    return Asset(mesh, textures, textured_visibility(mesh, textures.flat()))
 
 
 def camera(side: int, number: int = 0, count: int = 1) -> Camera:

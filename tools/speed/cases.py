@@ -62,11 +62,11 @@ def taps(queries: int = 65_536) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def shadowed(pixels: int = 12_288, rows: int = 10_242, corners: int = 3) -> tuple[Tensor, ...]:
-    """Return light, normals, openness, index, weight, directions and angles of `kernels.occluded_light`."""
+    """Return light, normals, visibility, index, weight, directions and angles of `kernels.occluded_light`."""
     torch.manual_seed(0)
     directions, angles = cubemap.directions(8).reshape(-1, 3), cubemap.solid_angles(8).reshape(-1)
-    openness = torch.randint(0, 256, (rows, len(directions)), dtype=torch.uint8)
+    visibility = torch.randint(0, 256, (rows, len(directions)), dtype=torch.uint8)
     index = torch.randint(0, rows, (pixels, corners), dtype=torch.int32)
     weight = torch.rand(pixels, corners)
     weight = weight / weight.sum(1, keepdim=True)
-    return torch.rand(len(directions), 3), unit(pixels), openness, index, weight, directions, angles
+    return torch.rand(len(directions), 3), unit(pixels), visibility, index, weight, directions, angles

@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.provenance import commit, machine
+from lightprobe.report.provenance import commit, machine
 from speed import training
 from speed.kernels import LOBE, all_kernels, culled_line, kernel_rows, time_kernel, time_prefilter
 from speed.limits import Limits, measure_limits
@@ -79,7 +79,7 @@ def training_section(plan: Plan, size: training.Size) -> list[str]:
     run = None if plan.run is None else RunFolder.open(plan.run)
     config = size.decompose
     return [
-        *training.log_rows(run), "",
+        *training.run_rows(run), "",
         f"Steps on pictures of the ball: {config.pass1_side} pixels wide and a lattice of {config.lattice_cells} cells",
         f"in the first pass, {config.pass2_side} pixels in the second, {size.distill.max_side} pixels in Phase II.", "",
         *training.photo_tables(size), "", *training.profile_tables(size),

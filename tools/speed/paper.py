@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import torch
 
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset
+from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
 from lightprobe.core.errors import InputError
 from lightprobe.core.memory import peak_memory
 from lightprobe.distillation.training import train
-from lightprobe.evaluation.provenance import commit, machine
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.reconstruction import Progress, decompose
+from lightprobe.report.provenance import commit, machine
 from lightprobe.scene.photo import Scene
 from speed.clock import median_gap
 from speed.kernels import LOBE
@@ -81,7 +81,8 @@ class Work:
 
 def full_size() -> Sizes:
     """Return the preset `paper`."""
-    return Sizes(DecomposeConfig.preset(Preset.PAPER), distill_preset(Preset.PAPER))
+    paper = settings(Preset.PAPER)
+    return Sizes(paper.decompose, paper.distill)
 
 
 def small() -> Sizes:

@@ -64,7 +64,7 @@ def image_loss_parts(task: ImageTask, iteration: int, parts: Parts) -> Tensor:
     stage = task.stage
     target, step = task.target(iteration), stage.first_step + iteration
     with parts.part("surface, material, regularisation"):
-        seen = task.model.see(target.view, step, iteration / stage.iterations)
+        seen = task.model.rasterise(target.view, step, iteration / stage.iterations)
     with parts.part("light solve and prefilter"):
         levels, light_loss = task.lights.levels(target, seen.gbuffer, step)
     with parts.part("shade"):

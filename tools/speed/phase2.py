@@ -7,11 +7,11 @@ from dataclasses import replace
 import torch
 from torch import nn
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.distillation.mlp_training import lesson_loss, lesson_tensors
 from lightprobe.distillation.sphere_training import batch, sphere_examples, sphere_loss
 from lightprobe.distillation.training import train
-from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.render.asset import Asset, rasterize_asset
@@ -29,7 +29,7 @@ def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[Lesson]:
     for number in range(count):
         gbuffer = rasterize_asset(asset, camera(config.max_side, number, count), CPU)
         photo = picture(asset, config.max_side, number, count)
-        desk = Desk(gbuffer, UP, config)
+        desk = LessonMaker(gbuffer, UP, config)
         at = gbuffer.pixel
         lessons.append(desk.lesson(photo.name, photo.color[at], photo.clipped[at], light(LIT, number)))
     return lessons

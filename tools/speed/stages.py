@@ -44,7 +44,7 @@ def stages(asset: Asset, side: int, texels: int, repeats: int) -> dict[str, floa
         "build transport": lambda: Transport(observation.gbuffer, operator, observation.rows),
         "apply transport": lambda: transport.apply(env),
         "its adjoint": lambda: transport.adjoint(radiance),
-        "solve": lambda: solve_environment(observation, prior, predictor.solve, 0),
+        "solve": lambda: solve_environment(observation, prior, predictor.solve_config, 0),
         "confidence": lambda: confidence(observation, env, fitted=True, seed=0),
         "prediction (solve)": lambda: predictor.predict(photo, view, Method.SOLVE),
     }

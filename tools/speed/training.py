@@ -1,4 +1,4 @@
-"""What training costs: how its steps grow with the photos, a profile of each phase's steps, and a run's log.
+"""What training costs: how its steps grow with the photos, a profile of each phase's steps, and a whole run.
 
 The photos are pictures of the ball from all around, each under another light. A step of Phase I looks at one photo
 and a step of Phase II at a fixed number of lessons, so neither should grow; what a run needs for each photo does.
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.provenance import training_costs
 from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.report.provenance import training_costs
 from speed import phase1, phase2
 from speed.ball import ball
 from speed.growth import Cases, growth_rows
@@ -85,12 +85,13 @@ def part_rows(name: str, parts: dict[str, float]) -> list[str]:
     return [*rows, f"| sum | {1000 * total:.1f} | |"]
 
 
-def log_rows(run: RunFolder | None) -> list[str]:
-    """Return what the log of a finished run says of its whole training."""
+def run_rows(run: RunFolder | None) -> list[str]:
+    """Return what the record of a finished run's timings says of its whole training."""
     if run is None:
         return ["A whole training: not measured; it needs a finished run (`--run RUN`)."]
     costs = training_costs(run)
     cells = (f"{costs[phase]:.0f}" if phase in costs else "–" for phase in ("decompose", "distill"))
     memory = f"{costs['memory']:.2f} GiB" if "memory" in costs else "–"
-    return ["| whole training, from the log | Phase I, s | Phase II, s | peak memory |", "| --- | ---: | ---: | ---: |",
+    return ["| whole training, from its timings | Phase I, s | Phase II, s | peak memory |",
+            "| --- | ---: | ---: | ---: |",
             f"| {run.path.resolve().name} | {' | '.join(cells)} | {memory} |"]  # fmt: skip

@@ -63,10 +63,11 @@ def usage() -> str:
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import INTERRUPTED, explained, own_warnings
+    from lightprobe.cli.failures import INTERRUPTED, own_warnings
+    from lightprobe.core.failures import reporting_errors
 
     try:
-        with explained(), own_warnings():
+        with reporting_errors(), own_warnings():
             _run(name, arguments)
     except LightprobeError as error:
         print(f"lightprobe: {error}", file=sys.stderr)

@@ -1,13 +1,12 @@
 """Arguments that several commands share, and how all of them are shown."""
 
 import functools
-from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config.prediction import PredictionOptions
 
 _UNSAID = ("", "None", "False")  # defaults that tell nobody anything
 
@@ -29,6 +28,7 @@ CameraArg = Annotated[
     ),
 ]
 EnvironmentArg = Annotated[Path, option(metavar="ENV.exr", help="Equirectangular environment, EXR or Radiance HDR.")]
+MovedScene = Annotated[Path | None, option(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
 Device = Annotated[str, option(metavar="auto|cpu|cuda", help="Where to compute.")]
 Seed = Annotated[int, option(help="Equal seeds give equal results on a CPU.")]
 Restart = Annotated[
@@ -41,28 +41,4 @@ Hdri = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class PredictionOptions:
-    """What a command changes of how its run predicts (`PredictConfig`); what is not given stays as the run has it."""
-
-    light_resolution: int | None = None
-    """Texels along each cubemap edge of the maps, a power of two; by default what the run was trained with."""
-    max_pixels: int | None = None
-    """Photos with more object pixels are reduced; by default what the run was trained with."""
-    sampled_share: float | None = None
-    """Share of the object's pixels that become light probes; by default what the run was trained with."""
-    unseen_share: float | None = None
-    """Weight of the usual light where hardly a pixel looks; by default what the run was trained with."""
-
-    def over(self, config: PredictConfig) -> PredictConfig:
-        """Return a run's configuration with what was given in its place; raise `ConfigError` for unusable values."""
-        return replace(config, **self.given())
-
-    def given(self) -> dict[str, Any]:
-        """Return what was given, by name."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: value for name, value in values.items() if value is not None}
-
-
 Prediction = Annotated[PredictionOptions, arg(name="")]
-UNCHANGED = PredictionOptions()

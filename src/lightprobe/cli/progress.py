@@ -7,11 +7,13 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from lightprobe.runs.progress import clock
+
 _QUIET_SECONDS = 10.0  # between two lines where there is no terminal
 
 
 class Meter:
-    """Shows how far each stage of a command is; a context manager."""
+    """Shows how far each stage of a command is; a context manager. Nothing is on the screen before the first update."""
 
     def __init__(self) -> None:
         console = Console(stderr=True)
@@ -27,19 +29,18 @@ class Meter:
         self._spoken = time.monotonic()
 
     def __enter__(self) -> "Meter":
-        if self._bar:
-            self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar:
+        if self._bar and self._tasks:
             self._bar.stop()
 
     def update(self, stage: str, done: int, total: int, note: str = "") -> None:
         """Report that `done` of `total` steps of `stage` are finished."""
         if self._bar:
+            self._bar.start()  # more than once does no harm
             if stage not in self._tasks:
                 self._tasks[stage] = self._bar.add_task(stage, total=total, completed=max(done - 1, 0), note=note)
             self._bar.update(self._tasks[stage], completed=done, total=total, note=note)
@@ -50,9 +51,3 @@ class Meter:
             self._spoken = now
             left = (now - start) / max(done - first, 1) * (total - done)
             print(f"{stage}: {done} of {total}, {clock(left)} left {note}".rstrip(), file=sys.stderr, flush=True)
-
-
-def clock(seconds: float) -> str:
-    """Return a duration as minutes:seconds."""
-    whole = round(seconds)
-    return f"{whole // 60}:{whole % 60:02d}"

@@ -7,23 +7,18 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
-from lightprobe.cli.evaluation import evaluate_run, print_tables
-from lightprobe.cli.failures import writing
-from lightprobe.cli.options import Device, Hdri, Restart, RunArg, RunOut, SceneArg, Seed, option
+from lightprobe.cli.evaluation import show_evaluation
+from lightprobe.cli.options import Device, Hdri, MovedScene, Restart, RunArg, RunOut, SceneArg, Seed, option
 from lightprobe.cli.progress import Meter
-from lightprobe.cli.stages import UserMaps, open_scene, restart_decompose, restart_distill, run_decompose, run_distill
-from lightprobe.core import config, config_distill
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset, predict_preset
-from lightprobe.core.config_predict import Method, PredictConfig
-from lightprobe.core.device import resolve_device
+from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, demo_settings, settings
+from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.core.run import RunFolder
-from lightprobe.models import Decomposition
-from lightprobe.scene import load_scene
+from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
+from lightprobe.runs.training import distill_run, fit_run, train_run
 
 PresetArg = Annotated[
     Preset, option(help="quick: two CPU cores, minutes; standard: a GPU; paper: the paper's settings.")
 ]
-MovedScene = Annotated[Path | None, option(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
 
 # `with_preset` puts the chosen preset's in their place
 _FIRST, _SECOND, _THIRD = DecomposeConfig(), DistillConfig(), PredictConfig()
@@ -44,7 +39,11 @@ def fit(
       lightprobe fit photos/cup -o runs/cup --preset standard --device cuda
       lightprobe fit photos/cup -o runs/fine --decompose.pass1-iterations 3000
     """
-    _train(scene, output, device, seed, restart, decompose, None)
+    with Meter() as meter:
+        run = fit_run(
+            scene, output, decompose=decompose, device=device, seed=seed, restart=restart, on_progress=meter.update
+        )
+    _tell(run, f"lightprobe distill {output}")
 
 
 def train(
@@ -61,7 +60,12 @@ def train(
       lightprobe train photos/cup -o runs/cup --hdri ~/hdris
       lightprobe train photos/cup -o runs/cup --preset paper --device cuda
     """
-    _train(scene, output, device, seed, restart, decompose, distill, hdri, predict=predict)
+    with Meter() as meter:
+        run = train_run(
+            scene, output, decompose=decompose, distill=distill, predict=predict, device=device, seed=seed, hdri=hdri,
+            restart=restart, on_progress=meter.update,
+        )  # fmt: skip
+    _tell(run, f"lightprobe eval {output}")
 
 
 def distill(
@@ -76,13 +80,10 @@ def distill(
       lightprobe distill runs/cup --restart --hdri ~/hdris
       lightprobe distill runs/cup --restart --distill.lessons teacher
     """
-    where, folder, user_maps = resolve_device(device), RunFolder.open(run), UserMaps.read(hdri, distill)
-    with writing(folder), Meter() as meter:
-        if restart:
-            restart_distill(folder)
-        decomposition = Decomposition.load(folder, where)
-        run_distill(
-            folder, decomposition, lambda: open_scene(folder, scene), distill, where, seed, meter, user_maps, predict
+    with Meter() as meter:
+        folder = distill_run(
+            run, distill=distill, predict=predict, device=device, seed=seed, scene_folder=scene, hdri=hdri,
+            restart=restart, on_progress=meter.update,
         )  # fmt: skip
     print(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}")
 
@@ -95,27 +96,23 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
       lightprobe demo -o /tmp/demo
     """
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
-        _train(scene, output, device, seed, False, config.demo(), config_distill.demo(), next_step=False)
-        print_tables(evaluate_run(RunFolder.open(output), resolve_device(device), methods=_SHOWN, scene_folder=scene))
+        with Meter() as meter:
+            run = train_run(
+                scene, output, **vars(demo_settings()), device=device, seed=seed, on_progress=meter.update,
+            )  # fmt: skip
+        _tell(run)
+        with Meter() as meter:
+            shown = EvaluationOptions(methods=_SHOWN)
+            found = evaluate_run(output, shown, scene_folder=scene, device=device, on_progress=meter.update)
+        show_evaluation(found)
     print(f"More methods: lightprobe eval {output}")
 
 
-def _train(
-    scene_folder: Path, output: Path, device: str, seed: int, restart: bool, first: DecomposeConfig,
-    second: DistillConfig | None, hdri: Path | None = None, *, predict: PredictConfig = _THIRD,
-    next_step: bool = True,
-) -> None:  # fmt: skip
-    where, user_maps, scene = resolve_device(device), UserMaps.read(hdri, second), load_scene(scene_folder)
-    run = RunFolder.create(output)
-    with writing(run), Meter() as meter:
-        if restart:
-            restart_decompose(run)
-        decomposition = run_decompose(run, scene, first, where, seed, meter)
-        if second is not None:
-            run_distill(run, decomposition, lambda: scene, second, where, seed, meter, user_maps, predict)
+def _tell(run: RunFolder, following: str | None = None) -> None:
+    """Print where a training's results are, and the command that follows."""
     print(f"Mesh: {run.mesh_folder / 'object.glb'}\nEnvironments: {run.environment_folder}")
-    if next_step:
-        print(f"Next: lightprobe {'distill' if second is None else 'eval'} {output}")
+    if following is not None:
+        print(f"Next: {following}")
 
 
 def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:
@@ -125,8 +122,7 @@ def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:
     """
     preset = Preset(name) if name in list(Preset) else Preset.QUICK
     values = {
-        "preset": preset, "decompose": DecomposeConfig.preset(preset), "distill": distill_preset(preset),
-        "predict": predict_preset(preset),
+        "preset": preset, **vars(settings(preset)),
     }  # fmt: skip
     known = inspect.signature(command).parameters
     return functools.partial(command, **{name: value for name, value in values.items() if name in known})

@@ -7,11 +7,12 @@ import torch
 from lightprobe.core.errors import ConfigError
 
 
-def resolve_device(name: str) -> torch.device:
-    """Return the torch device for `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there is one.
+def resolve_device(name: str | torch.device) -> torch.device:
+    """Return the torch device for its name: `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there is one.
 
-    A GPU is made to compute in `full_precision`.
+    A device stands for its own name. A GPU is made to compute in `full_precision`.
     """
+    name = str(name)
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
     try:
@@ -52,7 +53,7 @@ def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(int.from_bytes(digest, "little") >> 1)
 
 
-def sent(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
+def to_device(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
     """Return a CPU tensor of any shape on `device`, without waiting for what a GPU is still doing."""
     return tensor.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else tensor.to(device)
 
@@ -61,4 +62,4 @@ def draw_rows(rows: torch.Tensor, count: int, random: torch.Generator) -> torch.
     """Return at most `count` of the row numbers (N,), drawn without replacement, in their order."""
     if len(rows) <= count:
         return rows
-    return rows[sent(torch.randperm(len(rows), generator=random)[:count].sort().values, rows.device)]
+    return rows[to_device(torch.randperm(len(rows), generator=random)[:count].sort().values, rows.device)]

@@ -115,6 +115,13 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path} cannot be read as JSON: it holds a number of too many digits.") from error
 
 
+def remove(*paths: Path) -> None:
+    """Delete files, links and whole folders, where they exist."""
+    for path in paths:
+        with disk_errors(path):
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+
+
 def inside(root: Path, relative: str, *, source: Path) -> Path:
     """Return `root/relative`, refusing a path that leaves `root` (absolute, `..`, or through a link).
 

@@ -7,6 +7,7 @@ RUN/env/<photo>.exr
 RUN/model/                       Phase II weights, config and checkpoints
 RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
 RUN/metrics.json
+RUN/timings.json                 seconds and memory of each phase's training; see `core.timings`
 RUN/report/index.html            and comparison/, numbers and page of methods without the run's default one
 RUN/oracle/                      the evaluation of a synthetic scene's true object, files named as in RUN
 """
@@ -14,18 +15,19 @@ RUN/oracle/                      the evaluation of a synthetic scene's true obje
 import contextlib
 import json
 import os
-import shutil
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from lightprobe.core.checkpoint import Checkpoints
-from lightprobe.core.errors import ConfigError, InputError, ResourceError
-from lightprobe.core.files import append_text, disk_errors, named_file, write_bytes, write_json
-from lightprobe.core.locks import Lock, is_at, try_lock
+from lightprobe.core.config.stored import first_difference, plain
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.file_lock import locked_file
+from lightprobe.core.files import append_text, disk_errors, named_file, remove, write_bytes, write_json
 from lightprobe.core.partial import clear_run
 from lightprobe.core.stored import checked_object, damaged, read_object
+from lightprobe.core.timings import forget_timing
 
 REMAKE = "put a copy of it back, or make the run anew with: lightprobe train SCENE -o RUN --restart"
 RETRAIN = "train this phase anew with: lightprobe distill RUN --restart"
@@ -133,6 +135,11 @@ class RunFolder:
         return self.path / "metrics.json"
 
     @property
+    def timings_file(self) -> Path:
+        """What the training of each phase took."""
+        return self.path / "timings.json"
+
+    @property
     def report_file(self) -> Path:
         """The evaluation as one self-contained web page."""
         return self.path / "report" / "index.html"
@@ -160,7 +167,7 @@ class RunFolder:
         """
         if self.scene_file.exists():
             moved = {**self.scene(), "root": scene["root"]}
-            self._check_same(moved, _plain(scene), "scene", "the photos, masks or cameras have changed")
+            self._check_same(moved, plain(scene), "scene", "the photos, masks or cameras have changed")
         if not self.scene_file.exists() or self.scene()["root"] != scene["root"]:
             write_json(self.scene_file, scene)
 
@@ -168,9 +175,9 @@ class RunFolder:
         """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError` if not."""
         stored = self.sections()
         if phase in stored:
-            self._check_same(stored[phase], _plain(config), phase, "use the same options to go on")
+            self._check_same(stored[phase], plain(config), phase, "use the same options to go on")
         else:
-            write_json(self.config_file, {**stored, phase: _plain(config)})
+            write_json(self.config_file, {**stored, phase: plain(config)})
 
     def config(self, phase: str) -> dict[str, Any]:
         """Return the stored configuration of a phase; raise `InputError` when the phase was never started."""
@@ -191,18 +198,19 @@ class RunFolder:
         return record
 
     def restart(self, phase: str, *, outputs: tuple[Path, ...]) -> None:
-        """Forget a phase: its configuration, the given outputs (files or folders) and its lines in metrics.jsonl."""
-        _remove(*outputs)
+        """Forget a phase: its configuration, timing, lines in metrics.jsonl, and the given outputs (files, folders)."""
+        remove(*outputs)
         write_json(self.config_file, {k: v for k, v in self.sections().items() if k != phase})
         self.rewind_metrics(phase, -1)
+        forget_timing(self.timings_file, phase)
 
     def empty(self, *, outputs: tuple[Path, ...]) -> None:
-        """Forget all phases, the given outputs and metrics.jsonl, whatever state their files are in."""
-        _remove(*outputs, self.metrics_log)
+        """Forget all phases, their timings and metrics.jsonl and the given outputs, whatever state the files are in."""
+        remove(*outputs, self.metrics_log, self.timings_file)
         write_json(self.config_file, {})
 
     def _check_same(self, stored: Any, given: Any, what: str, hint: str) -> None:
-        difference = _first_difference(stored, given, what)
+        difference = first_difference(stored, given, what)
         if difference:
             key, old, new = difference
             raise ConfigError(
@@ -243,7 +251,8 @@ class RunFolder:
 
         Raises `ResourceError` when another process holds it. The lock dies with its process.
         """
-        with self._locked():
+        busy = f"{self.path} is being written by another lightprobe process; wait for it to end."
+        with locked_file(self._lock_file, busy):
             with disk_errors(self.path):
                 clear_run(self.path)
             yield
@@ -251,28 +260,6 @@ class RunFolder:
     @property
     def _lock_file(self) -> Path:
         return self.path / ".lock"
-
-    @contextlib.contextmanager
-    def _locked(self) -> Iterator[None]:
-        for last in (False, False, True):
-            with disk_errors(self._lock_file):
-                handle = os.open(self._lock_file, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
-            with open(handle, "a"):
-                lock = try_lock(handle)
-                if lock is Lock.HELD and not last and not is_at(handle, self._lock_file):
-                    continue  # its last holder has just removed it
-                if lock is Lock.BUSY:
-                    raise ResourceError(
-                        f"{self.path} is being written by another lightprobe process; wait for it to end."
-                    )
-                yield
-                return
-
-
-def _remove(*paths: Path) -> None:
-    for path in paths:
-        with disk_errors(path):
-            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
 
 
 def _place(line: bytes) -> tuple[str, int] | None:
@@ -283,24 +270,3 @@ def _place(line: bytes) -> tuple[str, int] | None:
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
     return place if line.endswith(b"\n") else None
-
-
-def _plain(value: Any) -> Any:
-    """What `value` becomes on its way through a JSON file (tuples turn to lists, for example)."""
-    return json.loads(json.dumps(value, allow_nan=False))
-
-
-def _first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] | None:
-    """Return (key path, stored value, given value) where two JSON values first differ, or None."""
-    if isinstance(stored, dict) and isinstance(given, dict):
-        for name in [*given, *(k for k in stored if k not in given)]:
-            found = _first_difference(stored.get(name), given.get(name), f"{key}.{name}")
-            if found:
-                return found
-        return None
-    return None if stored == given else (key, _brief(stored), _brief(given))
-
-
-def _brief(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -20,7 +20,7 @@ import math
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import LossSpace, RadianceUnit
+from lightprobe.core.config.distillation import LossSpace, RadianceUnit
 from lightprobe.imaging.photometry import luma
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig, RadianceUnit
+from lightprobe.core.config.distillation import DistillConfig, RadianceUnit
 from lightprobe.distillation.loss import intensity_weight, sample_weight, weighted_l2
 from lightprobe.distillation.network_task import NetworkTask, mixed_precision
 from lightprobe.lessons.lesson import Lesson

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig
-from lightprobe.core.device import generator, sent
+from lightprobe.core.config.distillation import DistillConfig
+from lightprobe.core.device import generator, to_device
 from lightprobe.distillation.network_task import NetworkTask, mixed_precision
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.light import cubemap
@@ -101,9 +101,9 @@ def batch(examples: SphereExamples, config: DistillConfig, seed: int, step: int)
     Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
     """
     random = generator(seed, "sphere-batch", step)
-    chosen = sent(torch.randint(examples.count, (config.sphere_batch,), generator=random), examples.maps.device)
+    chosen = to_device(torch.randint(examples.count, (config.sphere_batch,), generator=random), examples.maps.device)
     symmetries, _ = cubemap.symmetries(RESOLUTION, examples.maps.device)
-    turn = sent(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device)
+    turn = to_device(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device)
     lights = examples.lights[chosen]
     return turned(examples.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
 

@@ -7,12 +7,13 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import copy_stored
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import full_precision
 from lightprobe.distillation.mlp_training import MlpTask
 from lightprobe.distillation.sphere_training import SphereTask, schedule, sphere_examples
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.lessons.lessons import collect_lessons
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.illumination_mlp import IlluminationMlp
 from lightprobe.models.probe_model import ProbeModel, new_network, new_sphere, starts_pretrained
@@ -32,19 +33,21 @@ def distill(
     seed: int = 0,
     progress: Progress | None = None,
     *,
-    maps: Sequence[Tensor] = (),
+    environments: Sequence[Environment] = (),
     on_lesson: Callable[[int, int], None] | None = None,
 ) -> ProbeModel:
     """Train the predictors on the scene's training photos and on re-rendered ones, and return the model.
 
     Without `config` the preset `quick`, without `device` the CPU. With `progress.checkpoints`, an interrupted call goes
     on from the newest one and ends with the same bits on a CPU.
-    maps: environments (6, R, R, 3), z up, to re-render under as well. on_lesson: hears of (done, all) photos prepared.
+    environments: of any resolution, to re-render under as well. on_lesson: hears of (done, all) photos prepared.
     Raises `InputError` when no photo shows the object, `ConfigError` when the checkpoints are of another configuration,
     `ConvergenceError` when the loss stops being finite.
     """
     config, device = config or DistillConfig(), full_precision(device or torch.device("cpu"))
-    lessons = collect_lessons(decomposition.asset, decomposition.lights, scene, config, device, seed, maps, on_lesson)
+    lessons = collect_lessons(
+        decomposition.asset, decomposition.lights, scene, config, device, seed, environments, on_lesson
+    )
     return train(lessons, config, device, seed, progress)
 
 
@@ -77,7 +80,7 @@ def train(
         sphere = _learned(sphere, config, seed).requires_grad_(False)
     side = config.light_resolution
     mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
-    return ProbeModel(network.requires_grad_(False), mean, lessons[0].up, config, sphere)
+    return ProbeModel(network.requires_grad_(False), Environment(mean), lessons[0].up, config, sphere)
 
 
 def _parameters(network: IlluminationMlp) -> dict[str, Tensor]:

@@ -144,39 +144,64 @@ def evaluate(
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
     predictor = Predictor(decomposition, model, device, config=prediction)
     judge = _Judge.of(decomposition, predictor, scene, protocols or Protocols(), device, true_object)
-    result, bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
-    materials = truth.MaterialScores()
+    course = _Course(judge, methods, own[0], run, on_view)
     for done, photo in enumerate(scene.test):
-        try:
-            view = TestView.load(photo, decomposition, judge.predictor.config.light_resolution, device)
-            light = judge.true_light(photo)
-            first = judge.score(view, light, methods[0])
-        except InputError as error:  # one photo that cannot serve must not cost the numbers of the others
-            result.skipped[photo.name] = str(error)
-            continue
-        materials.add(view)
-        result.photos[photo.name] = {}
-        result.verdicts[photo.name] = first.prediction.verdict
-        if photo.truth.light is not None:
-            result.lights[photo.name] = photo.truth.light
-        for method in methods:
-            if method is not methods[0] and judge.too_slow(method, done):
-                continue
-            seen = first if method is methods[0] else judge.score(view, light, method)
-            result.photos[photo.name][method] = seen.scores
-            if light is not None:
-                bins[method].add(seen.prediction, light.cube)
-            if run is not None:
-                _write(seen.prediction, run, photo, method, default=method is own[0])
-            if on_view is not None and method is methods[0]:
-                on_view(seen)
-        if on_photo is not None:
+        course.take(photo, done)
+        if on_photo is not None and photo.name not in course.result.skipped:
             on_photo(done + 1, len(scene.test))
-    if not result.photos:
-        raise InputError(f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}")
-    result.confidence = {method: gathered.result() for method, gathered in bins.items()}
-    result.truth = _asset_scores(decomposition, scene, materials, device)
-    return result
+    return course.finish(scene)
+
+
+class _Course:
+    """An evaluation on its way through the test photos."""
+
+    def __init__(
+        self, judge: "_Judge", methods: Sequence[Method], own: Method, run: RunFolder | None, on_view: OnView | None
+    ):
+        """Begin; `own` is the run's default method, which the first of `methods` need not be."""
+        self.judge, self.methods, self.own, self.run, self.on_view = judge, methods, own, run, on_view
+        self.result, self._bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
+        self._materials = truth.MaterialScores()
+
+    def take(self, photo: Photo, done: int) -> None:
+        """Score every method on a photo, before which `done` others came, or note why it cannot be scored."""
+        try:
+            view = self.judge.view(photo)
+            light = self.judge.true_light(photo)
+            first = self.judge.score(view, light, self.methods[0])
+        except InputError as error:  # one photo that cannot serve must not cost the numbers of the others
+            self.result.skipped[photo.name] = str(error)
+            return
+        self._materials.add(view)
+        self.result.photos[photo.name] = {}
+        self.result.verdicts[photo.name] = first.prediction.verdict
+        if photo.truth.light is not None:
+            self.result.lights[photo.name] = photo.truth.light
+        for method in self.methods:
+            if method is self.methods[0]:
+                self._keep(first, method)
+            elif not self.judge.too_slow(method, done):
+                self._keep(self.judge.score(view, light, method), method)
+
+    def _keep(self, seen: ViewResult, method: Method) -> None:
+        """Keep what a method made of a photo."""
+        photo = seen.view.photo
+        self.result.photos[photo.name][method] = seen.scores
+        if seen.true_light is not None:
+            self._bins[method].add(seen.prediction, seen.true_light.environment)
+        if self.run is not None:
+            _write(seen.prediction, self.run, photo, method, default=method is self.own)
+        if self.on_view is not None and method is self.methods[0]:
+            self.on_view(seen)
+
+    def finish(self, scene: Scene) -> Evaluation:
+        """Return the evaluation with the scores of the object; raise `InputError` when no photo was scored."""
+        result, judge = self.result, self.judge
+        if not result.photos:
+            raise InputError(f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}")
+        result.confidence = {method: gathered.result() for method, gathered in self._bins.items()}
+        result.truth = _asset_scores(judge.decomposition, scene, self._materials, judge.device)
+        return result
 
 
 def _asset_scores(
@@ -211,6 +236,9 @@ class _Judge:
         stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
         return _Judge(decomposition, predictor, stand_in, protocols, device)
 
+    def view(self, photo: Photo) -> TestView:
+        return TestView.load(photo, self.decomposition, self.predictor.config.light_resolution, self.device)
+
     def true_light(self, photo: Photo) -> TrueLight | None:
         path, center = photo.truth.environment, self.decomposition.similarity.center
         if path is None:
@@ -227,7 +255,7 @@ class _Judge:
             # The first call also built tables and compiled kernels, which no later photo pays for.
             prediction = self.predictor.predict(view.pixels, view.camera, method, refuse=False)
         parts = _half_lights(view, self.predictor, method) if self.protocols.unseen else []
-        image, *others = view.shown([prediction.environment, *(light for _, light in parts)])
+        image, *others = view.shown([prediction.environment.texels, *(light for _, light in parts)])
         seconds = prediction.seconds["total"]
         self.slowest[method] = max(seconds, self.slowest.get(method, 0))
         scores = {**view.score(image).to_json(), "seconds": seconds}
@@ -236,7 +264,7 @@ class _Judge:
         if light is not None:
             scores |= light.scores(prediction)
             if self.stand_in is not None:
-                scores |= self.stand_in.scores(view.photo.name, prediction.environment, light.cube)
+                scores |= self.stand_in.scores(view.photo.name, prediction.environment, light.environment)
         return ViewResult(view, prediction, image, scores, light)
 
 
@@ -246,7 +274,7 @@ def _half_lights(view: TestView, predictor: Predictor, method: Method) -> list[t
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))
         try:
-            light = predictor.predict(half, view.camera, method, refuse=False).environment
+            light = predictor.predict(half, view.camera, method, refuse=False).environment.texels
         except InputError:  # too little of the object is in this half
             continue
         found.append((torch.from_numpy(masks[i ^ 1]).to(light.device), light))

@@ -170,8 +170,8 @@ def interval(values: Sequence[float], groups: Sequence[str] | None = None) -> fl
         return math.nan
     mean = float(np.mean(values))
     shares = [sum(value - mean for value in group) / len(values) for group in gathered.values()]
-    spread = math.sqrt(count / (count - 1) * sum(share * share for share in shares))
-    return float(scipy.stats.t.ppf(0.975, count - 1)) * spread
+    standard_error = math.sqrt(count / (count - 1) * sum(share * share for share in shares))
+    return float(scipy.stats.t.ppf(0.975, count - 1)) * standard_error
 
 
 def photo_interval(values: Mapping[str, float], lights: Mapping[str, str]) -> float:

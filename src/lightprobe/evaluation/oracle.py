@@ -25,12 +25,12 @@ from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.kernels import rasterize
 from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
-from lightprobe.render.asset import Asset, textured_surroundings, uv_handedness
+from lightprobe.render.asset import Asset, textured_visibility, uv_handedness
 from lightprobe.render.surface import View
 from lightprobe.scene.photo import Photo, Scene
 
 _MAX_FACES = 80_000  # before subdivision; decimated further, thin sheets with open edges get holes
-_LONGEST_EDGE = 0.08  # radii; openness lives on the vertices, so large faces need more of them
+_LONGEST_EDGE = 0.08  # radii; visibility lives on the vertices, so large faces need more of them
 _LARGEST_TEXTURE = 3072
 _TEXELS_PER_FACE = 10  # along an edge of the square that two triangles share
 _CREASE_DEGREES = 40.0
@@ -76,7 +76,7 @@ def true_asset(scene: Scene) -> Asset:
     flat = torch.zeros(size * size, 8)
     flat[texel] = material
     flat = fill_texels(flat, texel, size)
-    return Asset(mesh, Textures.from_flat(flat), textured_surroundings(mesh, flat))
+    return Asset(mesh, Textures.from_flat(flat), textured_visibility(mesh, flat))
 
 
 def _true_mesh(scene: Scene) -> Mesh:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.imaging import write_png
-from lightprobe.light.files import panorama, write_map
+from lightprobe.light.files import write_map
 from lightprobe.prediction import Prediction
 
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -25,7 +25,7 @@ def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:
 
 def write_prediction(prediction: Prediction, path: Path) -> None:
     """Write `path` (.exr or .hdr), and beside it the tone-mapped .png and the .confidence.exr."""
-    image = panorama(prediction.environment)
+    image = prediction.environment.panorama()
     write_map(path, image)
     write_png(path.with_suffix(".png"), tone_mapped(image, exposure(image)))
     prediction.save_confidence(path.with_suffix(".confidence.exr"))

@@ -9,11 +9,11 @@ cameras, never the photo's own. Both images come from our renderer, so only the 
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
 from lightprobe.evaluation.metrics import channel_scale, psnr
 from lightprobe.imaging import srgb_encode
 from lightprobe.light import prefilter
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
@@ -42,16 +42,16 @@ class StandIn:
         return StandIn(views)
 
     @torch.no_grad()
-    def scores(self, name: str, environment: Tensor, true: Tensor) -> dict[str, float]:
-        """Return the PSNR over the object's pixels of sRGB images under two lights (6, R, R, 3), the second the truth.
+    def scores(self, name: str, environment: Environment, true: Environment) -> dict[str, float]:
+        """Return the PSNR over the object's pixels of sRGB images under two lights, the second the truth.
 
         `name` is the photo that the light was predicted from. Raw, and after one linear factor per channel.
         """
         views = [view for photo, view in self.views.items() if photo != name and len(view.pixel)]
         if not views:
             return {}
-        operator = prefilter.cached(environment.shape[1], environment.device)
-        levels = [operator.apply(light) for light in (environment, true)]
+        operator = prefilter.cached(environment.resolution, environment.device)
+        levels = [operator.apply(light.texels) for light in (environment, true)]
         mine, theirs = (torch.cat([shade(view, operator, stack) for view in views]) for stack in levels)
         scaled = mine * channel_scale(mine, theirs)
         shown = srgb_encode(theirs.clamp(0, 1))

@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from lightprobe.evaluation.metrics import aligned, brightest, environment_log_rmse, log_difference
-from lightprobe.evaluation.relighting import load_environment
 from lightprobe.evaluation.three_spheres import HEIGHT, Disc, ThreeSpheres, reduced, sphere_scores
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
+from lightprobe.light.environment import Environment
 from lightprobe.prediction import Prediction
 from lightprobe.scene.camera import Camera
 
@@ -24,7 +24,7 @@ Scores = dict[str, float]
 class TrueLight:
     """The true light of one photo, read once for all methods."""
 
-    cube: Tensor  # (6, R, R, 3), as the predictions
+    environment: Environment  # of the resolution of the predictions
     height: int  # rows of the maps that light the spheres
     spheres: ThreeSpheres
     discs: dict[str, Disc]  # the three spheres under it
@@ -32,19 +32,22 @@ class TrueLight:
     @staticmethod
     def load(path: Path, camera: Camera, center: np.ndarray, resolution: int, device: torch.device) -> "TrueLight":
         """Read an environment file and light spheres with it at `center` (3,), seen by an input-frame camera."""
-        cube = load_environment(path, device, resolution)
+        environment = Environment.load(path, device, resolution)
         light = reduced(torch.from_numpy(np.ascontiguousarray(read_hdr(path)[..., :3], np.float32)), HEIGHT)
         up = torch.from_numpy(camera.camera_to_world[:3, 1].copy())
         spheres = ThreeSpheres(torch.from_numpy(camera.position - center), up)
-        return TrueLight(cube, len(light), spheres, spheres.light(light))
+        return TrueLight(environment, len(light), spheres, spheres.light(light))
 
     def scores(self, prediction: Prediction) -> Scores:
         """Return the errors of ln radiance (raw, weighted by confidence, after one factor or three) and of spheres.
 
         Those of the brightest percent of the true light alone are raw and after the whole map's one factor.
         """
-        difference, bright = log_difference(prediction.environment, self.cube), brightest(self.cube)
-        shown = equirect.from_cubemap(prediction.environment.cpu(), self.height)
+        difference, bright = (
+            log_difference(prediction.environment.texels, self.environment.texels),
+            brightest(self.environment.texels),
+        )
+        shown = equirect.from_cubemap(prediction.environment.texels.cpu(), self.height)
         return {
             "light_log_rmse": environment_log_rmse(difference),
             "light_log_rmse_confident": environment_log_rmse(difference, prediction.confidence),
@@ -62,10 +65,10 @@ class ConfidenceBins:
     def __init__(self) -> None:
         self._rows: list[Tensor] = []  # (T, 4): confidence, solid angle, squared error raw and after one factor
 
-    def add(self, prediction: Prediction, true: Tensor) -> None:
-        """Add a map with its truth (6, R, R, 3)."""
-        difference = log_difference(prediction.environment, true)
-        angle = cubemap.solid_angles(true.shape[1])
+    def add(self, prediction: Prediction, true: Environment) -> None:
+        """Add a map with its truth."""
+        difference = log_difference(prediction.environment.texels, true.texels)
+        angle = cubemap.solid_angles(true.resolution)
         errors = [d.square().mean(-1).cpu() for d in (difference, aligned(difference))]
         self._rows.append(torch.stack([prediction.confidence.cpu(), angle, *errors], -1).reshape(-1, 4))
 

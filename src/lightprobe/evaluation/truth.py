@@ -18,9 +18,10 @@ from lightprobe.evaluation.metrics import (
     on_white,
     psnr,
 )
-from lightprobe.evaluation.relighting import load_environment, relight
+from lightprobe.evaluation.relighting import relight
 from lightprobe.evaluation.views import TestView
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.scene.photo import Photo, Scene
 
@@ -117,7 +118,7 @@ def _relit_pairs(
         if photo.truth.environment is None or photo.truth.linear is None:
             continue
         true = torch.from_numpy(np.ascontiguousarray(read_hdr(photo.truth.linear), np.float32)).to(device)
-        image, _ = relight(decomposition, load_environment(photo.truth.environment, device), photo.camera)
+        image, _ = relight(decomposition, Environment.load(photo.truth.environment, device), photo.camera)
         yield image, true[..., :3], true[..., 3] > 0.5
 
 

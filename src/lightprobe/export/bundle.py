@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-from torch import Tensor
-
 from lightprobe.core.files import named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.export.glb import write_glb
 from lightprobe.export.gltf_mesh import gltf_mesh
 from lightprobe.export.pictures import write_pictures
-from lightprobe.light.files import panorama, write_map
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
@@ -24,25 +22,20 @@ def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> None:
     write_glb(glb, gltf_mesh(asset.mesh, similarity), pictures)
 
 
-def write_environment(path: Path, environment: Tensor) -> None:
-    """Write a cubemap (6, R, R, C) as an equirectangular map of 2R x 4R; the suffix chooses OpenEXR or Radiance HDR."""
-    write_map(path, panorama(environment))
-
-
 def write_run_outputs(decomposition: Decomposition, run: RunFolder) -> None:
     """Write RUN/mesh and RUN/env: what Phase I leaves for other programs."""
     write_mesh(decomposition.asset, decomposition.similarity, run.mesh_folder / "object.glb")
     for photo, light in decomposition.lights.items():
-        write_environment(run.environment_file(photo), light)
+        light.save(run.environment_file(photo))
 
 
-def export(decomposition: Decomposition, folder: Path, environments: dict[str, Tensor]) -> list[Path]:
+def export(decomposition: Decomposition, folder: Path, environments: dict[str, Environment]) -> list[Path]:
     """Write mesh.glb, its textures, and each environment as EXR and HDR under env/; return the files written.
 
-    `environments` maps a photo's name to a cubemap (6, R, R, 3): the lights of Phase I, predictions, or both.
+    `environments` maps a photo's name to its light: those of Phase I, predictions, or both.
     """
     maps = {named_file(folder / "env", name, suffix): name for name in environments for suffix in (".exr", ".hdr")}
     write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
     for path, photo in maps.items():
-        write_environment(path, environments[photo])
+        environments[photo].save(path)
     return [*(folder / name for name in ("mesh.glb", "base_color.png", "orm.png", "normal.png")), *maps]

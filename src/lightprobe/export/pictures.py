@@ -9,7 +9,7 @@ from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.geometry.texels import bake_vertices
 from lightprobe.imaging import write_png
 from lightprobe.render.asset import Asset
-from lightprobe.render.openness import ambient_occlusion
+from lightprobe.render.visibility import ambient_occlusion
 
 NAMES = ("base_color", "orm", "normal")
 
@@ -29,7 +29,7 @@ def write_pictures(asset: Asset, folder: Path) -> GltfPictures:
 def _occlusion(asset: Asset) -> np.ndarray:
     """Return the ambient occlusion (S, S), 1 for open; all 1 for an object that casts no shadows on itself."""
     mesh, size = asset.mesh, asset.textures.size
-    if asset.around is None:
+    if asset.visibility is None:
         return np.ones((size, size), np.float32)
-    opened = ambient_occlusion(asset.around, vertex_normals(mesh.vertices, mesh.faces))
+    opened = ambient_occlusion(asset.visibility, vertex_normals(mesh.vertices, mesh.faces))
     return bake_vertices(mesh, opened[:, None], size)[..., 0].cpu().numpy()

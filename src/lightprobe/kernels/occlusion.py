@@ -1,7 +1,7 @@
 """Light that reaches a surface past the object itself: cosine and uniform averages over the open directions.
 
     w_k (K, 3) unit directions, dw_k their solid angles, L_k (K, 3) the light averaged over them
-    v_pk = sum over c of weight[p, c] openness[index[p, c], k] / 255, the share of direction k that pixel p has open
+    v_pk = sum over c of weight[p, c] unoccluded[index[p, c], k] / 255, the share of direction k that pixel p has open
     c_pk = max(n_p.w_k, 0) dw_k
 
     diffuse_p = sum_k c v L / sum_k c      ambient_p = sum_k dw v L / sum_k dw v      open_p = sum_k c v / sum_k c
@@ -18,47 +18,53 @@ from lightprobe.kernels import dispatch
 
 
 def occluded_light(
-    light: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    light: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
 ) -> Tensor:
     """Return (P, 7): diffuse 3, ambient 3 and open, for each pixel; differentiable once, in `light` and `normals`.
 
     light (K, 3), normals (P, 3) unit, weight (P, C), directions (K, 3), angles (K,): float32 (float64 goes to the
-    reference); openness (V, K) uint8; index (P, C) int32 or int64 in [0, V). Sums have a fixed order.
+    reference); unoccluded (V, K) uint8; index (P, C) int32 or int64 in [0, V). Sums have a fixed order.
     Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
     """
     count = directions.shape[0]
     dispatch.require_shape("light", light, count, 3)
     dispatch.require_shape("normals", normals, weight.shape[0], 3)
-    dispatch.require_shape("openness", openness, None, count)
+    dispatch.require_shape("unoccluded", unoccluded, None, count)
     dispatch.require_shape("index", index, *weight.shape)
     dispatch.require_shape("directions", directions, count, 3)
     dispatch.require_shape("angles", angles, count)
-    dispatch.require_index("index", index, openness.shape[0])
-    if openness.dtype != torch.uint8:
-        raise ValueError(f"openness must be uint8, not {openness.dtype}.")
-    return _OccludedLight.apply(light, normals, openness, index, weight.detach(), directions, angles)
+    dispatch.require_index("index", index, unoccluded.shape[0])
+    if unoccluded.dtype != torch.uint8:
+        raise ValueError(f"unoccluded must be uint8, not {unoccluded.dtype}.")
+    return _OccludedLight.apply(light, normals, unoccluded, index, weight.detach(), directions, angles)
 
 
-def occluded_light_adjoint(arriving: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor,
+def occluded_light_adjoint(arriving: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor,
                            directions: Tensor, angles: Tensor) -> Tensor:  # fmt: skip
     """Return the transpose of `occluded_light` in its light, (K, 3), on diffuse and ambient parts (P, 6).
 
     Other arguments and errors as there; not differentiable.
     """
     dispatch.require_shape("arriving", arriving, normals.shape[0], 6)
-    dispatch.require_index("index", index, openness.shape[0])
+    dispatch.require_index("index", index, unoccluded.shape[0])
     grad = torch.nn.functional.pad(arriving, (0, 1))
-    rest = (normals, openness, index, weight, directions, angles)
+    rest = (normals, unoccluded, index, weight, directions, angles)
     body = dispatch.choose("occlusion", grad, *rest)
     return body.light_gradient(grad, *rest)
 
 
 class _OccludedLight(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, light: Tensor, normals: Tensor, openness: Tensor, *rest: Tensor) -> Tensor:
-        body = dispatch.choose("occlusion", light, normals, openness, *rest)
-        out = body.occluded_light(light, normals, openness, *rest)
-        ctx.save_for_backward(out, light, normals, openness, *rest)
+    def forward(ctx: Any, light: Tensor, normals: Tensor, unoccluded: Tensor, *rest: Tensor) -> Tensor:
+        body = dispatch.choose("occlusion", light, normals, unoccluded, *rest)
+        out = body.occluded_light(light, normals, unoccluded, *rest)
+        ctx.save_for_backward(out, light, normals, unoccluded, *rest)
         return out
 
     @staticmethod

@@ -11,14 +11,14 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import sent
+from lightprobe.core.device import to_device
 
 Item = TypeVar("Item")
 
 
 def beside(drawn: Tensor, values: Tensor) -> Tensor:
     """Return a tensor of any shape on the device of `values`; what was drawn on the CPU is sent without waiting."""
-    return drawn if drawn.device == values.device else sent(drawn, values.device)
+    return drawn if drawn.device == values.device else to_device(drawn, values.device)
 
 
 def upright(up: Tensor, azimuth: float) -> Tensor:

@@ -63,7 +63,7 @@ def generated_light(
     radiance = _MAKERS[chosen](fine @ beside(rotation, fine).T, draw).clamp(min=0)
     side = _OVERSAMPLING * resolution
     light = resize_light(radiance.reshape(6, side, side, 3).contiguous(), resolution)
-    mean = _mean(light).clamp(min=1e-9)
+    mean = cubemap.sphere_mean(light).clamp(min=1e-9)
     balance = (mean.mean() / mean) ** draw.uniform(0.3, 0.9)  # what a camera's white balance takes out
     tint = torch.exp(draw.normal(3) * torch.tensor([0.08, 0.04, 0.10]))  # and what it gets wrong
     exposure = math.exp(0.5 * float(draw.normal(1)))
@@ -223,9 +223,3 @@ _MAKERS: dict[Place, Callable[[Tensor, Draw], Tensor]] = {
     Place.STUDIO: _studio,
     Place.NIGHT: _night,
 }
-
-
-def _mean(light: Tensor) -> Tensor:
-    """Return the mean radiance (3,) over the sphere."""
-    angle = cubemap.solid_angles(light.shape[1], light.device)[..., None]
-    return (light * angle).sum((0, 1, 2)) / (4 * math.pi)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 from lightprobe.models.probe_distribution import total_distribution
-from lightprobe.models.probe_maps import SOLVED_PIXELS, evidence
+from lightprobe.models.probe_maps import SOLVED_PIXELS, coarse_lights
 from lightprobe.models.probe_pixels import ProbePixels, probe_pixels
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.gbuffer import GBuffer
@@ -24,12 +24,12 @@ class Lesson:
     clipped: Tensor  # (N, 3) bool
     light_level: Tensor  # () radiance
     distribution: Tensor  # (M,) distribution of all pixels, the divisor of the sample weight
-    solved: Tensor  # (2, 384, 3) from `probe_maps.evidence`
+    solved: Tensor  # (2, 384, 3) from `probe_maps.coarse_lights`
     up: Tensor  # (3,) unit, for most of the cameras
     teacher: Tensor  # (M, 3) radiance / light_level
 
 
-class Desk:
+class LessonMaker:
     """One camera's view of the asset, from which any number of lessons under different lights are made."""
 
     def __init__(self, gbuffer: GBuffer, up: Tensor, config: DistillConfig):
@@ -57,5 +57,5 @@ class Desk:
         level = pixels.light_level()
         side = self.config.light_resolution
         teacher = (resize_light(light, side) * exposure).reshape(-1, 3) / level
-        solved = evidence(self._transport, color[self._some], level)
+        solved = coarse_lights(self._transport, color[self._some], level)
         return Lesson(name, pixels, clipped, level, self._distribution, solved, self.up, teacher)

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import DistillConfig, Lessons
-from lightprobe.core.device import draw_rows, generator, sent
+from lightprobe.core.config.distillation import DistillConfig, Lessons
+from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.core.errors import InputError
 from lightprobe.lessons.draw import Draw
-from lightprobe.lessons.lesson import Desk, Lesson
+from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.lessons.synthetic import LightPool, mean_up, rerender
+from lightprobe.light.environment import Environment
 from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
@@ -27,7 +28,7 @@ _SYNTHETIC_PIXELS = 2048
 
 
 @dataclass(frozen=True)
-class _Look:
+class _TrainingView:
     """The trusted pixels of a training photo."""
 
     photo: Photo
@@ -37,21 +38,21 @@ class _Look:
 
 
 def collect_lessons(
-    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int,
-    maps: Sequence[Tensor] = (), on_lesson: Callable[[int, int], None] | None = None,
+    asset: Asset, lights: Mapping[str, Environment], scene: Scene, config: DistillConfig, device: torch.device,
+    seed: int, environments: Sequence[Environment] = (), on_lesson: Callable[[int, int], None] | None = None,
 ) -> list[Lesson]:  # fmt: skip
     """Return the lessons from each training photo that has a light and shows the object, in the scene's order.
 
-    `maps`: environments (6, R, R, 3), z up, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
+    `environments`: of any resolution, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
     Raises `InputError` when no photo shows the object.
     """
     up = mean_up([torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train])
-    pool = LightPool(up, [lights[name] for name in sorted(lights)], maps, RESOLUTION, seed, device)
+    pool = LightPool(up, [lights[name] for name in sorted(lights)], environments, RESOLUTION, seed, device)
     lessons: list[Lesson] = []
-    for done, look in enumerate(_looks(asset, lights, scene, config, device, seed)):
+    for done, look in enumerate(_training_views(asset, lights, scene, config, device, seed)):
         if config.lessons is not Lessons.SYNTHETIC:
-            desk = Desk(look.gbuffer, up, config)
-            light = lights[look.photo.name].to(device)
+            desk = LessonMaker(look.gbuffer, up, config)
+            light = lights[look.photo.name].to(device).texels
             lessons.append(desk.lesson(look.photo.name, look.color, look.clipped, light))
         if config.lessons is not Lessons.TEACHER:
             first, last = (i * config.synthetic_lessons // len(scene.train) for i in (done, done + 1))
@@ -66,11 +67,11 @@ def collect_lessons(
     return lessons
 
 
-def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
+def _synthetic(look: _TrainingView, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
     """Return the re-rendered lessons `numbers` in the camera of a photo."""
     order = torch.randperm(len(look.color), generator=generator(seed, f"distill-rerender/{look.photo.name}"))
-    gbuffer = look.gbuffer.select(sent(order[:_SYNTHETIC_PIXELS], look.color.device))
-    desk, lessons = Desk(gbuffer, pool.up, config), []
+    gbuffer = look.gbuffer.select(to_device(order[:_SYNTHETIC_PIXELS], look.color.device))
+    desk, lessons = LessonMaker(gbuffer, pool.up, config), []
     for number in numbers:
         light = pool.light(number)
         color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", number)))
@@ -78,9 +79,14 @@ def _synthetic(look: _Look, pool: LightPool, numbers: range, config: DistillConf
     return lessons
 
 
-def _looks(
-    asset: Asset, lights: Mapping[str, Tensor], scene: Scene, config: DistillConfig, device: torch.device, seed: int
-) -> Iterator[_Look]:
+def _training_views(
+    asset: Asset,
+    lights: Mapping[str, Environment],
+    scene: Scene,
+    config: DistillConfig,
+    device: torch.device,
+    seed: int,
+) -> Iterator[_TrainingView]:
     """Yield at most `pixels_per_photo` object pixels of each usable training photo, chosen at random."""
     for photo in scene.train:
         if photo.name not in lights:
@@ -96,4 +102,4 @@ def _looks(
         color, clipped = (
             torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped)
         )
-        yield _Look(photo, gbuffer.select(rows), color, clipped)
+        yield _TrainingView(photo, gbuffer.select(rows), color, clipped)

@@ -20,6 +20,7 @@ from lightprobe.imaging.photometry import USUAL_MEAN
 from lightprobe.lessons.draw import Draw, beside, upright
 from lightprobe.lessons.generated_lights import generated_light
 from lightprobe.light import prefilter
+from lightprobe.light.environment import Environment
 from lightprobe.light.resize import rotate_light
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import furnace, shade
@@ -29,17 +30,17 @@ class LightPool:
     """Lights for lessons, drawn by number."""
 
     def __init__(
-        self, up: Tensor, teachers: Sequence[Tensor], maps: Sequence[Tensor], resolution: int, seed: int,
+        self, up: Tensor, teachers: Sequence[Environment], maps: Sequence[Environment], resolution: int, seed: int,
         device: torch.device | None = None,
     ):  # fmt: skip
-        """Take the up direction (3,), Phase I's lights and the user's maps, each (6, R, R, 3), any resolution.
+        """Take the up direction (3,), Phase I's lights and the user's maps, of any resolution.
 
         Of every ten lights about five are the user's maps, three generated and two teachers; without maps six and four.
         device: where lights are made, by default the CPU.
         """
         self.device = device or torch.device("cpu")
         self.up = up.cpu()
-        self.teachers, self.maps = ([light.to(self.device) for light in lights] for lights in (teachers, maps))
+        self.teachers, self.maps = ([light.to(self.device).texels for light in lights] for lights in (teachers, maps))
         self.resolution, self.seed = resolution, seed
 
     def light(self, index: int) -> Tensor:

@@ -7,6 +7,7 @@ direction is major + a * along + b * down, not normalised. Directions point from
 
 import functools
 import itertools
+import math
 
 import torch
 from torch import Tensor
@@ -78,6 +79,13 @@ def exact_directions(resolution: int, device: torch.device | str = "cpu") -> Ten
 def solid_angles(resolution: int, device: torch.device | str = "cpu") -> Tensor:
     """Return the exact solid angles (6, R, R) float32 of the texels in steradians; they sum to 4 pi."""
     return exact_solid_angles(resolution, device).float()
+
+
+def sphere_mean(values: Tensor) -> Tensor:
+    """Return the mean over the sphere () of a cubemap (6, R, R), or (C,) of one (6, R, R, C)."""
+    angle = solid_angles(values.shape[1], values.device)
+    weighted = values * (angle if values.ndim == 3 else angle[..., None])
+    return weighted.sum((0, 1, 2)) / (4 * math.pi)
 
 
 def exact_solid_angles(resolution: int, device: torch.device | str = "cpu") -> Tensor:

@@ -157,14 +157,14 @@ class Prefilter:
 
     def adjoint(self, levels: Tensor) -> Tensor:
         """Return the transpose of `apply`, (6, R, R, 3), on levels (T, 3); no gradient of its own."""
-        return self.spread(levels, self.lobes, self.first_block)
+        return self.expand(levels, self.lobes, self.first_block)
 
     def averages(self, env: Tensor, lobes: SparseOperator | ChosenRows) -> Tensor:
         """Return what `lobes`, all or some, see of env (6, R, R, 3), and below it the blocks."""
         texels = env.reshape(-1, 3)
         return torch.cat([lobes.apply(self.nodes.apply(texels)), self.blocks.apply(texels)])
 
-    def spread(self, levels: Tensor, lobes: SparseOperator | ChosenRows, first_block: int) -> Tensor:
+    def expand(self, levels: Tensor, lobes: SparseOperator | ChosenRows, first_block: int) -> Tensor:
         """Return the transpose of `averages`, (6, R, R, 3), on `levels` whose blocks start at `first_block`."""
         gradient = self.nodes.adjoint(lobes.adjoint(levels[:first_block]))
         gradient += self.blocks.adjoint(levels[first_block:])
@@ -221,7 +221,7 @@ class PrefilterPart:
 
     def adjoint(self, levels: Tensor) -> Tensor:
         """Return the transpose of `apply`, (6, R, R, 3), on (K + 384, 3)."""
-        return self.prefilter.spread(levels, self._lobes, self.first_block)
+        return self.prefilter.expand(levels, self._lobes, self.first_block)
 
 
 @functools.lru_cache(maxsize=8)

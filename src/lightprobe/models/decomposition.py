@@ -7,10 +7,11 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.config_distill import LIGHT_RESOLUTIONS
+from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import REMAKE, RunFolder
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
+from lightprobe.light.environment import Environment
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
@@ -23,13 +24,13 @@ class Decomposition:
     """A textured mesh, the light of every training photo, and the way back to the user's frame."""
 
     asset: Asset
-    lights: dict[str, Tensor]  # photo name -> (6, R, R, 3) linear radiance
+    lights: dict[str, Environment]  # of every training photo, by name
     similarity: Similarity
 
     def save(self, run: RunFolder) -> None:
         """Write the asset and the lights; the asset comes last and marks Phase I as finished."""
         names = sorted(self.lights)
-        save_tensors(_lights_file(run), {name: self.lights[name] for name in names})
+        save_tensors(_lights_file(run), {name: self.lights[name].texels for name in names})
         self.asset.save(run.asset_file)
 
     @staticmethod
@@ -44,7 +45,9 @@ class Decomposition:
         record = read_record(run)
         lights = _load_lights(_lights_file(run), set(record.cameras["train"]))
         asset = Asset.load(run.asset_file).to(device)
-        return Decomposition(asset, {name: light.to(device) for name, light in lights.items()}, record.similarity)
+        return Decomposition(
+            asset, {name: Environment(light).to(device) for name, light in lights.items()}, record.similarity
+        )
 
 
 def _load_lights(path: Path, photos: set[str]) -> dict[str, Tensor]:

@@ -18,7 +18,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from lightprobe.core.config_distill import NetworkForm
+from lightprobe.core.config.distillation import NetworkForm
 from lightprobe.core.device import generator
 from lightprobe.models.probe_pixels import ProbePixels
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from lightprobe import kernels
-from lightprobe.core.config_distill import AlphaRule, TotalDistribution
+from lightprobe.core.config.distillation import AlphaRule, TotalDistribution
 from lightprobe.light.culled_stacking import stack_on_cubemap
 from lightprobe.models.probe_pixels import ProbePixels
 

@@ -19,7 +19,7 @@ import math
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_distill import AlphaRule
+from lightprobe.core.config.distillation import AlphaRule
 from lightprobe.imaging.photometry import luma, relative_tone_weight
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS
@@ -35,7 +35,7 @@ BLACK = 0.02  # e, relative to the light level
 SOLVED_PIXELS = 1024
 
 
-def evidence(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> Tensor:
+def coarse_lights(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> Tensor:
     """Return the coarse lights (2, 384, 3) that explain the pixels' colours (P, 3), relative to the light level."""
     weight = relative_tone_weight(color, light_level)[:, None].expand_as(color)
     return transport.solve(color, weight, light_level, STRENGTHS) / light_level
@@ -47,7 +47,7 @@ def probe_maps(
 ) -> Tensor:  # fmt: skip
     """Return the maps (19, 6, 16, 16) of N sampled pixels; no gradient.
 
-    colors (N, 3): the illumination MLP's; clipped (N, 3) bool; solved (2, 384, 3): from `evidence`; up (3,) unit.
+    colors (N, 3): the illumination MLP's; clipped (N, 3) bool; solved (2, 384, 3): from `coarse_lights`; up (3,) unit.
     """
     directions = cubemap.directions(RESOLUTION, colors.device)
     flat = directions.reshape(-1, 3)

@@ -8,11 +8,12 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.config_distill import DistillConfig
+from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RETRAIN
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, read_object, remedied, rules_like
+from lightprobe.light.environment import Environment
 from lightprobe.models.illumination_mlp import IlluminationMlp
 from lightprobe.models.probe_maps import CHANNELS
 from lightprobe.models.sphere_net import SphereNet
@@ -33,12 +34,12 @@ Network = TypeVar("Network", bound=nn.Module)
 class ProbeModel:
     """A trained light predictor for one object.
 
-    `mean_light` is the mean light (6, R, R, 3) of all lessons relative to each one's light level: what the light
+    `mean_light` is the mean light of all lessons relative to each one's light level: what the light
     usually is in directions that a photo says nothing about.
     """
 
     network: IlluminationMlp
-    mean_light: Tensor
+    mean_light: Environment
     up: Tensor  # (3,) unit: which way is up for most of the training cameras
     config: DistillConfig
     sphere: SphereNet | None = None  # None: trained without it (`sphere_steps` of 0)
@@ -51,7 +52,7 @@ class ProbeModel:
     def save(self, folder: Path) -> None:
         """Write `folder`/illumination_mlp.safetensors, sphere_net.safetensors if there is one, and config.json."""
         tensors = {f"{_MLP}{name}": value for name, value in self.network.state_dict().items()}
-        save_tensors(Path(folder) / _WEIGHTS, tensors | {_PRIOR: self.mean_light, _UP: self.up})
+        save_tensors(Path(folder) / _WEIGHTS, tensors | {_PRIOR: self.mean_light.texels, _UP: self.up})
         if self.sphere is not None:
             save_tensors(Path(folder) / _SPHERE, self.sphere.state_dict())
         write_json(Path(folder) / _CONFIG, asdict(self.config))
@@ -72,7 +73,9 @@ class ProbeModel:
         fixed = {_PRIOR: TensorRule((6, side, side, 3), low=0), _UP: TensorRule((3,), low=-1.001, high=1.001)}
         check_tensors(tensors, fixed, folder / _WEIGHTS, RETRAIN)
         network = _load_network(folder / _WEIGHTS, tensors, config)
-        return ProbeModel(network, tensors[_PRIOR], tensors[_UP], config, _load_sphere(folder / _SPHERE, config))
+        return ProbeModel(
+            network, Environment(tensors[_PRIOR]), tensors[_UP], config, _load_sphere(folder / _SPHERE, config)
+        )
 
 
 def _load_config(path: Path) -> DistillConfig:

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import generator, sent
+from lightprobe.core.device import generator, to_device
 
 _LEAST_WEIGHT = 1e-3  # keeps perfectly rough pixels in the draw, so that a wholly matte object still has probes
 
@@ -26,4 +26,4 @@ def sample_pixels(roughness: Tensor, count: int, *, seed: int, stream: str, step
     weight = (1 - roughness.detach()).clamp_min(_LEAST_WEIGHT).double()
     uniform = torch.rand(len(weight), dtype=torch.float64, generator=generator(seed, stream, step))
     gumbel = -torch.log(-torch.log(uniform.clamp(1e-300, 1 - 1e-16)))
-    return torch.topk(weight.log() + sent(gumbel, roughness.device), count, sorted=True).indices
+    return torch.topk(weight.log() + to_device(gumbel, roughness.device), count, sorted=True).indices

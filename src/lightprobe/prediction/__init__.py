@@ -1,6 +1,6 @@
 """One photo, camera and mask in, an environment map with a confidence for every direction out."""
 
-from lightprobe.core.config_predict import Method, PredictConfig
+from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.prediction.prediction import Prediction, check_names
 from lightprobe.prediction.predictor import Predictor, methods_for, recorded_config
 from lightprobe.prediction.verdict import Status, Verdict

@@ -30,7 +30,7 @@ from lightprobe.prediction.observation import Observation
 from lightprobe.render.transport import Transport
 
 _RESOLUTION = 16  # texels along a cubemap edge of the transport looked at
-_SURROUNDINGS = 8  # the same of the blurred map that detail is measured against
+_BLURRED = 8  # the same of the blurred map that detail is measured against
 _PIXELS = 2048
 _PROBES = 4  # random sign vectors; three channels each
 _FLOOR = 0.02  # of the mean radiance: darker is all alike
@@ -81,9 +81,9 @@ def error_causes(observation: Observation, environment: Tensor, seed: int) -> di
     if float(floor) <= 0:  # a black map: nothing stands out
         return causes | {name: torch.zeros_like(radiance) for name in CAUSES[2:]}
     folds = torch.log(radiance + floor)
-    around = magnify_light(resize_light(environment, min(_SURROUNDINGS, resolution)), resolution).mean(-1)
+    smooth = magnify_light(resize_light(environment, min(_BLURRED, resolution)), resolution).mean(-1)
     above = folds - _mean(folds)
-    detail = (folds - torch.log(around + floor)).abs()
+    detail = (folds - torch.log(smooth + floor)).abs()
     return causes | {"bright": above.clamp(min=0), "dark": (-above).clamp(min=0), "rough": detail}
 
 

@@ -14,14 +14,13 @@ and the broad one, which all pixels have a say in, is damped less: few steps wou
 wants it.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from lightprobe.core.config.prediction import OptimizeConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.core.errors import ConfigError
 from lightprobe.imaging.photometry import exposure_unit, one_sided_residual, tone_map
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
@@ -34,40 +33,6 @@ from lightprobe.training.descent import Descent, cosine
 _REFINED_RESOLUTION = 32
 _BROAD = 2  # texels along each edge
 _DARK = 1e-4  # relative to the light level
-
-
-@dataclass(frozen=True)
-class OptimizeConfig:
-    """Cost and steps of the optimisation."""
-
-    iterations: int = 1500
-    """Adam steps, each on all pixels."""
-    learning_rate: float = 0.05
-    """Adam step in log radiance at the start; it falls to nothing along a cosine."""
-    smooth_learning_rate: float = 0.0
-    """The same of the smooth and the broad part of the change, on 6 x 8 x 8 and 6 x 2 x 2 texels."""
-    damping: float = 0.0
-    """How large a gradient, relative to the usual one, makes half a step."""
-    broad_damping: float = 0.0
-    """The same of the broad part."""
-    pixels: int = 12_288
-    """Pixels the light is fitted to."""
-    grey: float = 0.005
-    """Weight of the mean deviation of the light from grey."""
-
-    def __post_init__(self) -> None:
-        """Refuse values no optimisation could use."""
-        if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0:
-            raise ConfigError("An optimisation needs iterations and pixels of at least 1 and a positive step.")
-        if min(self.smooth_learning_rate, self.damping, self.broad_damping, self.grey) < 0:
-            raise ConfigError("An optimisation needs weights of at least 0.")
-
-
-def brief() -> OptimizeConfig:
-    """Return a fraction of a second of it, for where a network has gone most of the way."""
-    return OptimizeConfig(
-        iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, broad_damping=0.1, pixels=3072
-    )  # fmt: skip
 
 
 class _Render(torch.autograd.Function):

@@ -7,7 +7,8 @@ from torch import Tensor
 
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.imaging import write_exr
-from lightprobe.light.files import check_map_name, panorama, write_map
+from lightprobe.light.environment import Environment
+from lightprobe.light.files import check_map_name, panorama
 from lightprobe.prediction.verdict import Verdict
 
 
@@ -15,14 +16,15 @@ from lightprobe.prediction.verdict import Verdict
 class Prediction:
     """The light around the object in one photo, in the input frame's axes and the photo's exposure."""
 
-    environment: Tensor  # (6, R, R, 3) linear radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
-    confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `predict.confidence`
+    environment: Environment
+    confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `prediction.confidence`
     seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
     verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
 
     def __post_init__(self) -> None:
         """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no further."""
-        finite = self.environment.isfinite().all() & (self.environment >= 0).all() & self.confidence.isfinite().all()
+        light = self.environment.texels
+        finite = light.isfinite().all() & (light >= 0).all() & self.confidence.isfinite().all()
         if not finite:
             raise ConvergenceError(
                 "The predicted light came out negative, infinite or NaN: check the photo, its camera and mask, try "
@@ -36,7 +38,7 @@ class Prediction:
         """
         path, confidence = Path(path), None if confidence is None else Path(confidence)
         check_names(path, confidence)
-        write_map(path, panorama(self.environment))
+        self.environment.save(path)
         if confidence is not None:
             self.save_confidence(confidence)
 

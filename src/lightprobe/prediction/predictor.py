@@ -15,18 +15,19 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_predict import Method, PredictConfig
+from lightprobe.core.config.prediction import Method, OptimizeConfig, PredictConfig, SolveConfig, refinement
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
+from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.probe_model import ProbeModel
 from lightprobe.prediction.confidence import confidence
 from lightprobe.prediction.observation import Observation, observe
-from lightprobe.prediction.optimize import OptimizeConfig, brief, optimize_environment, refine_environment
+from lightprobe.prediction.optimize import optimize_environment, refine_environment
 from lightprobe.prediction.prediction import Prediction
-from lightprobe.prediction.prior import calmed, constant_light, network_light, sampled_probes, stacked_light
-from lightprobe.prediction.solve import SolveConfig, solve_environment
+from lightprobe.prediction.prior import constant_light, desaturated, network_light, sampled_probes, stacked_light
+from lightprobe.prediction.solve import solve_environment
 from lightprobe.prediction.verdict import Status, judge
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
@@ -61,8 +62,8 @@ class Predictor:
         device: torch.device | None = None,
         *,
         config: PredictConfig | None = None,
-        solve: SolveConfig | None = None,
-        optimize: OptimizeConfig | None = None,
+        solve_config: SolveConfig | None = None,
+        optimize_config: OptimizeConfig | None = None,
         seed: int = 0,
     ):
         """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset `quick`."""
@@ -70,9 +71,9 @@ class Predictor:
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         self.model = None if model is None else model.to(self.device)
         self.config = config or PredictConfig()
-        self.solve = solve or SolveConfig()
-        self.optimize = optimize or OptimizeConfig()
-        self.refine = brief()
+        self.solve_config = solve_config or SolveConfig()
+        self.optimize_config = optimize_config or OptimizeConfig()
+        self.refine_config = refinement()
         self.seed = seed
 
     @staticmethod
@@ -111,13 +112,13 @@ class Predictor:
             verdict = judge(observation, self.seed)
         if refuse and verdict.status is Status.REFUSED:
             raise InputError(" ".join(verdict.sentences))
-        environment = _PRIORS[method](self, observation, chosen, clock)
+        light = _PRIORS[method](self, observation, chosen, clock)
         if method in _FITTED:
             with clock.part("solve"):
-                environment = _FITTED[method](self, observation, environment)
+                light = _FITTED[method](self, observation, light)
         with clock.part("confidence"):
-            trust = confidence(observation, environment, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
-        return Prediction(environment, trust, clock.finish(), verdict)
+            trust = confidence(observation, light, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+        return Prediction(Environment(light), trust, clock.finish(), verdict)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return constant_light(observation, self.config.light_resolution)
@@ -134,17 +135,17 @@ class Predictor:
         with clock.part("network"):
             return network_light(model, observation, probes, chosen, self.config.light_resolution, self.seed)
 
-    def _calmed_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
-        return calmed(self._network(observation, chosen, clock), observation.light_level)
+    def _desaturated_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
+        return desaturated(self._network(observation, chosen, clock), observation.light_level)
 
     def _solved(self, observation: Observation, prior: Tensor) -> Tensor:
-        return solve_environment(observation, prior, self.solve, self.seed)
+        return solve_environment(observation, prior, self.solve_config, self.seed)
 
     def _optimized(self, observation: Observation, prior: Tensor) -> Tensor:
-        return optimize_environment(observation, prior, self.optimize, self.seed)
+        return optimize_environment(observation, prior, self.optimize_config, self.seed)
 
     def _refined(self, observation: Observation, prior: Tensor) -> Tensor:
-        return refine_environment(observation, prior, self.refine, self.seed)
+        return refine_environment(observation, prior, self.refine_config, self.seed)
 
     def _trained(self) -> ProbeModel:
         if self.model is None:
@@ -159,8 +160,8 @@ _PRIORS = {
     Method.PROBE_MLP: Predictor._stacked,
     Method.PROBE_MLP_SOLVE: Predictor._stacked,
     Method.PROBE_NET: Predictor._network,
-    Method.PROBE_NET_SOLVE: Predictor._calmed_network,
-    Method.PROBE_NET_OPTIMIZE: Predictor._calmed_network,
+    Method.PROBE_NET_SOLVE: Predictor._desaturated_network,
+    Method.PROBE_NET_OPTIMIZE: Predictor._desaturated_network,
 }
 _FITTED = {
     Method.SOLVE: Predictor._solved,

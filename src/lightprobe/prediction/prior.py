@@ -9,13 +9,13 @@ import math
 import torch
 from torch import Tensor
 
-from lightprobe.core.config_predict import PredictConfig
+from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
-from lightprobe.light.resize import magnify_light, resize_light
+from lightprobe.light.resize import magnify_light
 from lightprobe.models.probe_distribution import stack_everywhere
-from lightprobe.models.probe_maps import SOLVED_PIXELS, evidence, probe_maps
+from lightprobe.models.probe_maps import SOLVED_PIXELS, coarse_lights, probe_maps
 from lightprobe.models.probe_model import ProbeModel
 from lightprobe.models.probe_pixels import ProbePixels
 from lightprobe.models.sampling import sample_pixels
@@ -25,7 +25,7 @@ from lightprobe.render.coarse_transport import CoarseTransport
 
 _TURNS = 6  # of the maps that the network answers; the mean of 24 is no better
 _HUE_KEPT = 0.25
-_CALM_DARK = 0.01  # relative to the light level: darker has no hue
+_HUE_DARK = 0.01  # relative to the light level: darker has no hue
 
 
 def sampled_probes(observation: Observation, share: float, seed: int) -> Tensor:
@@ -50,8 +50,8 @@ def stacked_light(
     stacked, weight = stack_everywhere(probes, colors, config.light_resolution, model.config.alpha_rule)
     if config.unseen_share == 0:
         return stacked
-    usual = light_level * resize_light(model.mean_light, config.light_resolution)
-    share = (config.unseen_share * _sphere_mean(weight)).clamp_min(1e-12)
+    usual = light_level * model.mean_light.resized(config.light_resolution).texels
+    share = (config.unseen_share * cubemap.sphere_mean(weight)).clamp_min(1e-12)
     seen = weight[..., None]
     return (seen * stacked + share * usual) / (seen + share)
 
@@ -71,7 +71,7 @@ def network_light(
     every = torch.arange(len(seen), device=chosen.device)
     some = draw_rows(every, SOLVED_PIXELS, generator(seed, "subset/coarse-light"))
     transport = CoarseTransport.of(observation.gbuffer.select(observation.rows[some]))
-    solved = evidence(transport, seen.color[some], level)
+    solved = coarse_lights(transport, seen.color[some], level)
     colors = model.network(probes, level)
     clipped = observation.clipped[chosen]
     maps = probe_maps(probes, colors, clipped, level, solved, model.up, model.config.alpha_rule)
@@ -80,21 +80,16 @@ def network_light(
     return light_of(log_light.permute(3, 0, 1, 2), level)
 
 
-def calmed(light: Tensor, light_level: Tensor) -> Tensor:
+def desaturated(light: Tensor, light_level: Tensor) -> Tensor:
     """Return a map (6, R, R, 3) whose hues keep a quarter of their distance from the mean one, at the same brightness.
 
     Which directions are bright, a network knows better than of what colour each is: lights are mostly greyer than the
     surfaces they are read from. What the photo says about colour, a fit adds.
     """
-    dark = _CALM_DARK * light_level
+    dark = _HUE_DARK * light_level
     log = (light + dark).log()
     brightness = log.mean(-1, keepdim=True)
     hue = log - brightness
     weight = brightness.exp() * cubemap.solid_angles(light.shape[1], light.device)[..., None]
     mean = (hue * weight).sum((0, 1, 2)) / weight.sum()
     return ((brightness + mean + _HUE_KEPT * (hue - mean)).exp() - dark).clamp(min=0)
-
-
-def _sphere_mean(weight: Tensor) -> Tensor:
-    angle = cubemap.solid_angles(weight.shape[1], weight.device)
-    return (weight * angle).sum() / (4 * math.pi)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from lightprobe.core.config.prediction import SolveConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.imaging.photometry import beyond_clipping, one_sided_residual, relative_tone_weight
 from lightprobe.light import cubemap
@@ -40,19 +41,7 @@ _LARGEST_FACTOR = 10.0
 
 
 @dataclass(frozen=True)
-class SolveConfig:
-    """Cost of a solve."""
-
-    pixels: int = 3072
-    """Pixels the factor is solved from."""
-    fitted_pixels: int = 1536
-    """The same while its strength is chosen."""
-    judging_pixels: int = 768
-    """Held-out pixels that choose it."""
-
-
-@dataclass(frozen=True)
-class Evidence:
+class FitPixels:
     """Some pixels of an observation."""
 
     rows: Tensor  # (K,) rows of the observation's G-buffer
@@ -61,12 +50,12 @@ class Evidence:
     clipped: Tensor  # (K, 3) bool
 
     @staticmethod
-    def of(observation: Observation, candidates: Tensor, count: int, seed: int, name: str) -> "Evidence":
+    def of(observation: Observation, candidates: Tensor, count: int, seed: int, name: str) -> "FitPixels":
         """Return at most `count` of the trusted pixels `candidates` (N,) int64, chosen at random."""
         chosen = draw_rows(candidates, count, generator(seed, f"solve-{name}")).to(observation.rows.device)
         color = observation.pixels.color[chosen]
         weight = relative_tone_weight(color, observation.light_level)
-        return Evidence(observation.rows[chosen], color, weight, observation.clipped[chosen])
+        return FitPixels(observation.rows[chosen], color, weight, observation.clipped[chosen])
 
     def residual(self, render: Tensor) -> Tensor:
         """Return render - observed (K, 3), zero where a clipped pixel is rendered brighter."""
@@ -75,27 +64,27 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Correction:
-    """Evidence as a linear system for the factor on a coarse prior, (384, 3)."""
+    """FitPixels as a linear system for the factor on a coarse prior, (384, 3)."""
 
-    evidence: Evidence
+    pixels: FitPixels
     transport: Transport  # of the full light
     matrix: Tensor  # (3, K, 384): change of the pixels per change of the factor
     render: Tensor  # (K, 3) the pixels under the prior
 
     @staticmethod
-    def of(observation: Observation, evidence: Evidence, prior: Tensor) -> "Correction":
+    def of(observation: Observation, pixels: FitPixels, prior: Tensor) -> "Correction":
         """Return the system around `prior` (6, R, R, 3)."""
         operator = prefilters.cached(prior.shape[1], prior.device)
-        transport = Transport(observation.gbuffer, operator, evidence.rows)
+        transport = Transport(observation.gbuffer, operator, pixels.rows)
         coarse = resize_light(prior, BLOCKS).reshape(TEXELS, 3) + _DARK * observation.light_level
-        matrix = CoarseTransport.of(observation.gbuffer.select(evidence.rows)).matrix * coarse.T[:, None, :]
-        return Correction(evidence, transport, matrix, transport.apply(prior))
+        matrix = CoarseTransport.of(observation.gbuffer.select(pixels.rows)).matrix * coarse.T[:, None, :]
+        return Correction(pixels, transport, matrix, transport.apply(prior))
 
     def solve(self, strengths: tuple[float, ...]) -> list[Tensor]:
         """Return g + e (384, 3) for every strength."""
-        missing = -self.evidence.residual(self.render)
-        hidden = self.evidence.clipped & (missing == 0)
-        weight = torch.where(hidden, 0.0, self.evidence.weight[:, None])
+        missing = -self.pixels.residual(self.render)
+        hidden = self.pixels.clipped & (missing == 0)
+        weight = torch.where(hidden, 0.0, self.pixels.weight[:, None])
         weight = (weight / weight.sum().clamp(min=1e-12)).T[..., None]  # (3, K, 1)
         angle = cubemap.solid_angles(BLOCKS, weight.device).reshape(-1) / (4 * math.pi)
         normal = (weight * self.matrix).transpose(1, 2) @ self.matrix  # (3, 384, 384)
@@ -112,22 +101,22 @@ class Correction:
     def brightness(self, light: Tensor) -> Tensor:
         """Return the factors (3,) that bring `light` (6, R, R, 3) closest to the photo."""
         render = self.transport.apply(light)
-        weight = self.evidence.weight[:, None] * ~beyond_clipping(render, self.evidence.observed, self.evidence.clipped)
+        weight = self.pixels.weight[:, None] * ~beyond_clipping(render, self.pixels.observed, self.pixels.clipped)
         explained = (weight * render.square()).sum(0)
-        return torch.where(explained > 0, (weight * render * self.evidence.observed).sum(0) / explained, 1.0)
+        return torch.where(explained > 0, (weight * render * self.pixels.observed).sum(0) / explained, 1.0)
 
     def error(self, change: Tensor) -> float:
         """Return the weighted mean squared error of the pixels with the factor 1 + `change` (384, 3)."""
         render = self.render + torch.einsum("cpk,kc->pc", self.matrix, change)
-        squared = self.evidence.residual(render).square()
-        return float((self.evidence.weight[:, None] * squared).sum() / self.evidence.weight.sum())
+        squared = self.pixels.residual(render).square()
+        return float((self.pixels.weight[:, None] * squared).sum() / self.pixels.weight.sum())
 
 
 def solve_environment(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> Tensor:
     """Return the light (6, R, R, 3) >= 0 that explains the photo while staying near `prior` where it says little."""
 
     def system(candidates: Tensor, count: int, name: str) -> Correction:
-        return Correction.of(observation, Evidence.of(observation, candidates, count, seed, name), prior)
+        return Correction.of(observation, FitPixels.of(observation, candidates, count, seed, name), prior)
 
     fitted, held_out = _tile_split(observation, seed)
     every = system(torch.arange(len(observation.rows)), config.pixels, "all")

@@ -13,14 +13,16 @@ from lightprobe.geometry.mesh import Mesh, clean, crease_normals, decimate, uv_t
 from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.material.textures import Textures
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.render.asset import Asset, textured_surroundings, uv_handedness
+from lightprobe.render.asset import Asset, textured_visibility, uv_handedness
 
 
 def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tell: Callable[[str], None]) -> Asset:
     """Return the model's surface and materials as a textured mesh; `tell` hears of what went otherwise than usual."""
     vertices, faces = clean(*model.extract())
     if len(faces) == 0:
-        raise ConvergenceError("The reconstructed surface is only crumbs; check masks and cameras with `inspect`.")
+        raise ConvergenceError(
+            "The reconstructed surface is only small pieces; check masks and cameras with `inspect`."
+        )
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
     mesh, size = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds)
     if size > config.texture_size:
@@ -28,7 +30,7 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tel
     mesh = mesh.to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
     textures = bake_textures(model, mesh, size)
-    return Asset(mesh, textures, textured_surroundings(mesh, textures.flat()) if config.shadows else None)
+    return Asset(mesh, textures, textured_visibility(mesh, textures.flat()) if config.shadows else None)
 
 
 @torch.no_grad()

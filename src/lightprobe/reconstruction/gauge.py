@@ -35,7 +35,7 @@ _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice
 
 
-def spread(targets: list[Target], count: int = _PHOTOS) -> list[Target]:
+def evenly_spaced(targets: list[Target], count: int = _PHOTOS) -> list[Target]:
     """Return `count` photos spread evenly over the list, all where there are fewer."""
     count = min(count, len(targets))
     return [targets[int((k + 0.5) * len(targets) / count)] for k in range(count)]
@@ -72,8 +72,8 @@ def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float, confi
 
 def brightened(pixels: GBuffer, factor: float) -> GBuffer:
     """Return the pixels with base colours times `factor`, at most 1, also of what they see of the object."""
-    around = None if pixels.openness is None else pixels.openness.brightened(factor)
-    return replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1), openness=around)
+    visibility = None if pixels.visibility is None else pixels.visibility.brightened(factor)
+    return replace(pixels, base_color=(pixels.base_color * factor).clamp(max=1), visibility=visibility)
 
 
 def _least(below: float, here: float, above: float) -> float:

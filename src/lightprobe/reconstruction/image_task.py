@@ -9,10 +9,10 @@ from torch import Tensor
 
 from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig, ImageLoss
-from lightprobe.core.device import generator, sent
+from lightprobe.core.device import generator, to_device
 from lightprobe.reconstruction.frame_loss import frame_loss
-from lightprobe.reconstruction.gauge import CHOICES, TRIALS_AT, choose_brightness, spread
-from lightprobe.reconstruction.lattice_model import LatticeModel, Seen
+from lightprobe.reconstruction.gauge import CHOICES, TRIALS_AT, choose_brightness, evenly_spaced
+from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
 from lightprobe.reconstruction.material_trials import PHOTOS, Sample, best_trial
@@ -40,13 +40,13 @@ class Model(Protocol):
     def chosen(self) -> dict[str, Tensor]:
         """Return what is chosen and not trained, by name."""
 
-    def see(self, view: View, step: int, progress: float) -> Seen:
+    def rasterise(self, view: View, step: int, progress: float) -> RasterisedView:
         """Return what a camera sees, and the regularisation loss."""
 
-    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+    def gbuffers(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
         """Yield the G-buffers of the present surface in several views, without gradient."""
 
-    def renew(self) -> None:
+    def update_visibility(self) -> None:
         """Update what follows the surface only now and then: its shadows, and the colours it sees around it."""
 
     def brighten(self, factor: float) -> None:
@@ -91,7 +91,7 @@ class ImageTask:
 
     def refresh(self, iteration: int, fraction: float) -> None:
         """Renew the shadows; early on also choose the base colours' brightness, its product with each light kept."""
-        self.model.renew()
+        self.model.update_visibility()
         step = self.stage.first_step + iteration
         late = step > CHOICES * self.config.checkpoint_every
         if iteration == 0 or late or self.config.brightness_anchor == 0:
@@ -99,8 +99,8 @@ class ImageTask:
         due = self.config.trial_steps > 0 and iteration == TRIALS_AT * self.config.checkpoint_every
         if due and isinstance(self.model, LatticeModel):
             self._try_materials(self.model, fraction)
-        chosen = spread(self.targets)
-        shown = zip(chosen, self.model.look([target.view for target in chosen], fraction), strict=True)
+        chosen = evenly_spaced(self.targets)
+        shown = zip(chosen, self.model.gbuffers([target.view for target in chosen], fraction), strict=True)
         mean = float(self.model.mean_color)
         factor = choose_brightness(shown, self.lights, self.config, step, mean)
         self.model.brighten(factor)
@@ -108,8 +108,8 @@ class ImageTask:
 
     def _try_materials(self, model: LatticeModel, fraction: float) -> None:
         """Give the model the material of another brightness where that explains the photos better."""
-        chosen, mean = spread(self.targets, PHOTOS), float(model.mean_color)
-        shown = zip(chosen, model.look([target.view for target in chosen], fraction), strict=True)
+        chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
+        shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
         samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
         best = best_trial(samples, self.lights, mean, self.config, self.seed)
         if best is None:
@@ -119,7 +119,7 @@ class ImageTask:
         for name, light in trial.lights.items():
             self.lights.replace(name, light)
         model.material.take_over(trial.material)
-        model.renew()
+        model.update_visibility()
         model.brighten(factor)
         self.lights.dim(factor)
 
@@ -135,18 +135,18 @@ class ImageTask:
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the loss () of one photo: image, coverage, light and model regularisation."""
         target, step = self.target(iteration), self.stage.first_step + iteration
-        seen = self.model.see(target.view, step, fraction)
+        seen = self.model.rasterise(target.view, step, fraction)
         levels, light_loss = self.lights.levels(target, seen.gbuffer, step)
         radiance = shade(seen.gbuffer, self.lights.prefilter, levels)
         return self.compare(target, seen, radiance, step) + light_loss
 
-    def compare(self, target: Target, seen: Seen, radiance: Tensor, step: int) -> Tensor:
+    def compare(self, target: Target, seen: RasterisedView, radiance: Tensor, step: int) -> Tensor:
         """Return the loss of a photo shaded to `radiance` (K, 3), all but the light's own."""
         pixel, view = seen.gbuffer.pixel, target.view
         crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, pixel, view)
         cover = coverage(pixel, crossings, view.height * view.width)
         image = spread_color(radiance, pixel, crossings, cover)
-        background = sent(torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device)
+        background = to_device(torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device)
         kind, weight = self.config.image_loss, self.config.coverage_weight
         if kind is ImageLoss.OBJECT:
             loss = image_loss(image, cover, target, background, weight)
@@ -154,7 +154,7 @@ class ImageTask:
             loss = frame_loss(image, cover, target.color, target.alpha, background, weight, kind)
         loss = loss + seen.regularisation
         if self.config.color_gauge > 0:  # the cast takes a look at every light
-            loss = loss + self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.cast())
+            loss = loss + self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.color_cast())
         return loss + self._few_metals(seen.gbuffer, step)
 
     def _few_metals(self, gbuffer: GBuffer, step: int) -> Tensor:
@@ -163,7 +163,7 @@ class ImageTask:
         if weight == 0 or len(gbuffer.pixel) == 0:
             return gbuffer.base_color.new_zeros(())
         random = generator(self.seed, "parsimony", step)
-        rows = sent(torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random), gbuffer.pixel.device)
+        rows = to_device(torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random), gbuffer.pixel.device)
         material = (gbuffer.base_color, gbuffer.roughness, gbuffer.metallic)
         return weight * metal_parsimony(*(channel.index_select(0, rows) for channel in material))
 

@@ -9,13 +9,13 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig, SdfMode
-from lightprobe.core.device import generator, sent
+from lightprobe.core.device import generator, to_device
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
 from lightprobe.reconstruction.coarse_grids import CoarseGrids
 from lightprobe.reconstruction.gauge import START
-from lightprobe.reconstruction.moving_shadows import MovingShadows
+from lightprobe.reconstruction.moving_visibility import MovingVisibility
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.reconstruction.start import Start
 from lightprobe.render.asset import gbuffer_of
@@ -29,7 +29,7 @@ _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gr
 
 
 @dataclass(frozen=True)
-class Seen:
+class RasterisedView:
     """What a model shows to one camera, before shading."""
 
     gbuffer: GBuffer
@@ -69,7 +69,7 @@ class DistanceMlp(nn.Module):
         )
         count = min(_FITTED, len(points))
         for step in range(steps):
-            descent.step(step, sent(torch.randint(0, len(points), (count,), generator=random), points.device))
+            descent.step(step, to_device(torch.randint(0, len(points), (count,), generator=random), points.device))
         descent.end()
 
 
@@ -93,7 +93,7 @@ class LatticeModel(nn.Module):
             self.distance = nn.Parameter(initial)
             self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
-        self.shadows: MovingShadows | None = None
+        self.visibility: MovingVisibility | None = None
         self.material = ScaledMaterial(START, config, device, seed)
 
     def groups(self) -> list[ParameterGroup]:
@@ -145,9 +145,9 @@ class LatticeModel(nn.Module):
     def brighten(self, factor: float) -> None:
         """Multiply all base colours, and the mean they are held at, by `factor`."""
         self.material.brightness.mul_(factor)
-        self.shadows = None if self.shadows is None else self.shadows.brightened(factor)
+        self.visibility = None if self.visibility is None else self.visibility.brightened(factor)
 
-    def see(self, view: View, step: int, progress: float) -> Seen:
+    def rasterise(self, view: View, step: int, progress: float) -> RasterisedView:
         """Return what the camera sees; `progress` in [0, 1] drives the regularisers' schedule."""
         distance = self.distances()
         crossing = Crossing.of(self.lattice, distance)
@@ -159,10 +159,10 @@ class LatticeModel(nn.Module):
         covered = len(gbuffer.position) / (gbuffer.height * gbuffer.width)
         loss = loss + self.material.loss(gbuffer.position, material, step, covered)
         edges = edge_faces(faces, outline_vertices(screen, faces))
-        return Seen(gbuffer, screen, faces, edges, loss)
+        return RasterisedView(gbuffer, screen, faces, edges, loss)
 
     @torch.no_grad()
-    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+    def gbuffers(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
         """Yield the G-buffers of the present surface in several views."""
         vertices, faces = self._present()
         for view in views:
@@ -172,7 +172,7 @@ class LatticeModel(nn.Module):
                ) -> tuple[GBuffer, Tensor]:  # fmt: skip
         """Return the G-buffer of a surface projected to `screen`, and the material (P, 8) of its pixels."""
         surface = visible_surface(vertices, faces, view, screen)
-        openness = None if self.shadows is None else self.shadows.at(vertices, faces, surface)
+        visibility = None if self.visibility is None else self.visibility.at(vertices, faces, surface)
         material = self.material(surface.position)
         normal = surface.interpolate(vertex_normals(vertices, faces), faces)
         # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
@@ -181,18 +181,18 @@ class LatticeModel(nn.Module):
         normal = face_camera(
             torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * share, surface.view
         )
-        return gbuffer_of(surface, view, normal, material, openness), material
+        return gbuffer_of(surface, view, normal, material, visibility), material
 
     def _present(self) -> tuple[Tensor, Tensor]:
         distance = self.distances()
         return self.surface(distance, Crossing.of(self.lattice, distance))
 
     @torch.no_grad()
-    def renew(self) -> None:
+    def update_visibility(self) -> None:
         """Find anew what the present surface sees of itself."""
         if self.config.shadows:
             vertices, faces = self._present()
-            self.shadows = MovingShadows.of(vertices, faces, self.material(vertices)[:, :3])
+            self.visibility = MovingVisibility.of(vertices, faces, self.material(vertices)[:, :3])
 
     def project(self) -> None:
         """Do nothing: every quantity is valid by construction."""

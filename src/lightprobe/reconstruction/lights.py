@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
-from lightprobe.core.device import generator, sent
+from lightprobe.core.device import generator, to_device
 from lightprobe.imaging.photometry import tone_weight
 from lightprobe.light import prefilter as prefilters
 from lightprobe.reconstruction.photos import Target
@@ -58,7 +58,7 @@ class Lights:
         """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""
         inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
         draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
-        return inside[sent(draw[:count], inside.device)]
+        return inside[to_device(draw[:count], inside.device)]
 
     def levels(self, target: Target, gbuffer: GBuffer, step: int) -> tuple[Tensor, Tensor]:
         """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss ()."""
@@ -80,7 +80,7 @@ class Lights:
             return light.new_zeros(())
         return self.config.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
 
-    def cast(self) -> Tensor:
+    def color_cast(self) -> Tensor:
         """Return by how much the lights are brighter in each channel than on the average, (3,), in logarithms."""
         means = torch.stack([light.detach().mean((0, 1, 2)) for light in self.maps]).clamp(min=1e-4).log().mean(0)
         return means - means.mean()

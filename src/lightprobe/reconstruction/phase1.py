@@ -9,6 +9,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, StartShape
 from lightprobe.core.device import full_precision
+from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake
 from lightprobe.reconstruction.image_task import ImageTask
@@ -18,7 +19,7 @@ from lightprobe.reconstruction.photos import Target, load_targets
 from lightprobe.reconstruction.start import BOX, Start, start_from_box, start_from_hull
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
-from lightprobe.reconstruction.validation import explain, validate
+from lightprobe.reconstruction.validation import fit_light, validate
 from lightprobe.render.asset import Asset
 from lightprobe.scene import carved_hull
 from lightprobe.scene.photo import Photo, Scene
@@ -108,7 +109,8 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
         start, resumed = _second_pass(job, fitted, held_out, start, resumed), None
         training.begin(third, start.tensors())
     end = _third_pass(job, fitted, held_out, start, resumed)
-    return Decomposition(end.asset, _final_lights(job, end.asset, _lights(job, fitted, end.lights)), scene.similarity)
+    lights = _final_lights(job, end.asset, _lights(job, fitted, end.lights))
+    return Decomposition(end.asset, {k: Environment(v) for k, v in lights.items()}, scene.similarity)
 
 
 def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
@@ -221,6 +223,6 @@ def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:
         (target,) = job.targets([photo], job.config.pass1_side)
         resolution = job.config.light_resolution if lights.gradient else job.config.teacher_resolution
         start = lights.maps[lights.index[photo.name]] if photo.name in lights.index and not lights.gradient else None
-        final[photo.name] = explain(asset, target, resolution, job.config, job.seed, start)[1]
+        final[photo.name] = fit_light(asset, target, resolution, job.config, job.seed, start)[1]
         job.training.progress.step("lights", len(final), len(job.scene.train), 0.0)
     return final

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig, Smoothed
-from lightprobe.core.device import generator, sent
+from lightprobe.core.device import generator, to_device
 from lightprobe.material.field import START_BASE, MaterialField
 from lightprobe.reconstruction.frame_loss import color_change
 from lightprobe.reconstruction.losses import brightness_anchor, material_prior
@@ -53,8 +53,8 @@ class ScaledMaterial(nn.Module):
         """
         count = min(_NEIGHBOURS, len(position))
         random = generator(self.seed, "jitter", step)
-        rows = sent(torch.randint(0, max(len(position), 1), (count,), generator=random), position.device)
-        jitter = _BESIDE * sent(torch.randn(count, 3, generator=random), position.device)
+        rows = to_device(torch.randint(0, max(len(position), 1), (count,), generator=random), position.device)
+        jitter = _BESIDE * to_device(torch.randn(count, 3, generator=random), position.device)
         here = material.index_select(0, rows)
         there = self(position.detach()[rows] + jitter)
         if self.config.smoothed is Smoothed.BASE_COLOR:

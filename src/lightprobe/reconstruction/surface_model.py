@@ -7,15 +7,15 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig, Smoothed, VertexUnit
-from lightprobe.core.device import generator, sent
+from lightprobe.core.device import generator, to_device
 from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
 from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather
 from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.material.textures import Textures, bilinear_taps
 from lightprobe.reconstruction.frame_loss import color_change
-from lightprobe.reconstruction.lattice_model import Seen
+from lightprobe.reconstruction.lattice_model import RasterisedView
 from lightprobe.reconstruction.losses import brightness_anchor, material_prior, neighbour_difference
-from lightprobe.render.asset import Asset, textured_gbuffer, textured_surroundings
+from lightprobe.render.asset import Asset, textured_gbuffer, textured_visibility
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.training import ParameterGroup
@@ -47,7 +47,7 @@ class SurfaceModel(nn.Module):
         mean = channels[:, :3].mean(0).clamp(min=1e-3).log().mean().exp()
         self.register_buffer("mean_color", mean)
         self.tangents = uv_tangents(asset.mesh)
-        self.around = asset.around
+        self.visibility = asset.visibility
         count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
         self.degree = count.index_add(
             0, self.edges.vertices.reshape(-1), torch.ones_like(count[:1]).expand(2 * len(ends), 1)
@@ -74,7 +74,7 @@ class SurfaceModel(nn.Module):
         vertices = self.start.vertices + self.unit * self.displacement
         return replace(self.start, vertices=vertices)
 
-    def see(self, view: View, step: int, progress: float) -> Seen:
+    def rasterise(self, view: View, step: int, progress: float) -> RasterisedView:
         """Return what the camera sees."""
         mesh, texels = self.mesh(), self.texels()
         screen = view.project(mesh.vertices)
@@ -84,10 +84,10 @@ class SurfaceModel(nn.Module):
         if self.config.smoothed is Smoothed.BASE_COLOR:
             covered = len(gbuffer.pixel) / (view.height * view.width)
             loss = loss + self.config.smoothness * self._color_change(surface, covered, step)
-        return Seen(gbuffer, screen, mesh.faces, self.edges, loss)
+        return RasterisedView(gbuffer, screen, mesh.faces, self.edges, loss)
 
     @torch.no_grad()
-    def look(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
+    def gbuffers(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
         """Yield the G-buffers of the present surface in several views."""
         mesh, texels = self.mesh(), self.texels()
         for view in views:
@@ -95,14 +95,14 @@ class SurfaceModel(nn.Module):
 
     def _shown(self, view: View, mesh: Mesh, texels: Tensor, screen: Tensor) -> tuple[GBuffer, Surface]:
         surface = visible_surface(mesh.vertices, mesh.faces, view, screen)
-        return textured_gbuffer(surface, view, mesh, texels, self.tangents, self.around), surface
+        return textured_gbuffer(surface, view, mesh, texels, self.tangents, self.visibility), surface
 
     def _color_change(self, surface: Surface, covered: float, step: int) -> Tensor:
         """Return how base colours at some visible points differ from those beside them."""
         random = generator(self.seed, "texture-jitter", step)
         count = min(_COMPARED, len(surface.pixel))
-        rows = sent(torch.randint(0, max(len(surface.pixel), 1), (count,), generator=random), self.color.device)
-        jitter = _BESIDE * sent(torch.randn(count, 2, generator=random), self.color.device)
+        rows = to_device(torch.randint(0, max(len(surface.pixel), 1), (count,), generator=random), self.color.device)
+        jitter = _BESIDE * to_device(torch.randn(count, 2, generator=random), self.color.device)
         uv = surface.select(rows).interpolate(self.start.uvs, self.start.uv_faces).detach()
         size = round(len(self.color) ** 0.5)
         here, there = (weighted_gather(self.color, *bilinear_taps(at, size)) for at in (uv, uv + jitter))
@@ -132,10 +132,10 @@ class SurfaceModel(nn.Module):
         return loss
 
     @torch.no_grad()
-    def renew(self) -> None:
+    def update_visibility(self) -> None:
         """Find anew what the present surface sees of itself, if it is not the start's."""
         if self.config.shadows and not self._at_start():
-            self.around = textured_surroundings(self.mesh(), self.texels())
+            self.visibility = textured_visibility(self.mesh(), self.texels())
 
     def _at_start(self) -> bool:
         return torch.equal(self.color, self.start_color) and not bool(self.displacement.any())
@@ -145,7 +145,7 @@ class SurfaceModel(nn.Module):
         """Multiply all base colours, and the mean they are held at, by `factor`."""
         self.color.mul_(factor)
         self.mean_color.mul_(factor)
-        self.around = None if self.around is None else self.around.brightened(factor)
+        self.visibility = None if self.visibility is None else self.visibility.brightened(factor)
         self.project()
 
     @torch.no_grad()
@@ -160,5 +160,5 @@ class SurfaceModel(nn.Module):
     @torch.no_grad()
     def asset(self) -> Asset:
         """Return the present state as an asset, normals of unit length."""
-        self.renew()
-        return Asset(self.mesh(), Textures.of_bent(self.texels()), self.around)
+        self.update_visibility()
+        return Asset(self.mesh(), Textures.of_bent(self.texels()), self.visibility)

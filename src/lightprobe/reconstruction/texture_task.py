@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.device import draw_rows, generator, sent
+from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.imaging.photometry import displayed_error
 from lightprobe.kernels import weighted_gather
 from lightprobe.material.textures import bilinear_taps
@@ -23,9 +23,9 @@ from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import Openness
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import Surface, View, visible_surface
+from lightprobe.render.visibility import PointVisibility
 from lightprobe.training import ParameterGroup, Stage
 from lightprobe.training.loop import visited
 
@@ -127,10 +127,10 @@ class TextureTask:
         angle = 2 * math.pi * torch.rand(
             sum(len(photo.color) for photo in seen), generator=generator(self._seed, "texture-smoothness", step)
         )  # fmt: skip
-        beside = sent(torch.stack([angle.cos(), angle.sin()], 1), seen[0].color.device)
+        beside = to_device(torch.stack([angle.cos(), angle.sin()], 1), seen[0].color.device)
         cost = torch.stack([self.lights.regularisation(row) for row in rows]).mean()
         photos = (tensor for photo in seen for tensor in photo.tensors())
-        return *photos, beside, torch.stack(levels), cost, self.lights.cast()
+        return *photos, beside, torch.stack(levels), cost, self.lights.color_cast()
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the mean image loss () of the photos `given`, and what their materials cost."""
@@ -187,7 +187,11 @@ class TextureTask:
 
     def _gbuffer(self, surface: Surface, material: Tensor) -> GBuffer:
         normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])
-        around = self.model.around
-        openness = None if around is None else Openness.of(around, self._mesh.faces, surface.face, surface.barycentric)
+        vertices = self.model.visibility
+        visibility = (
+            None
+            if vertices is None
+            else PointVisibility.of(vertices, self._mesh.faces, surface.face, surface.barycentric)
+        )
         view = self._photos[0].view  # for its size, which no shading asks for
-        return gbuffer_of(surface, view, normal, material, openness)
+        return gbuffer_of(surface, view, normal, material, visibility)

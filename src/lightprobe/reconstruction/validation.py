@@ -20,7 +20,7 @@ _ROUNDS = 3  # solves from scratch, each pulled towards the mean of the one befo
 
 
 @torch.no_grad()
-def explain(
+def fit_light(
     asset: Asset, target: Target, resolution: int, config: DecomposeConfig, seed: int, start: Tensor | None = None
 ) -> tuple[GBuffer, Tensor]:
     """Return the G-buffer of the asset in a photo and the light (6, R, R, 3) solved for it.
@@ -49,7 +49,7 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
     operator = prefilters.cached(config.light_resolution, asset.mesh.vertices.device)
     scores = []
     for target in targets:
-        gbuffer, light = explain(asset, target, config.light_resolution, config, seed)
+        gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
         image = torch.zeros_like(target.color)
         image[gbuffer.pixel] = shade(gbuffer, operator, operator.apply(light))
         inside = target.alpha > 0.5

@@ -13,9 +13,9 @@ from lightprobe.geometry.mesh import Mesh, uv_tangents
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import Openness, Surroundings
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
-from lightprobe.render.surroundings import surroundings
+from lightprobe.render.vertex_visibility import vertex_visibility
+from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from lightprobe.scene.camera import Camera
 
 _FARTHEST = 1e3  # radii; no vertex of a normalised object is anywhere near
@@ -33,7 +33,7 @@ _RULES = {
     "metallic": TensorRule(("S", "S"), low=-_SLACK, high=1 + _SLACK),
     "normal": TensorRule(("S", "S", 3), low=-1 - _SLACK, high=1 + _SLACK),
 }
-_SHADOWS = {
+_VISIBILITY = {  # as files name its two parts
     "openness": TensorRule(("V", 6 * BLOCKS**2), torch.uint8),
     "blockers": TensorRule(("V", 3), low=-_SLACK, high=1 + _SLACK),
 }
@@ -41,27 +41,30 @@ _SHADOWS = {
 
 @dataclass(frozen=True)
 class Asset:
-    """A mesh with its textures, in the normalised frame, and what of its surroundings each vertex sees."""
+    """A mesh with its textures, in the normalised frame, and what each vertex sees of it."""
 
     mesh: Mesh
     textures: Textures
-    around: Surroundings | None = None  # None: the object casts no shadows
+    visibility: VertexVisibility | None = None  # None: the object casts no shadows
 
     def to(self, device: torch.device) -> "Asset":
         """Return the asset on another device."""
-        around = None if self.around is None else self.around.to(device)
-        return Asset(self.mesh.to(device), self.textures.to(device), around)
+        visibility = None if self.visibility is None else self.visibility.to(device)
+        return Asset(self.mesh.to(device), self.textures.to(device), visibility)
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all tensors by name."""
-        parts = {**vars(self.mesh), **vars(self.textures), **(vars(self.around) if self.around else {})}
+        parts = {**vars(self.mesh), **vars(self.textures)}
+        if self.visibility is not None:
+            stored = self.visibility.unoccluded, self.visibility.occluder_color
+            parts |= dict(zip(_VISIBILITY, stored, strict=True))
         return {name: value for name, value in parts.items() if value is not None}
 
     @staticmethod
     def from_tensors(tensors: dict[str, Tensor], source: Path, remedy: str) -> "Asset":
         """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` when they make no sound one."""
-        shadows = "openness" in tensors
-        rules = _RULES | (_SHADOWS if shadows else {})
+        sees = "openness" in tensors
+        rules = _RULES | (_VISIBILITY if sees else {})
         rules |= {"normal_faces": TensorRule(("F", 3), torch.int32, 0)} if "normal_faces" in tensors else {}
         check_tensors(tensors, rules, source, remedy)
         v = [tensors[name] for name in _RULES]
@@ -70,7 +73,8 @@ class Asset:
             raise damaged(source, "'normal_faces' names more normals than there are corners", remedy)
         if len(v[4]) < _SMALLEST_TEXTURE:
             raise damaged(source, "its textures have a single texel", remedy)
-        return Asset(mesh, Textures(*v[4:]), Surroundings(*(tensors[n] for n in _SHADOWS)) if shadows else None)
+        visibility = VertexVisibility(*(tensors[name] for name in _VISIBILITY)) if sees else None
+        return Asset(mesh, Textures(*v[4:]), visibility)
 
     def save(self, path: Path) -> None:
         """Write the asset as one safetensors file."""
@@ -97,13 +101,13 @@ def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Ten
     return face_camera(torch.nn.functional.normalize(bent, dim=1, eps=1e-12), surface.view)
 
 
-def textured_surroundings(mesh: Mesh, flat: Tensor) -> Surroundings:
+def textured_visibility(mesh: Mesh, flat: Tensor) -> VertexVisibility:
     """Return what the vertices of a textured mesh see of it; `flat` (S * S, 8) as `Textures.flat`.
 
     A face has the base colour of its middle.
     """
     colors = sample(flat, mesh.uvs[mesh.uv_faces.long()].mean(1))[:, :3]
-    return surroundings(mesh.vertices, mesh.faces, colors.contiguous())
+    return vertex_visibility(mesh.vertices, mesh.faces, colors.contiguous())
 
 
 def uv_handedness(mesh: Mesh) -> Tensor:
@@ -114,24 +118,26 @@ def uv_handedness(mesh: Mesh) -> Tensor:
 
 
 def gbuffer_of(
-    surface: Surface, view: View, normal: Tensor, material: Tensor, openness: Openness | None = None
+    surface: Surface, view: View, normal: Tensor, material: Tensor, visibility: PointVisibility | None = None
 ) -> GBuffer:
     """Return the G-buffer of a visible surface with `normal` (P, 3) and `material` (P, >=5)."""
     return GBuffer(
         height=view.height, width=view.width, pixel=surface.pixel, face=surface.face, position=surface.position,
         normal=normal, view=surface.view, base_color=material[:, :3], roughness=material[:, 3],
-        metallic=material[:, 4], openness=openness,
+        metallic=material[:, 4], visibility=visibility,
     )  # fmt: skip
 
 
 def textured_gbuffer(
-    surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor, around: Surroundings | None = None
+    surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor, visibility: VertexVisibility | None = None
 ) -> GBuffer:
     """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both."""
     material = sample(flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
     shading = shading_normals(surface, mesh, mesh.normals(), tangents, material[:, 5:])
-    openness = None if around is None else Openness.of(around, mesh.faces, surface.face, surface.barycentric)
-    return gbuffer_of(surface, view, shading, material, openness)
+    points = (
+        None if visibility is None else PointVisibility.of(visibility, mesh.faces, surface.face, surface.barycentric)
+    )
+    return gbuffer_of(surface, view, shading, material, points)
 
 
 def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuffer:
@@ -143,4 +149,4 @@ def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuff
 
 def asset_gbuffer(asset: Asset, surface: Surface, view: View) -> GBuffer:
     """Return the G-buffer of the asset's visible surface."""
-    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.around)
+    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.visibility)

@@ -17,8 +17,8 @@ from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import Openness
 from lightprobe.render.split_sum import occlude, reflectance, specular_taps
+from lightprobe.render.visibility import PointVisibility
 
 TEXELS = 6 * BLOCKS**2
 
@@ -36,11 +36,11 @@ class CoarseTransport:
         operator, lobes = _dense_prefilter(gbuffer.normal.device)
         r = reflectance(gbuffer)
         sharp = weighted_gather(lobes, *specular_taps(r, gbuffer.normal, operator))
-        if gbuffer.openness is None:
+        if gbuffer.visibility is None:
             wide = weighted_gather(lobes, *operator.diffuse_taps(gbuffer.normal))
             parts = [(r.specular, sharp), (r.diffuse, wide)]
         else:
-            diffuse, ambient, opened = _open_averages(gbuffer.openness, gbuffer.normal)
+            diffuse, ambient, opened = _open_averages(gbuffer.visibility, gbuffer.normal)
             lobe, bounce = occlude(gbuffer, r, opened)
             parts = [(lobe * r.specular, sharp), (r.diffuse, diffuse), (bounce, ambient)]
         matrix = torch.zeros(3, *sharp.shape, device=sharp.device)
@@ -82,14 +82,14 @@ def _unit_lights(device: torch.device) -> Tensor:
     return torch.eye(TEXELS, device=device).reshape(TEXELS, TEXELS // 3, 3).permute(1, 0, 2).contiguous()
 
 
-def _open_averages(openness: Openness, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _open_averages(visibility: PointVisibility, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Return the weights (P, 384) of `kernels.occluded_light`'s diffuse and ambient light, and its open share (P,)."""
     directions = cubemap.directions(BLOCKS, normal.device).reshape(-1, 3)
     angle = cubemap.solid_angles(BLOCKS, normal.device).reshape(-1)
     seen = torch.zeros(len(normal), TEXELS, device=normal.device)
-    for corner in range(openness.index.shape[1]):
-        rows = openness.around.openness.index_select(0, openness.index[:, corner].long())
-        seen.addcmul_(openness.weight[:, corner, None] / 255, rows.to(seen.dtype))
+    for corner in range(visibility.index.shape[1]):
+        rows = visibility.vertices.unoccluded.index_select(0, visibility.index[:, corner].long())
+        seen.addcmul_(visibility.weight[:, corner, None] / 255, rows.to(seen.dtype))
     cosine = (normal @ directions.T).clamp(min=0) * angle
     total = cosine.sum(1, keepdim=True).clamp(min=1e-12)
     diffuse = seen * cosine / total

@@ -39,7 +39,7 @@ class DepthMaps:
         outward = face_normals(vertices, faces) if is_closed(vertices, faces) else None
         return DepthMaps(faces, outward, corners, len(vertices), scale, middle, pixel, side)
 
-    def look(self, axes: Tensor) -> tuple[Tensor, Tensor]:
+    def visibility(self, axes: Tensor) -> tuple[Tensor, Tensor]:
         """Return how much (P,) of the direction axes[2] each point has open, and the face before it (P,), -1 if none.
 
         Four pixels around the point are asked for the one, the nearest for the other. axes: (3, 3) orthonormal rows.

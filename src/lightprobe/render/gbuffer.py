@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from lightprobe.render.openness import Openness
+from lightprobe.render.visibility import PointVisibility
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class GBuffer:
     base_color: Tensor  # (P, 3) linear
     roughness: Tensor  # (P,) perceptual; alpha = roughness^2
     metallic: Tensor  # (P,)
-    openness: Openness | None = None  # what blocks directions at each pixel; None: nothing
+    visibility: PointVisibility | None = None  # what blocks directions at each pixel; None: nothing
 
     def select(self, rows: Tensor) -> "GBuffer":
         """Return the pixels at `rows` (K,) int64."""
-        openness = None if self.openness is None else self.openness.select(rows)
+        visibility = None if self.visibility is None else self.visibility.select(rows)
         return GBuffer(
             self.height, self.width, self.pixel[rows], self.face[rows], self.position[rows], self.normal[rows],
-            self.view[rows], self.base_color[rows], self.roughness[rows], self.metallic[rows], openness,
+            self.view[rows], self.base_color[rows], self.roughness[rows], self.metallic[rows], visibility,
         )  # fmt: skip

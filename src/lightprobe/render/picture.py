@@ -101,7 +101,7 @@ class _Band:
         """Return the linear premultiplied image (H, W, 3) and coverage (H, W) under `env` (6, R, R, 3)."""
         radiance = self.shading.apply(self.prefilter.apply(env))
         suns = Suns.of(env)
-        if self.gbuffer.openness is not None and len(suns.block) > 0:
+        if self.gbuffer.visibility is not None and len(suns.block) > 0:
             _, diffuse, _ = self.shading.factors
             radiance = (radiance + diffuse * sharpened(self.gbuffer, self.mesh, suns)).clamp(min=0)
         image = spread_color(radiance, self.gbuffer.pixel, self.crossings, self.cover)

@@ -5,7 +5,7 @@
 with the symbols of `render.brdf` and S the light's average under the specular lobe, for which a mixture of prefiltered
 lobes stands (`render.specular_lobes`). Exact under a constant light.
 
-Where the object blocks its own view, `openness` tells: the diffuse light is the cosine average over what is open, the
+Where the object blocks its own view, `visibility` tells: the diffuse light is the cosine average over what is open, the
 specular one is dimmed by the lobe's open share, and both get one bounce off the blocking surfaces in return.
 """
 
@@ -18,8 +18,8 @@ from lightprobe.kernels import weighted_gather
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.render import brdf
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.openness import Openness
 from lightprobe.render.specular_lobes import LOBES, SpecularLobes, dielectric_part, specular_lobes
+from lightprobe.render.visibility import PointVisibility
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Shading:
     taps: list[tuple[Tensor, Tensor]]  # of the specular lobe and, with nothing in the way, of the diffuse one
     factors: Tensor  # (2 or 3, P, 3) what is reflected of the specular, the diffuse and the bounced light
     normal: Tensor  # (P, 3)
-    openness: Openness | None
+    visibility: PointVisibility | None
     first_block: int  # of the prefiltered levels
 
     @staticmethod
@@ -74,18 +74,18 @@ class Shading:
         """Return it for all pixels of a G-buffer."""
         r = reflectance(gbuffer)
         taps, factors = [specular_taps(r, gbuffer.normal, prefilter)], [r.specular, r.diffuse]
-        if gbuffer.openness is None:
+        if gbuffer.visibility is None:
             taps.append(prefilter.diffuse_taps(gbuffer.normal))
         else:
-            lobe, bounce = occlude(gbuffer, r, gbuffer.openness.share(gbuffer.normal))
+            lobe, bounce = occlude(gbuffer, r, gbuffer.visibility.share(gbuffer.normal))
             factors = [lobe * r.specular, r.diffuse, bounce]
-        return Shading(taps, torch.stack(factors), gbuffer.normal, gbuffer.openness, prefilter.first_block)
+        return Shading(taps, torch.stack(factors), gbuffer.normal, gbuffer.visibility, prefilter.first_block)
 
     def apply(self, levels: Tensor) -> Tensor:
         """Return what `shade` returns, (P, 3), under prefiltered `levels` (T, 3)."""
         arriving = [weighted_gather(levels, *taps) for taps in self.taps]
-        if self.openness is not None:
-            arriving += self.openness.light(levels[self.first_block :], self.normal)[:, :6].split(3, dim=1)
+        if self.visibility is not None:
+            arriving += self.visibility.light(levels[self.first_block :], self.normal)[:, :6].split(3, dim=1)
         return (self.factors * torch.stack(arriving)).sum(0)
 
 
@@ -96,10 +96,10 @@ def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
     """
     r = reflectance(gbuffer)
     specular = weighted_gather(levels, *specular_taps(r, gbuffer.normal, prefilter))
-    if gbuffer.openness is None:
+    if gbuffer.visibility is None:
         diffuse = weighted_gather(levels, *prefilter.diffuse_taps(gbuffer.normal))
         return r.specular * specular + r.diffuse * diffuse
-    arriving = gbuffer.openness.light(levels[prefilter.first_block :], gbuffer.normal)
+    arriving = gbuffer.visibility.light(levels[prefilter.first_block :], gbuffer.normal)
     diffuse, ambient, opened = arriving[:, :3], arriving[:, 3:6], arriving[:, 6]
     lobe, bounce = occlude(gbuffer, r, opened)
     return r.specular * lobe * specular + r.diffuse * diffuse + bounce * ambient
@@ -112,21 +112,21 @@ def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, T
     what comes by way of the surfaces in the way: they have the mean base colour of what blocks it, and are taken to
     stand in the mean light of its open directions.
     """
-    if gbuffer.openness is None:
-        raise ValueError("The G-buffer has no openness.")
+    if gbuffer.visibility is None:
+        raise ValueError("The G-buffer has no visibility.")
     matte = gbuffer.roughness.detach().square()
-    axis = gbuffer.openness.towards(r.mirror)
+    axis = gbuffer.visibility.towards(r.mirror)
     lobe = (axis + matte * (opened.detach() - axis))[:, None]
     blocked = r.diffuse * (1.0 - opened[:, None]) + r.specular * r.share * (1.0 - lobe)
-    return lobe, gbuffer.openness.blockers() * blocked
+    return lobe, gbuffer.visibility.occluder_color() * blocked
 
 
 @torch.no_grad()
 def furnace(gbuffer: GBuffer) -> Tensor:
     """Return the radiance (P, 3) under a constant environment of radiance 1."""
     r = reflectance(gbuffer)
-    if gbuffer.openness is None:
+    if gbuffer.visibility is None:
         return r.specular * r.share + r.diffuse
-    opened = gbuffer.openness.share(gbuffer.normal)
+    opened = gbuffer.visibility.share(gbuffer.normal)
     lobe, bounce = occlude(gbuffer, r, opened)
     return r.specular * r.share * lobe + r.diffuse * opened[:, None] + bounce

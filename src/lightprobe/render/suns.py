@@ -1,6 +1,6 @@
 """Sharp shadows of what is small and bright in a known light.
 
-`render.openness` knows the object's own shadows per vertex and in directions of eleven degrees, which is what an
+`render.visibility` knows the object's own shadows per vertex and in directions of eleven degrees, which is what an
 unknown light can use. A picture under a known sun would show it: the shadow lies where that of the middle of its block
 would, and blurs from vertex to vertex. So what stands out of its block of the light is taken for a sun, and every
 pixel asks a depth map made from where it stands.
@@ -60,17 +60,17 @@ def _by_block(texels: Tensor) -> Tensor:
 
 @torch.no_grad()
 def sharpened(gbuffer: GBuffer, mesh: Mesh, suns: Suns) -> Tensor:
-    """Return by how much the diffuse light (P, 3) of `Openness.light` changes when suns cast sharp shadows."""
-    if gbuffer.openness is None:
-        raise ValueError("The G-buffer has no openness.")
+    """Return by how much the diffuse light (P, 3) of `PointVisibility.light` changes when suns cast sharp shadows."""
+    if gbuffer.visibility is None:
+        raise ValueError("The G-buffer has no visibility.")
     blocks = suns.flux.new_zeros(6 * BLOCKS**2, 3)
     angle = cubemap.solid_angles(BLOCKS, suns.flux.device).reshape(-1, 1)
     blocks[suns.block] = suns.flux / angle[suns.block]
-    change = -gbuffer.openness.light(blocks, gbuffer.normal)[:, :3]
+    change = -gbuffer.visibility.light(blocks, gbuffer.normal)[:, :3]
     outward = torch.nn.functional.normalize(face_normals(mesh.vertices, mesh.faces), dim=1, eps=1e-20)
     lifted = gather_rows(outward, gbuffer.face)
     maps = DepthMaps.of(mesh.vertices, mesh.faces, gbuffer.position, lifted, SIDE)
     for direction, flux, axes in zip(suns.direction, suns.flux, frames(suns.direction), strict=True):
-        lit, _ = maps.look(axes)
+        lit, _ = maps.visibility(axes)
         change += (lit * (gbuffer.normal @ direction).clamp(min=0))[:, None] * (flux / torch.pi)
     return change

@@ -34,23 +34,23 @@ class Transport:
         if rows is not None:
             gbuffer = gbuffer.select(rows)
         shading = Shading.of(gbuffer, prefilter)
-        self._normal, self._openness, self._factors = shading.normal, shading.openness, shading.factors
+        self._normal, self._visibility, self._factors = shading.normal, shading.visibility, shading.factors
         self._looked_up = _look_up(gbuffer.normal.device)(shading.taps, prefilter)
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
         lobes, blocks = self._looked_up.apply(env)
-        if self._openness is not None:
-            arriving = self._openness.light(blocks, self._normal)
+        if self._visibility is not None:
+            arriving = self._visibility.light(blocks, self._normal)
             lobes = torch.cat([lobes, arriving[:, :3], arriving[:, 3:6]])
         return (self._factors * lobes.reshape(self._factors.shape)).sum(0)
 
     def adjoint(self, radiance: Tensor) -> Tensor:
         """Return the transpose of `apply` on (P, 3): (6, R, R, 3)."""
         lobes = self._factors * radiance
-        if self._openness is None:
+        if self._visibility is None:
             return self._looked_up.adjoint(lobes.reshape(-1, 3), lobes.new_zeros(6 * BLOCKS**2, 3))
-        blocks = self._openness.adjoint(lobes[1], lobes[2], self._normal)
+        blocks = self._visibility.adjoint(lobes[1], lobes[2], self._normal)
         return self._looked_up.adjoint(lobes[0], blocks)
 
 

@@ -1,4 +1,4 @@
-"""Do masks and cameras tell one story? The visual hull's silhouettes against the masks, and what may be wrong if not.
+"""Do masks and cameras agree? The visual hull's silhouettes against the masks, and what may be wrong if not.
 
 Overlap is intersection over union (IoU) of silhouette and mask in pixels: 1 is agreement.
 """
@@ -67,7 +67,7 @@ def better_turn(mask: np.ndarray, picture: np.ndarray) -> tuple[str, float] | No
     return (words, best) if best > overlap(mask, picture) + _CLEARLY_BETTER and best >= _CONVINCING else None
 
 
-def explain(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: float) -> str | None:
+def diagnose(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: float) -> str | None:
     """Return a sentence naming the convention under which masks and cameras agree much better, or None.
 
     alphas: a mask (H, W) for each camera. `found` is the overlap as things are. Each of the usual mistakes is undone in

@@ -10,7 +10,7 @@ import numpy as np
 from lightprobe.core.errors import InputError, printable
 from lightprobe.imaging import srgb_encode
 from lightprobe.scene.camera import Similarity
-from lightprobe.scene.consistency import better_turn, explain, fitted_hull, look_inverted, overlap, silhouette
+from lightprobe.scene.consistency import better_turn, diagnose, fitted_hull, look_inverted, overlap, silhouette
 from lightprobe.scene.encoding import encoding_sentences
 from lightprobe.scene.frame import Problems, Split
 from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
@@ -170,7 +170,7 @@ def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, n
     train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
     if len(train) < 2:
         return hints
-    reason = explain([photo.camera for photo in train], [alphas[photo.name] for photo in train], median)
+    reason = diagnose([photo.camera for photo in train], [alphas[photo.name] for photo in train], median)
     return [*hints, reason or "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks."]
 
 

@@ -22,7 +22,7 @@ def scene_record(scene: Scene) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class StoredScene:
     """What scene.json says of a run's scene, checked."""
 
     root: Path
@@ -30,14 +30,14 @@ class Recorded:
     cameras: dict[str, dict[str, Camera]]  # split -> photo name -> input-frame camera
 
 
-def read_record(run: RunFolder) -> Recorded:
+def read_record(run: RunFolder) -> StoredScene:
     """Return the checked content of scene.json; raise `InputError` naming the file when a part cannot be used."""
     path, record = run.scene_file, run.scene()
     with remedied(REMAKE):
         similarity = Similarity.from_json(record.get("similarity"), source=str(path))
         photos = checked_object(record.get("photos"), path, REMAKE, "photos")
         cameras = {split: _cameras(path, checked_object(photos.get(split), path, REMAKE, split)) for split in SPLITS}
-    return Recorded(Path(record["root"]), similarity, cameras)
+    return StoredScene(Path(record["root"]), similarity, cameras)
 
 
 def _cameras(path: Path, photos: dict[str, Any]) -> dict[str, Camera]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.training.adam import Adam, ParameterGroup
-from lightprobe.training.recording import Recorded, recorder_for
+from lightprobe.training.recording import RecordedStep, recorder_for
 
 Schedule = Callable[[float, int], float]  # (a group's rate, step) -> the rate of that step
 
@@ -55,7 +55,7 @@ class Descent:
             groups, betas=betas, epsilon=epsilon, fused=recorded if fused is None else fused, recordable=recorded
         )
         self._loss, self._schedule, self._largest, self._after = loss, schedule, largest_gradient, after
-        self._step = Recorded(self._descend, recorder)
+        self._step = RecordedStep(self._descend, recorder)
 
     def step(self, number: int, *given: Any) -> Tensor:
         """Take the step `number` down the loss of what is `given`, and return that loss () without a gradient."""
@@ -64,7 +64,7 @@ class Descent:
 
     def end(self) -> None:
         """Let go of the recording, and of the gradients that lie in its memory."""
-        self._step = Recorded(self._descend, None)
+        self._step = RecordedStep(self._descend, None)
         self.adam.forget_gradients()
 
     def _descend(self, *given: Any) -> Tensor:

@@ -85,6 +85,7 @@ class Progress:
     checkpoints: Checkpoints | None = None
     on_step: OnStep | None = None
     on_message: Callable[[str], None] | None = None
+    on_checkpoint: Callable[[], None] | None = None  # after each one that is saved
 
     def step(self, stage: str, step: int, steps: int, loss: float) -> None:
         """Report a finished step."""
@@ -164,6 +165,8 @@ class Training:
         if self.progress.checkpoints:
             state = {"phase": self.phase, "stage": stage.name, "iteration": done, "config": self.config}
             self.progress.checkpoints.save(stage.first_step + done, tensors, {**state, "seed": self.seed})
+            if self.progress.on_checkpoint:
+                self.progress.on_checkpoint()
 
     def begin(self, stage: Stage, start: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """Write the checkpoint from which `stage` starts, the one before being over for good; return `start`."""

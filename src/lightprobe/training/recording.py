@@ -36,7 +36,7 @@ class Recorder(Protocol):
         """
 
 
-class Recorded:
+class RecordedStep:
     """A step that is made as it is on a CPU, and from a recording on a GPU.
 
     The step takes tensors and returns its loss (), which is no part of a gradient any more. What changes from one call

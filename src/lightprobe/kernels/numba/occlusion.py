@@ -1,6 +1,6 @@
 """Numba body of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
 
-A thread takes a block of pixels; per pixel the openness of all directions is gathered into a row that stays in the
+A thread takes a block of pixels; per pixel the unoccluded of all directions is gathered into a row that stays in the
 first-level cache, and the sums run over it in vectors.
 """
 
@@ -20,18 +20,24 @@ FUSED = {"contract", "reassoc"}
 
 
 def occluded_light(
-    light: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    light: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
 ) -> Tensor:
     """Return diffuse, ambient and open (P, 7)."""
     out = light.new_empty(normals.shape[0], 7)
     pixels = arrays(normals, index, weight / 255)
     threads(2 * normals.shape[0] * directions.shape[0])
-    _forward(*pixels, openness.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), out.numpy())
+    _forward(*pixels, unoccluded.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), out.numpy())
     return out
 
 
 def light_gradient(
-    grad: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    grad: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
 ) -> Tensor:
     """Return the gradient (K, 3) of the light."""
     blocks = -(-normals.shape[0] // BLOCK)
@@ -39,12 +45,12 @@ def light_gradient(
     pixels = arrays(normals, index, weight / 255, grad)
     threads(2 * normals.shape[0] * directions.shape[0])
     sphere = torch.cat([directions.T, angles[None]])
-    _light_gradient(*pixels, openness.contiguous().numpy(), *arrays(sphere), parts.numpy())
+    _light_gradient(*pixels, unoccluded.contiguous().numpy(), *arrays(sphere), parts.numpy())
     return parts.sum(0).T.contiguous()
 
 
 def normal_gradient(
-    grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor,
+    grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor,
     directions: Tensor, angles: Tensor,
 ) -> Tensor:  # fmt: skip
     """Return the gradient (P, 3) of the normals, for the forward result `out`."""
@@ -52,7 +58,7 @@ def normal_gradient(
     pixels = arrays(normals, index, weight / 255, grad, out)
     threads(2 * normals.shape[0] * directions.shape[0])
     _normal_gradient(
-        *pixels, openness.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), result.numpy()
+        *pixels, unoccluded.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), result.numpy()
     )
     return result
 
@@ -63,23 +69,23 @@ def _sphere(light: Tensor, directions: Tensor, angles: Tensor) -> Tensor:
 
 
 @compiled(fastmath=FUSED, inline="always")
-def _gather(openness, index, weight, p, row):
-    """Write the openness v of all directions into `row`."""
+def _gather(unoccluded, index, weight, p, row):
+    """Write the unoccluded v of all directions into `row`."""
     first, share = index[p, 0], weight[p, 0]
     for k in range(row.size):
-        row[k] = share * np.float32(openness[first, k])
+        row[k] = share * np.float32(unoccluded[first, k])
     for c in range(1, index.shape[1]):
         other, share = index[p, c], weight[p, c]
         for k in range(row.size):
-            row[k] += share * np.float32(openness[other, k])
+            row[k] += share * np.float32(unoccluded[other, k])
 
 
 @compiled(parallel=True, fastmath=FUSED)
-def _forward(normals, index, weight, openness, sphere, out):
+def _forward(normals, index, weight, unoccluded, sphere, out):
     for block in prange((normals.shape[0] + BLOCK - 1) // BLOCK):
         row = np.empty(sphere.shape[1], np.float32)
         for p in range(block * BLOCK, min(normals.shape[0], (block + 1) * BLOCK)):
-            _gather(openness, index, weight, p, row)
+            _gather(unoccluded, index, weight, p, row)
             _pixel(normals[p, 0], normals[p, 1], normals[p, 2], row, sphere, out, p)
 
 
@@ -108,11 +114,11 @@ def _pixel(nx, ny, nz, row, sphere, out, p):
 
 
 @compiled(parallel=True, fastmath=FUSED)
-def _light_gradient(normals, index, weight, grad, openness, sphere, parts):
+def _light_gradient(normals, index, weight, grad, unoccluded, sphere, parts):
     for block in prange(parts.shape[0]):
         row = np.empty(sphere.shape[1], np.float32)
         for p in range(block * BLOCK, min(normals.shape[0], (block + 1) * BLOCK)):
-            _gather(openness, index, weight, p, row)
+            _gather(unoccluded, index, weight, p, row)
             _spread(normals[p, 0], normals[p, 1], normals[p, 2], row, sphere, grad[p], parts[block])
 
 
@@ -133,11 +139,11 @@ def _spread(nx, ny, nz, row, sphere, grad, part):
 
 
 @compiled(parallel=True, fastmath=FUSED)
-def _normal_gradient(normals, index, weight, grad, forward, openness, sphere, out):
+def _normal_gradient(normals, index, weight, grad, forward, unoccluded, sphere, out):
     for block in prange((normals.shape[0] + BLOCK - 1) // BLOCK):
         row = np.empty(sphere.shape[1], np.float32)
         for p in range(block * BLOCK, min(normals.shape[0], (block + 1) * BLOCK)):
-            _gather(openness, index, weight, p, row)
+            _gather(unoccluded, index, weight, p, row)
             _turn(normals[p, 0], normals[p, 1], normals[p, 2], row, sphere, grad[p], forward[p], out[p])
 
 

@@ -32,23 +32,23 @@ def normal_gradient(grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, *
     _, _, _, directions, angles = rest
     result = torch.zeros_like(normals)
     for part, _, ambient, total, _ in _slabs(normals, *rest):
-        openness = ambient / angles
+        unoccluded = ambient / angles
         g = grad[part]
         mean = (g[:, :3] * out[part, :3]).sum(1, keepdim=True) + g[:, 6:] * out[part, 6:]
-        pull = openness * (g[:, :3] @ light.T + g[:, 6:]) - mean
+        pull = unoccluded * (g[:, :3] @ light.T + g[:, 6:]) - mean
         facing = (normals[part] @ directions.T > 0) * angles
         result[part] = (pull * facing) @ directions / total
     return result
 
 
 def _slabs(
-    normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
 ) -> Iterator[tuple[slice, Tensor, Tensor, Tensor, Tensor]]:
     """Yield pixels, c v (p, K), dw v (p, K), sum of c (p, 1) and sum of dw v (p, 1)."""
     step = max(1, PAIRS_AT_ONCE // directions.shape[0])
     for start in range(0, normals.shape[0], step):
         part = slice(start, start + step)
-        share = (openness[index[part].long()].to(normals.dtype) * weight[part][..., None]).sum(1) / 255
+        share = (unoccluded[index[part].long()].to(normals.dtype) * weight[part][..., None]).sum(1) / 255
         cosine = (normals[part] @ directions.T).clamp(min=0) * angles
         ambient = share * angles
         yield (

@@ -1,6 +1,6 @@
 """Triton body of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
 
-What is summed over directions has one program per pixel, whose lanes are directions, so that the bytes of an openness
+What is summed over directions has one program per pixel, whose lanes are directions, so that the bytes of an unoccluded
 row are read side by side. What is summed over pixels has lanes of directions too, and walks through a share of pixels.
 """
 
@@ -16,32 +16,40 @@ TINY = 1e-12
 
 
 def occluded_light(
-    light: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    light: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
 ) -> Tensor:
     """Return diffuse, ambient and open (P, 7)."""
     out = light.new_empty(normals.shape[0], 7)
     if len(out):
         with torch.cuda.device_of(light):
             _forward[(len(out),)](
-                *_pixels(normals, openness, index, weight), _sphere(light, directions, angles), out, *_sizes(openness),
-                index.shape[1], TINY, num_warps=1, enable_fp_fusion=True,
+                *_pixels(normals, unoccluded, index, weight), _sphere(light, directions, angles), out,
+                *_sizes(unoccluded), index.shape[1], TINY, num_warps=1, enable_fp_fusion=True,
             )  # fmt: skip
     return out
 
 
 def light_gradient(
-    grad: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    grad: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
 ) -> Tensor:
     """Return the gradient (K, 3) of the light."""
     count, bins = normals.shape[0], directions.shape[0]
     if count == 0 or bins == 0:
         return grad.new_zeros(bins, 3)
     sphere = _sphere(torch.zeros_like(directions), directions, angles)
-    pixels = _pixels(normals, openness, index, weight)
+    pixels = _pixels(normals, unoccluded, index, weight)
     sums = grad.new_empty(count, 2)
     parts = grad.new_empty(triton.cdiv(count, SHARE), 3, bins)
     with torch.cuda.device_of(grad):
-        _totals[(count,)](*pixels, sphere, sums, *_sizes(openness), index.shape[1], num_warps=1, enable_fp_fusion=True)
+        _totals[(count,)](
+            *pixels, sphere, sums, *_sizes(unoccluded), index.shape[1], num_warps=1, enable_fp_fusion=True
+        )
         sums = sums.clamp(min=TINY)
         arriving = torch.cat([grad[:, :3] / sums[:, :1], grad[:, 3:6] / sums[:, 1:]], dim=1)
         grid = (triton.cdiv(bins, LANES), parts.shape[0])
@@ -52,7 +60,7 @@ def light_gradient(
 
 
 def normal_gradient(
-    grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor,
+    grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor,
     directions: Tensor, angles: Tensor,
 ) -> Tensor:  # fmt: skip
     """Return the gradient (P, 3) of the normals, for the forward result `out`."""
@@ -62,14 +70,14 @@ def normal_gradient(
         pull = torch.cat([grad[:, :3], grad[:, 6:], mean], dim=1)
         with torch.cuda.device_of(grad):
             _turn[(len(out),)](
-                *_pixels(normals, openness, index, weight), _sphere(light, directions, angles), pull, result,
-                *_sizes(openness), index.shape[1], TINY, num_warps=1, enable_fp_fusion=True,
+                *_pixels(normals, unoccluded, index, weight), _sphere(light, directions, angles), pull, result,
+                *_sizes(unoccluded), index.shape[1], TINY, num_warps=1, enable_fp_fusion=True,
             )  # fmt: skip
     return result
 
 
-def _pixels(normals: Tensor, openness: Tensor, index: Tensor, weight: Tensor) -> tuple[Tensor, ...]:
-    return normals.contiguous(), openness.contiguous(), index.contiguous(), (weight / 255).contiguous()
+def _pixels(normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor) -> tuple[Tensor, ...]:
+    return normals.contiguous(), unoccluded.contiguous(), index.contiguous(), (weight / 255).contiguous()
 
 
 def _sphere(light: Tensor, directions: Tensor, angles: Tensor) -> Tensor:
@@ -77,19 +85,19 @@ def _sphere(light: Tensor, directions: Tensor, angles: Tensor) -> Tensor:
     return torch.cat([directions.T, angles[None], light.T]).contiguous()
 
 
-def _sizes(openness: Tensor) -> tuple[int, int]:
+def _sizes(unoccluded: Tensor) -> tuple[int, int]:
     """Return the number of directions, and how many of them one program sums over at once."""
-    bins = openness.shape[1]
+    bins = unoccluded.shape[1]
     return bins, min(DIRECTIONS, triton.next_power_of_2(max(bins, 1)))
 
 
 @triton.jit
-def _open(openness, index, weight, p, k, live, bins, CORNERS: tl.constexpr):
-    """Return the openness v of pixel p in the directions k."""
+def _open(unoccluded, index, weight, p, k, live, bins, CORNERS: tl.constexpr):
+    """Return the unoccluded v of pixel p in the directions k."""
     share = tl.zeros(k.shape, dtype=tl.float32)
     for c in tl.static_range(CORNERS):
         row = tl.load(index + p * CORNERS + c).to(tl.int64)
-        byte = tl.load(openness + row * bins + k, mask=live, other=0)
+        byte = tl.load(unoccluded + row * bins + k, mask=live, other=0)
         share += tl.load(weight + p * CORNERS + c) * byte.to(tl.float32)
     return share
 
@@ -107,7 +115,7 @@ def _cosine(normals, p, sphere, k, live, bins):
 
 @triton.jit
 def _forward(
-    normals, openness, index, weight, sphere, out, bins,
+    normals, unoccluded, index, weight, sphere, out, bins,
     BLOCK: tl.constexpr, CORNERS: tl.constexpr, TINY: tl.constexpr,
 ):  # fmt: skip
     p = tl.program_id(0).to(tl.int64)
@@ -118,7 +126,7 @@ def _forward(
         live = k < bins
         cosine, angle = _cosine(normals, p, sphere, k, live, bins)
         cosine = tl.maximum(cosine, 0.0)
-        ambient = _open(openness, index, weight, p, k, live, bins, CORNERS) * angle
+        ambient = _open(unoccluded, index, weight, p, k, live, bins, CORNERS) * angle
         seen = ambient * cosine
         red = tl.load(sphere + 4 * bins + k, mask=live, other=0.0)
         green = tl.load(sphere + 5 * bins + k, mask=live, other=0.0)
@@ -146,7 +154,7 @@ def _forward(
 
 @triton.jit
 def _totals(
-    normals, openness, index, weight, sphere, sums, bins,
+    normals, unoccluded, index, weight, sphere, sums, bins,
     BLOCK: tl.constexpr, CORNERS: tl.constexpr,
 ):  # fmt: skip
     """Write the sum of c and the sum of dw v of each pixel."""
@@ -157,14 +165,14 @@ def _totals(
         live = k < bins
         cosine, angle = _cosine(normals, p, sphere, k, live, bins)
         total += tl.sum(tl.maximum(cosine, 0.0) * angle, axis=0)
-        around += tl.sum(_open(openness, index, weight, p, k, live, bins, CORNERS) * angle, axis=0)
+        around += tl.sum(_open(unoccluded, index, weight, p, k, live, bins, CORNERS) * angle, axis=0)
     tl.store(sums + 2 * p, total)
     tl.store(sums + 2 * p + 1, around)
 
 
 @triton.jit
 def _spread(
-    normals, openness, index, weight, sphere, arriving, parts, bins, count,
+    normals, unoccluded, index, weight, sphere, arriving, parts, bins, count,
     CORNERS: tl.constexpr, LANES: tl.constexpr, SHARE: tl.constexpr,
 ):  # fmt: skip
     """Sum v dw (max(n.w, 0) diffuse + ambient) over a share of the pixels."""
@@ -176,7 +184,7 @@ def _spread(
     for p in range(begin, tl.minimum(begin + SHARE, count)):
         cosine, angle = _cosine(normals, p, sphere, k, live, bins)
         cosine = tl.maximum(cosine, 0.0)
-        reached = _open(openness, index, weight, p, k, live, bins, CORNERS) * angle
+        reached = _open(unoccluded, index, weight, p, k, live, bins, CORNERS) * angle
         at = arriving + 6 * p
         r += reached * (cosine * tl.load(at) + tl.load(at + 3))
         g += reached * (cosine * tl.load(at + 1) + tl.load(at + 4))
@@ -189,7 +197,7 @@ def _spread(
 
 @triton.jit
 def _turn(
-    normals, openness, index, weight, sphere, pull, result, bins,
+    normals, unoccluded, index, weight, sphere, pull, result, bins,
     BLOCK: tl.constexpr, CORNERS: tl.constexpr, TINY: tl.constexpr,
 ):  # fmt: skip
     p = tl.program_id(0).to(tl.int64)
@@ -205,7 +213,7 @@ def _turn(
         green = tl.load(sphere + 5 * bins + k, mask=live, other=0.0)
         blue = tl.load(sphere + 6 * bins + k, mask=live, other=0.0)
         arriving = gr * red + gg * green + gb * blue + ga
-        force = facing * (_open(openness, index, weight, p, k, live, bins, CORNERS) * arriving - mean)
+        force = facing * (_open(unoccluded, index, weight, p, k, live, bins, CORNERS) * arriving - mean)
         total += tl.sum(facing * cosine, axis=0)
         ox += tl.sum(force * tl.load(sphere + k, mask=live, other=0.0), axis=0)
         oy += tl.sum(force * tl.load(sphere + bins + k, mask=live, other=0.0), axis=0)

@@ -1,0 +1,37 @@
+"""What the vertices of a mesh see of the mesh: one depth map per direction, as for a sun standing there."""
+
+import torch
+from torch import Tensor
+
+from lightprobe.geometry.mesh import vertex_normals
+from lightprobe.light import cubemap
+from lightprobe.light.prefilter import BLOCKS
+from lightprobe.render.depth_maps import DepthMaps, frames
+from lightprobe.render.visibility import VertexVisibility
+
+SIDE = 512  # pixels of a depth map
+_HORIZON = -0.2  # directions further below a vertex's horizon are blocked, whatever the depth map says
+
+
+@torch.no_grad()
+def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> VertexVisibility:
+    """Return what the vertices (V, 3) of a mesh (F, 3) with base colours (F, 3) see; `side`: pixels of a depth map.
+
+    What nothing blocks gets the mean colour as that of its blockers, which matters to no one.
+    """
+    normals = vertex_normals(vertices, faces)
+    maps = DepthMaps.of(vertices, faces, vertices, normals, side)
+    directions = cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3)
+    cosine = directions @ normals.T
+    weight = cosine.clamp(min=0) * cubemap.solid_angles(BLOCKS, vertices.device).reshape(-1, 1)
+    table = torch.zeros(cosine.shape, dtype=torch.uint8, device=vertices.device)
+    # A trace of the mean colour stands for blockers that are not there.
+    total, reflected = torch.full_like(vertices[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(vertices)
+    for k, axes in enumerate(frames(directions)):
+        lit, blocker = maps.visibility(axes)
+        lit = torch.where(cosine[k] > _HORIZON, lit, 0.0)
+        table[k] = (255 * lit).round().to(torch.uint8)
+        blocked = (weight[k] * (1 - lit) * (blocker >= 0))[:, None]
+        total += blocked
+        reflected = torch.addcmul(reflected, blocked, colors.index_select(0, blocker.clamp(min=0)))
+    return VertexVisibility(table.T.contiguous(), reflected / total)

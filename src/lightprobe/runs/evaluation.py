@@ -1,0 +1,202 @@
+"""The evaluation of a run into its folder: numbers, predictions and the report."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import torch
+
+from lightprobe.core.config.prediction import UNCHANGED, PredictConfig, PredictionOptions
+from lightprobe.core.device import resolve_device
+from lightprobe.core.errors import InputError
+from lightprobe.core.failures import writing
+from lightprobe.core.files import write_json
+from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import checked_object, read_object
+from lightprobe.evaluation import (
+    Evaluation,
+    Protocols,
+    ViewResult,
+    can_be_oracle,
+    evaluate,
+    oracle_decomposition,
+)
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.prediction import Method, methods_for, recorded_config
+from lightprobe.report import Report, evenly_spaced, view_pictures, write_report
+from lightprobe.report.run_info import read_phases, training_commands, training_facts
+from lightprobe.report.summary import SummaryTable, summary_lines, summary_tables
+from lightprobe.runs.progress import OnProgress, silent
+from lightprobe.runs.stages import open_scene
+from lightprobe.scene.photo import Scene
+
+__all__ = [
+    "EvaluatedRun", "Evaluation", "EvaluationOptions", "Protocols", "SummaryTable", "default_first", "destination",
+    "eval_command", "evaluate_run", "summary_lines", "summary_tables",
+]  # fmt: skip
+
+_REMEDY = "remove it and evaluate again"
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """What of a run is evaluated."""
+
+    methods: tuple[Method, ...] = ()
+    """Methods to compare; by default all that the run is trained for."""
+    protocols: Protocols = field(default_factory=Protocols)
+    oracle: bool = False
+    """Put the scene's true object in place of the reconstructed one; results go to the run's folder `oracle`."""
+    slow: bool = False
+    """Also score `optimize`."""
+    settings: PredictionOptions = UNCHANGED
+    """What changes of how the run predicts."""
+
+
+@dataclass(frozen=True)
+class EvaluatedRun:
+    """What an evaluation found, and where it is."""
+
+    evaluation: Evaluation
+    numbers: Path
+    page: Path
+    usual_numbers: Path  # metrics.json of the run or of its folder `oracle`
+    default: Method  # the run's own; its results stay in `usual_numbers` where `numbers` is another file
+
+
+def evaluate_run(
+    run_folder: Path | str, options: EvaluationOptions | None = None, *, scene_folder: Path | None = None,
+    output: Path | None = None, device: str | torch.device = "auto", on_progress: OnProgress = silent,
+) -> EvaluatedRun:  # fmt: skip
+    """Evaluate a run on its test photos and write numbers, predictions and the report into its folder.
+
+    scene_folder: where the run's scene is now, if it has moved. output: another file for the numbers, beside the run's.
+    Raises `InputError` for a run or scene that cannot be used or has no usable test photo, `ResourceError` when another
+    process writes the run or disk or memory run out.
+    """
+    run, where, given = RunFolder.open(Path(run_folder)), resolve_device(device), options or EvaluationOptions()
+    with writing(run):
+        subject = _Subject.load(run, given, scene_folder, where)
+        numbers, page = destination(subject.out, subject.methods, subject.default)
+        result, pictures = subject.evaluate(given, on_progress)
+        metrics = result.to_json()
+        for path in {numbers, output or numbers}:
+            write_json(path, metrics)
+        phases = read_phases(run)
+        again = eval_command(given)
+        report = Report(
+            title=f"lightprobe: {subject.scene.root.name}{', true object' if given.oracle else ''}", metrics=metrics,
+            pictures=pictures, facts=subject.facts() | training_facts(phases) | _made(),
+            commands=[*training_commands(phases, subject.scene.root), again] if phases else [],
+            files=({} if given.oracle else {"object.glb": run.mesh_folder / "object.glb"}) | {"metrics.json": numbers},
+            photo_files={name: _photo_files(subject.out, name, subject.methods[0]) for name in pictures},
+        )  # fmt: skip
+        write_report(page, report)
+    return EvaluatedRun(result, numbers, page, subject.out.metrics_file, subject.default)
+
+
+@dataclass(frozen=True)
+class _Subject:
+    """A run as it is evaluated."""
+
+    decomposition: Decomposition
+    true_object: Decomposition | None  # of a scene that brings it
+    model: ProbeModel | None
+    scene: Scene
+    out: RunFolder
+    prediction: PredictConfig
+    default: Method  # the run's own
+    methods: tuple[Method, ...]
+    device: torch.device
+
+    @staticmethod
+    def load(run: RunFolder, given: EvaluationOptions, scene_folder: Path | None, device: torch.device) -> "_Subject":
+        prediction = given.settings.over(recorded_config(run))
+        decomposition = Decomposition.load(run, device)
+        model = ProbeModel.load(run.model_folder).to(device) if ProbeModel.exists(run.model_folder) else None
+        scene = open_scene(run, scene_folder)
+        true_object = _true_object(run, decomposition, scene, needed=given.oracle)
+        every = methods_for(model, prediction)
+        methods = default_first((*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ())), every[0])
+        out = run.oracle if given.oracle else run
+        return _Subject(decomposition, true_object, model, scene, out, prediction, every[0], methods, device)
+
+    def evaluate(
+        self, given: EvaluationOptions, on_progress: OnProgress
+    ) -> tuple[Evaluation, dict[str, dict[str, str]]]:
+        """Return the evaluation, and the pictures of the photos that the report shows, by title."""
+        pictures: dict[str, dict[str, str]] = {}
+        shown = set(evenly_spaced([photo.name for photo in self.scene.test]))
+
+        def keep(result: ViewResult) -> None:
+            if result.view.photo.name in shown:
+                pictures[result.view.photo.name] = view_pictures(result)
+
+        result = evaluate(
+            self.true_object if given.oracle and self.true_object is not None else self.decomposition, self.model,
+            self.scene, methods=self.methods, device=self.device, run=self.out, protocols=given.protocols,
+            true_object=self.true_object, prediction=self.prediction, on_view=keep,
+            on_photo=lambda done, total: on_progress("evaluate", done, total),
+        )  # fmt: skip
+        return result, pictures
+
+    def facts(self) -> dict[str, str]:
+        """Return what the report says of the scene and the object, by heading."""
+        return {
+            "training photos": str(len(self.scene.train)),
+            "test photos": str(len(self.scene.test)),
+            "triangles": f"{len(self.decomposition.asset.mesh.faces):,}",
+            "textures": f"{self.decomposition.asset.textures.size}²",
+        }
+
+
+def default_first(methods: Sequence[Method], default: Method) -> tuple[Method, ...]:
+    """Return the methods, each once, with the run's default one first if it is among them."""
+    return tuple(sorted(dict.fromkeys(methods), key=lambda method: method is not default))
+
+
+def destination(out: RunFolder, methods: Sequence[Method], default: Method) -> tuple[Path, Path]:
+    """Return where the numbers and the page of `methods` go: never over those of the run's default method without it.
+
+    The place beside them lies in the report's folder, which goes with the rest when a phase is restarted.
+    """
+    if out.metrics_file.is_dir():  # found out now, and not when all is computed
+        raise InputError(f"{out.metrics_file} is a folder; {_REMEDY}.")
+    if default in methods or not out.metrics_file.is_file():
+        return out.metrics_file, out.report_file
+    methods_there = read_object(out.metrics_file, _REMEDY).get("methods", {})
+    if default.value not in checked_object(methods_there, out.metrics_file, _REMEDY, "methods"):
+        return out.metrics_file, out.report_file
+    folder = out.report_file.parent / "comparison"
+    return folder / "metrics.json", folder / "index.html"
+
+
+def eval_command(given: EvaluationOptions) -> str:
+    """Return the command line of an evaluation; RUN stands for the run's folder."""
+    methods, protocols, usual = given.methods, given.protocols, Protocols()
+    words = ["lightprobe eval RUN", *(["--methods", *(m.value for m in methods)] if methods else [])]
+    words += ["--no-unseen"] if not protocols.unseen else []
+    words += ["--oracle-asset"] if given.oracle else []
+    words += ["--slow"] if given.slow else []
+    words += [f"--slow-photos {protocols.slow_photos}"] if protocols.slow_photos != usual.slow_photos else []
+    words += [f"--{name.replace('_', '-')} {value}" for name, value in given.settings.given().items()]
+    return " ".join(words)
+
+
+def _true_object(run: RunFolder, decomposition: Decomposition, scene: Scene, *, needed: bool) -> Decomposition | None:
+    """Return the scene's true object, made once and kept in the run, or None where the scene does not bring it."""
+    if not needed and not can_be_oracle(scene):
+        return None
+    return oracle_decomposition(decomposition, scene, run.oracle.asset_file)
+
+
+def _made() -> dict[str, str]:
+    return {"evaluated": datetime.now().strftime("%Y-%m-%d %H:%M"), "by lightprobe": version("lightprobe")}
+
+
+def _photo_files(out: RunFolder, photo: str, method: Method) -> dict[str, Path]:
+    """Return the files of a photo's prediction in the method's own folder, which no other method writes to."""
+    suffixes = {"predicted light, EXR": ".exr", "confidence, EXR": ".confidence.exr"}
+    return {name: out.prediction_file(photo, suffix, method.value) for name, suffix in suffixes.items()}

@@ -1,0 +1,91 @@
+"""What a run's object is shown in and handed on as: pictures under a light, and files for other programs."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lightprobe.core.device import resolve_device
+from lightprobe.core.errors import ConfigError
+from lightprobe.core.files import filled_folder, named_file
+from lightprobe.core.run import RunFolder
+from lightprobe.evaluation import relight, turntable
+from lightprobe.export import export
+from lightprobe.imaging import write_exr, write_png
+from lightprobe.light.environment import Environment
+from lightprobe.models import Decomposition
+from lightprobe.runs.progress import OnProgress, silent
+from lightprobe.scene import read_camera
+from lightprobe.scene.record import read_record
+
+_LARGEST_SIDE = 8192  # pixels of a picture's edge
+
+
+def render_run(
+    run_folder: Path | str, environment: Path, camera: Path, output: Path, *, frame: str | None = None,
+    device: str | torch.device = "auto",
+) -> None:  # fmt: skip
+    """Write a picture of a run's object under an equirectangular map: .png (sRGB) or .exr (linear).
+
+    camera: a file with the camera, or with many, of which `frame` names the photo whose camera is meant.
+    Raises `InputError` for a run, map or camera that cannot be used, `ConfigError` for a name of another suffix.
+    """
+    if output.suffix.lower() not in (".png", ".exr"):
+        raise ConfigError(f"Cannot write '{output.suffix}' pictures: name the output .png or .exr.")
+    where, run = resolve_device(device), RunFolder.open(Path(run_folder))
+    view = read_camera(camera, None if frame is None else Path(frame))
+    image, cover = relight(Decomposition.load(run, where), Environment.load(environment, where), view)
+    write_picture(output, image, cover)
+
+
+def relight_run(
+    run_folder: Path | str, environment: Path, output: Path, *, frames: int = 24, side: int = 512,
+    device: str | torch.device = "auto", on_progress: OnProgress = silent,
+) -> None:  # fmt: skip
+    """Write a turntable of `frames` pictures of `side` pixels, and the test views, under an equirectangular map.
+
+    output: a new or empty folder, filled at once at the end.
+    Raises `InputError` for a run or map that cannot be used, `ConfigError` for sizes and folders that cannot.
+    """
+    if frames < 1 or not 8 <= side <= _LARGEST_SIDE:
+        raise ConfigError(f"A turntable needs --frames of at least 1 and --side from 8 to {_LARGEST_SIDE}.")
+    where, run = resolve_device(device), RunFolder.open(Path(run_folder))
+    _refuse_mixing(output)
+    decomposition, light = Decomposition.load(run, where), Environment.load(environment, where)
+    cameras = read_record(run).cameras
+    circle = turntable(list(cameras["train"].values()), decomposition.similarity.center, frames, side)
+    views = {Path("turntable") / f"{i:03d}.png": camera for i, camera in enumerate(circle)}
+    views |= {named_file(Path("test"), name, ".png"): camera for name, camera in cameras["test"].items()}
+    with filled_folder(output) as pictures:
+        for done, (name, camera) in enumerate(views.items()):
+            write_picture(pictures / name, *relight(decomposition, light, camera))
+            on_progress("relight", done + 1, len(views))
+
+
+def export_run(run_folder: Path | str, output: Path, *, device: str | torch.device = "auto") -> list[Path]:
+    """Write mesh.glb, its textures and the training photos' lights into a new or empty folder; return the files.
+
+    The first is the mesh. Raises `InputError` for a run that cannot be used, `ConfigError` for a folder with files.
+    """
+    run = RunFolder.open(Path(run_folder))
+    _refuse_mixing(output)
+    decomposition = Decomposition.load(run, resolve_device(device))
+    with filled_folder(output) as files:
+        written = export(decomposition, files, decomposition.lights)
+        return [output / path.relative_to(files) for path in written]
+
+
+def _refuse_mixing(folder: Path) -> None:
+    """Refuse a folder that holds files: among those of an earlier call the new ones could not be told apart."""
+    if folder.is_dir() and any(not name.startswith(".") for name in os.listdir(folder)):
+        raise ConfigError(f"{folder} is not empty; give a new folder with -o, so that no older file stays among these.")
+
+
+def write_picture(path: Path, image: torch.Tensor, cover: torch.Tensor) -> None:
+    """Write a premultiplied linear image (H, W, 3) with coverage (H, W): straight sRGB PNG, or premultiplied EXR."""
+    color, alpha = image.cpu().numpy(), cover.cpu().numpy()
+    if path.suffix.lower() == ".exr":
+        write_exr(path, np.concatenate([color, alpha[..., None]], axis=2))
+    else:
+        write_png(path, color / np.maximum(alpha, 1e-6)[..., None], alpha)

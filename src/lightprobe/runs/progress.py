@@ -1,0 +1,20 @@
+"""How work that takes long tells how far it is."""
+
+from typing import Protocol
+
+
+class OnProgress(Protocol):
+    """Hears how far a stage of the work is."""
+
+    def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
+        """Take note that `done` of `total` steps of `stage` are finished; `note` says what the last one came to."""
+
+
+def silent(stage: str, done: int, total: int, note: str = "") -> None:
+    """Take no note: the `OnProgress` of those who do not ask."""
+
+
+def clock(seconds: float) -> str:
+    """Return a duration as minutes:seconds."""
+    whole = round(seconds)
+    return f"{whole // 60}:{whole % 60:02d}"

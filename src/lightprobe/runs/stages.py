@@ -1,0 +1,126 @@
+"""The two phases as steps of a run folder: recorded, resumable, reported."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+
+from lightprobe.core.config import DecomposeConfig, DistillConfig
+from lightprobe.core.config.distillation import Lessons
+from lightprobe.core.config.prediction import PredictConfig
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.distillation import distill
+from lightprobe.distillation.training import stages
+from lightprobe.export import write_run_outputs
+from lightprobe.light.environment import Environment, load_environments
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.reconstruction import decompose
+from lightprobe.runs.progress import OnProgress
+from lightprobe.runs.recorder import PhaseRecorder
+from lightprobe.scene import load_scene
+from lightprobe.scene.photo import Scene
+from lightprobe.scene.record import scene_record
+
+MAP_RESOLUTION = 32  # texels along each cubemap edge of the maps of --hdri
+
+
+@dataclass(frozen=True)
+class UserMaps:
+    """Environments of the user's that Phase II trains under as well, and where they came from."""
+
+    source: str | None
+    environments: list[Environment]
+
+    @staticmethod
+    def read(folder: Path | None, config: DistillConfig | None) -> "UserMaps":
+        """Return the maps of a folder, none without one; called before Phase I, so that a mistake costs no time.
+
+        Raises `InputError` for a folder without usable maps, `ConfigError` when Phase II would not use them.
+        """
+        if folder is None:
+            return UserMaps(None, [])
+        if config is not None and config.lessons is Lessons.TEACHER:
+            raise ConfigError("--hdri changes nothing where no photos are re-rendered (lessons teacher); leave it out.")
+        return UserMaps(str(folder.resolve()), load_environments(folder, MAP_RESOLUTION))
+
+
+def open_scene(run: RunFolder, folder: Path | None) -> Scene:
+    """Load the scene of a run, from `folder` when it has moved, and check that it is still the same."""
+    path = folder or Path(run.scene()["root"])
+    if not path.is_dir():
+        raise InputError(f"The photos of {run.path} are no longer in {path}; tell where they are with --scene FOLDER.")
+    scene = load_scene(path)
+    try:
+        run.record_scene(scene_record(scene))
+    except ConfigError as error:
+        raise InputError(
+            f"{path} is not the scene that {run.path} learnt from, or its photos, masks or cameras have changed; "
+            "tell where that scene is with --scene FOLDER."
+        ) from error
+    return scene
+
+
+def run_decompose(
+    run: RunFolder,
+    scene: Scene,
+    config: DecomposeConfig,
+    device: torch.device,
+    seed: int,
+    on_progress: OnProgress,
+) -> Decomposition:
+    """Phase I into the run folder, going on from the last checkpoint; a finished phase is only loaded."""
+    run.record_scene(scene_record(scene))
+    run.record_config("decompose", {"seed": seed, **asdict(config)})
+    if run.asset_file.exists():
+        return Decomposition.load(run, device)
+    recorder = PhaseRecorder(run, "decompose", run.checkpoints, on_progress)
+    decomposition = decompose(scene, config, device, seed, recorder.progress(recorder.step))
+    write_run_outputs(decomposition, run)
+    decomposition.save(run)
+    recorder.finish()
+    return decomposition
+
+
+def run_distill(
+    run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
+    device: torch.device, seed: int, on_progress: OnProgress, user_maps: UserMaps, predict: PredictConfig,
+) -> ProbeModel:  # fmt: skip
+    """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
+
+    `predict`, how the run is to predict from then on, is kept with it.
+    """
+    run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
+    run.record_config("predict", asdict(predict))
+    if ProbeModel.exists(run.model_folder):
+        return ProbeModel.load(run.model_folder).to(device)
+    recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress)
+    first_step = {stage.name: stage.first_step for stage in stages(config)}
+
+    def on_step(stage: str, step: int, steps: int, loss: float) -> None:
+        recorder.step("distill", first_step[stage] + step, config.total_steps, loss)
+
+    model = distill(
+        decomposition, scene(), config, device, seed, recorder.progress(on_step),
+        environments=user_maps.environments, on_lesson=lambda done, total: on_progress("lessons", done, total),
+    )  # fmt: skip
+    model.save(run.model_folder)
+    recorder.finish()
+    return model
+
+
+def restart_decompose(run: RunFolder) -> None:
+    """Forget Phase I, and Phase II and the evaluation with it, as they build on it."""
+    outputs = (run.checkpoints.folder, run.mesh_folder, run.environment_folder, run.scene_file)
+    run.empty(outputs=(*outputs, *_second_outputs(run)))
+
+
+def restart_distill(run: RunFolder) -> None:
+    """Forget Phase II and the evaluation."""
+    run.restart("distill", outputs=_second_outputs(run))
+    run.restart("predict", outputs=())
+
+
+def _second_outputs(run: RunFolder) -> tuple[Path, ...]:
+    return (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)

@@ -1,0 +1,27 @@
+"""That the command line which a run's report gives makes the same training again."""
+
+import dataclasses
+import shlex
+
+from lightprobe.cli import training
+from lightprobe.cli.main import main
+from lightprobe.core.config import distillation, reconstruction
+from lightprobe.core.run import RunFolder
+from lightprobe.report.run_info import read_phases, training_commands
+
+
+def test_the_command_of_a_training_gives_its_settings_again(tmp_path, monkeypatch):
+    run = RunFolder.create(tmp_path / "run")
+    first = dataclasses.replace(
+        reconstruction.standard(), shadows=False, sdf=reconstruction.SdfMode.MLP, laplacian=0.25
+    )
+    second = dataclasses.replace(distillation.standard(), pretrained=True, alpha_rule=distillation.AlphaRule.R2)
+    run.record_config("decompose", {"seed": 5, **dataclasses.asdict(first)})
+    run.record_config("distill", {"seed": 5, "hdri": None, **dataclasses.asdict(second)})
+    given = []
+    monkeypatch.setattr(training, "train_run", lambda *folders, **options: given.append(options) or run)
+    (command,) = training_commands(read_phases(run), run.path)
+    assert "--preset standard" in command
+    assert main(shlex.split(command)[1:]) == 0
+    assert given[0]["seed"] == 5
+    assert (given[0]["decompose"], given[0]["distill"]) == (first, second)

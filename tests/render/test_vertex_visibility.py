@@ -1,0 +1,60 @@
+"""What vertices see of their own mesh: in closed form, and in the colour of what stands before them."""
+
+import pytest
+import torch
+
+from lightprobe.render.vertex_visibility import vertex_visibility
+from lightprobe.render.visibility import ambient_occlusion
+from tests.shapes import ball_over_floor, sphere
+
+
+def grey(faces: torch.Tensor) -> torch.Tensor:
+    return torch.full(faces.shape, 0.5)
+
+
+def test_a_sphere_is_open_everywhere():
+    vertices, faces = (torch.from_numpy(part) for part in sphere(3))
+    assert float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), vertices).min()) > 0.95
+
+
+@pytest.mark.parametrize(("radius", "height"), [(0.3, 0.6), (0.2, 0.5), (0.4, 0.45)])
+def test_under_a_ball_a_cone_is_blocked(radius, height):
+    vertices, faces, middle = ball_over_floor(radius, height)
+    normals = torch.tensor([0.0, 0, 1]).expand(len(vertices), 3)
+    opened = float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), normals)[middle])
+    assert opened == pytest.approx(1 - (radius / height) ** 2, abs=0.05)  # one of 384 directions weighs up to .02
+
+
+def test_the_floor_under_a_red_ball_sees_red():
+    vertices, faces, middle = ball_over_floor(0.3, 0.4)
+    red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
+    ball = (faces >= 41 * 41).all(1, keepdim=True)
+    seen = vertex_visibility(vertices, faces, torch.where(ball, red, blue))
+    torch.testing.assert_close(seen.occluder_color[middle], red, atol=1e-3, rtol=0)
+    lowest = 41 * 41 + int(vertices[41 * 41 :, 2].argmin())
+    torch.testing.assert_close(seen.occluder_color[lowest], blue, atol=0.02, rtol=0)
+    torch.testing.assert_close(seen.brightened(0.5).occluder_color, 0.5 * seen.occluder_color)
+
+
+def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
+    """Return a ball and a smaller one half within it."""
+    vertices, faces = (torch.from_numpy(part) for part in sphere(2))
+    beside = 0.4 * vertices + torch.tensor([0.5, 0.1, 0.3])
+    return torch.cat([0.6 * vertices, beside]), torch.cat([faces, faces + len(vertices)])
+
+
+def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
+    vertices, faces = two_balls()
+    every = vertex_visibility(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
+    table = vertex_visibility(vertices, faces, grey(faces)).unoccluded
+    assert (table == 0).all(1).sum() > 8  # within the other ball
+    assert (table != every.unoccluded).float().mean() < 1e-3
+
+
+def test_the_colour_seen_is_that_of_the_other_ball():
+    vertices, faces = two_balls()
+    count = len(vertices) // 2
+    red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
+    seen = vertex_visibility(vertices, faces, torch.where((faces < count)[:, :1], red, blue))
+    nearest = int((vertices[:count] - vertices[count:].mean(0)).norm(dim=1).argmin())
+    torch.testing.assert_close(seen.occluder_color[nearest], blue, atol=0.05, rtol=0)

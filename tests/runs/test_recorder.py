@@ -1,0 +1,56 @@
+"""What a phase's training took, over the sessions that it was made in."""
+
+import torch
+
+from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.run import RunFolder
+from lightprobe.core.timings import read_timings
+from lightprobe.runs import recorder
+from lightprobe.runs.progress import silent
+from lightprobe.training import Stage, Training
+
+
+class Clock:
+    """Stands for the module `time`; moved by hand."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def session(run: RunFolder) -> recorder.PhaseRecorder:
+    return recorder.PhaseRecorder(run, "decompose", Checkpoints(run.checkpoints.folder), silent)
+
+
+def test_time_is_summed_over_sessions_up_to_the_checkpoint_that_the_next_one_went_on_from(tmp_path, monkeypatch):
+    run, clock = RunFolder.create(tmp_path / "run"), Clock()
+    monkeypatch.setattr(recorder, "time", clock)
+    monkeypatch.setattr(recorder, "peak_memory", lambda: 1.5)
+    first = session(run)
+    clock.now += 10
+    stage = Stage("pass1", 0, 10)
+    training = Training("Phase I", {}, 0, (stage,), 5, first.progress(first.step))
+    training.save(stage, 5, {"a": torch.zeros(1)})
+    kept = read_timings(run.timings_file)["decompose"]
+    assert (kept.seconds, kept.memory, kept.finished) == (10, 1.5, False)
+    clock.now += 7  # killed: these seconds' steps are made again
+    monkeypatch.setattr(recorder, "peak_memory", lambda: 1.25)
+    second = session(run)
+    assert second.count == 5
+    clock.now += 4
+    second.finish()
+    whole = read_timings(run.timings_file)["decompose"]
+    assert (whole.seconds, whole.memory, whole.finished) == (14, 1.5, True)
+    assert "decompose finished in 0:04, 1.25 GiB at most" in run.log_file.read_text()
+
+
+def test_a_phase_that_begins_without_a_checkpoint_begins_with_no_time(tmp_path, monkeypatch):
+    run, clock = RunFolder.create(tmp_path / "run"), Clock()
+    monkeypatch.setattr(recorder, "time", clock)
+    for _ in range(2):
+        begun = session(run)
+        clock.now += 3
+    begun.finish()
+    assert read_timings(run.timings_file)["decompose"].seconds == 3
