@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from lightprobe.core.config_predict import Method
 
 import lightprobe
+from lightprobe.core.config.prediction import Method
 from lightprobe.evaluation.metrics import environment_log_rmse, image_scores, log_difference, on_white
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.environment import Environment
