@@ -18,7 +18,7 @@ CAMERA = camera_at((2.6, 1.4, 1.2), size=32, focal=42.0)
 
 def gbuffers():
     plain = glossy_sphere()
-    shaded = dataclasses.replace(plain, around=textured_visibility(plain.mesh, plain.textures.flat()))
+    shaded = dataclasses.replace(plain, visibility=textured_visibility(plain.mesh, plain.textures.flat()))
     return [rasterize_asset(asset, CAMERA, CPU) for asset in (plain, shaded)]
 
 

@@ -37,12 +37,20 @@ NODES = SIDE * SIDE
 
 @dataclass(frozen=True)
 class TileTree:
-    """The tiles of a map of M texels: G roots of T tiles each; tile i has the quarters 4 i + 1 .. 4 i + 4."""
+    """The tiles of a map of M texels: G roots of T tiles each; tile i has the quarters 4 i + 1 .. 4 i + 4.
+
+    A root has at least its quarters, T >= 5. Raises ValueError where it has none.
+    """
 
     tiles: np.ndarray  # (G, T, 7 * 16) float32: x, y, z of the nodes or texels, then zeros for W and the three sums
     bounds: np.ndarray  # (G, T, 4) float32: centre, and the largest distance from it
     maps: np.ndarray  # (2, 4, 16, 16) float32: from a tile's nodes (third) to those of each quarter, or to its texels
     texels: np.ndarray  # (G, leaves, 16) int64: flat index in [0, M) of the texels of the last quarters, each once
+
+    def __post_init__(self) -> None:
+        """Raise `ValueError` for roots without quarters, which no loop asks about before it goes down."""
+        if self.bounds.shape[1] < 5:
+            raise ValueError("every root of a tree of tiles must have its quarters: the map is too small to be culled")
 
 
 def stack_probes_culled(

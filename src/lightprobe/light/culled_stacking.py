@@ -45,7 +45,7 @@ def _pays(colors: Tensor, resolution: int) -> bool:
 
 @functools.lru_cache(maxsize=4)
 def tile_tree(resolution: int) -> TileTree:
-    """Return the 96 roots of a cubemap, R a power of two from 16, and all their tiles, row by row."""
+    """Return the 96 roots of a cubemap, R a power of two from 32, and all their tiles, row by row."""
     nodes = -np.cos((2 * np.arange(SIDE) + 1) * math.pi / (2 * SIDE))
     texels = (2 * np.arange(SIDE) + 1) / SIDE - 1
     last = int(math.log2(resolution // (ROOTS * SIDE)))
