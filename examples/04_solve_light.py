@@ -13,9 +13,9 @@ from pathlib import Path
 import torch
 
 import lightprobe
-from lightprobe.imaging.photometry import relative_tone_weight
 from lightprobe.light import prefilter
 from lightprobe.light.environment import Environment
+from lightprobe.light.photometry import relative_tone_weight
 from lightprobe.prediction.observation import observe
 from lightprobe.render.transport import Transport, solve_light
 

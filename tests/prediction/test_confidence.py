@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.imaging.photometry import relative_tone_weight
 from lightprobe.light import cubemap, prefilter
+from lightprobe.light.photometry import relative_tone_weight
 from lightprobe.prediction.confidence import CAUSES, Weights, _evidence, confidence, error_causes
 from lightprobe.prediction.observation import observe
 from lightprobe.render.transport import Transport

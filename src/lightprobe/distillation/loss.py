@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config.distillation import LossSpace, RadianceUnit
-from lightprobe.imaging.photometry import luma
+from lightprobe.light.photometry import luma
 
 
 def sample_weight(sampled: Tensor, total: Tensor) -> Tensor:

@@ -1,13 +1,14 @@
-"""The material as the three PNG files of glTF: base colour in sRGB, ORM and normals linear."""
+"""Pictures in files: renders, and the material as the three PNG files of glTF: base colour sRGB, the others linear."""
 
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from lightprobe.export.glb import GltfPictures
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.geometry.texels import bake_vertices
-from lightprobe.imaging import write_png
+from lightprobe.imaging import write_exr, write_png
 from lightprobe.render.asset import Asset
 from lightprobe.render.visibility import ambient_occlusion
 
@@ -33,3 +34,12 @@ def _occlusion(asset: Asset) -> np.ndarray:
         return np.ones((size, size), np.float32)
     opened = ambient_occlusion(asset.visibility, vertex_normals(mesh.vertices, mesh.faces))
     return bake_vertices(mesh, opened[:, None], size)[..., 0].cpu().numpy()
+
+
+def write_picture(path: Path, image: torch.Tensor, cover: torch.Tensor) -> None:
+    """Write a premultiplied linear image (H, W, 3) with coverage (H, W): straight sRGB PNG, or premultiplied EXR."""
+    color, alpha = image.cpu().numpy(), cover.cpu().numpy()
+    if path.suffix.lower() == ".exr":
+        write_exr(path, np.concatenate([color, alpha[..., None]], axis=2))
+    else:
+        write_png(path, color / np.maximum(alpha, 1e-6)[..., None], alpha)

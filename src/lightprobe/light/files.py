@@ -38,6 +38,11 @@ def write_map(path: Path, image: np.ndarray) -> None:
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 
 
+def write_plane(path: Path, values: np.ndarray) -> None:
+    """Write one number for each direction, an equirectangular array (H, 2H), as a one-channel EXR."""
+    write_exr(path, values)
+
+
 def check_map_name(path: Path) -> None:
     """Raise `ConfigError` when no environment can be written under this name."""
     if path.suffix.lower() not in _SUFFIXES:

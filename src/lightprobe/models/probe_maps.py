@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config.distillation import AlphaRule
-from lightprobe.imaging.photometry import luma, relative_tone_weight
 from lightprobe.light import cubemap
+from lightprobe.light.photometry import luma, relative_tone_weight
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.probe_distribution import stack

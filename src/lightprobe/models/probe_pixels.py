@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from lightprobe.imaging.photometry import luma
+from lightprobe.light.photometry import luma
 from lightprobe.render.brdf import base_reflectance
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import furnace

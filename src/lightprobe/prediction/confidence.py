@@ -23,8 +23,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import generator
-from lightprobe.imaging.photometry import relative_tone_weight
 from lightprobe.light import cubemap, prefilter
+from lightprobe.light.photometry import relative_tone_weight
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.transport import Transport

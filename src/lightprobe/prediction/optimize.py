@@ -21,8 +21,8 @@ from torch import Tensor
 
 from lightprobe.core.config.prediction import OptimizeConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.imaging.photometry import exposure_unit, one_sided_residual, tone_map
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.photometry import exposure_unit, one_sided_residual, tone_map
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.prediction.observation import Observation

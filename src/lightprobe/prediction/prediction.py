@@ -6,9 +6,8 @@ from pathlib import Path
 from torch import Tensor
 
 from lightprobe.core.errors import ConfigError, ConvergenceError
-from lightprobe.imaging import write_exr
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import check_map_name, panorama
+from lightprobe.light.files import check_map_name, panorama, write_plane
 from lightprobe.prediction.verdict import Verdict
 
 
@@ -44,7 +43,7 @@ class Prediction:
 
     def save_confidence(self, path: Path) -> None:
         """Write the confidence as a one-channel equirectangular EXR."""
-        write_exr(path, panorama(self.confidence[..., None])[..., 0])
+        write_plane(path, panorama(self.confidence[..., None])[..., 0])
 
 
 def check_names(path: Path | None, confidence: Path | None) -> None:

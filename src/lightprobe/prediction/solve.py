@@ -22,9 +22,9 @@ from torch import Tensor
 
 from lightprobe.core.config.prediction import SolveConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.imaging.photometry import beyond_clipping, one_sided_residual, relative_tone_weight
 from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.photometry import beyond_clipping, one_sided_residual, relative_tone_weight
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.prediction.observation import Observation

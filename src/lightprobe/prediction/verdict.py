@@ -27,7 +27,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.imaging.photometry import exposure_unit, one_sided_residual, relative_tone_weight, tone_map
+from lightprobe.light.photometry import exposure_unit, one_sided_residual, relative_tone_weight, tone_map
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport

@@ -2,5 +2,6 @@
 
 from lightprobe.reconstruction.phase1 import decompose
 from lightprobe.training import Progress
+from lightprobe.training.loop import OnStep
 
-__all__ = ["Progress", "decompose"]
+__all__ = ["OnStep", "Progress", "decompose"]

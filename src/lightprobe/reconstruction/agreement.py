@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.imaging.photometry import displayed_error
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade

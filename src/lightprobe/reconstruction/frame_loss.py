@@ -6,7 +6,7 @@ Means run over the whole frame, so that all of these weigh less for an object th
 from torch import Tensor
 
 from lightprobe.core.config import ImageLoss
-from lightprobe.imaging.photometry import tone_map
+from lightprobe.light.photometry import tone_map
 
 _RAMP = 500  # steps over which smoothness comes in
 

@@ -20,7 +20,7 @@ from dataclasses import replace
 import torch
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.imaging.photometry import displayed_error
+from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import render
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.core.device import generator, to_device
-from lightprobe.imaging.photometry import tone_weight
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.photometry import tone_weight
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast

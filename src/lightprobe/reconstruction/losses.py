@@ -6,8 +6,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.imaging import srgb_encode
-from lightprobe.imaging.photometry import one_sided, tone_map
+from lightprobe.light.photometry import one_sided, srgb_encode, tone_map
 from lightprobe.reconstruction.photos import Target
 
 USUAL_ROUGHNESS = 0.4

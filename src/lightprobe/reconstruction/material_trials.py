@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.imaging.photometry import displayed_error
+from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target

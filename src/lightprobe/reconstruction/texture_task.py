@@ -14,8 +14,8 @@ from torch import Tensor
 from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator, to_device
-from lightprobe.imaging.photometry import displayed_error
 from lightprobe.kernels import weighted_gather
+from lightprobe.light.photometry import displayed_error
 from lightprobe.material.textures import bilinear_taps
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.losses import brightness_anchor, color_gauge, material_prior

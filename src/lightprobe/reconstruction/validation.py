@@ -5,9 +5,8 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
-from lightprobe.imaging import srgb_encode
-from lightprobe.imaging.photometry import one_sided
 from lightprobe.light import prefilter as prefilters
+from lightprobe.light.photometry import one_sided, srgb_encode
 from lightprobe.light.resize import magnify_light
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.reconstruction.photos import Target

@@ -9,7 +9,7 @@ and contrast 29 % too low; afterwards the material's gradient along brightness i
 import torch
 from torch import Tensor
 
-from lightprobe.imaging.photometry import beyond_clipping, exposure_unit, tone_slope
+from lightprobe.light.photometry import beyond_clipping, exposure_unit, tone_slope
 from lightprobe.render.transport import Transport
 
 _ROUNDS = 6  # of iteratively reweighted least squares

@@ -13,9 +13,9 @@ import scipy.sparse
 import torch
 from torch import Tensor
 
-from lightprobe.imaging.photometry import beyond_clipping, one_sided_residual
 from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light import cubemap
+from lightprobe.light.photometry import beyond_clipping, one_sided_residual
 from lightprobe.light.prefilter import BLOCKS, Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
 from lightprobe.render.gbuffer import GBuffer

@@ -3,7 +3,6 @@
 import os
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from lightprobe.core.device import resolve_device
@@ -11,8 +10,7 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight, turntable
-from lightprobe.export import export
-from lightprobe.imaging import write_exr, write_png
+from lightprobe.export import export, write_picture
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.runs.progress import OnProgress, silent
@@ -80,12 +78,3 @@ def _refuse_mixing(folder: Path) -> None:
     """Refuse a folder that holds files: among those of an earlier call the new ones could not be told apart."""
     if folder.is_dir() and any(not name.startswith(".") for name in os.listdir(folder)):
         raise ConfigError(f"{folder} is not empty; give a new folder with -o, so that no older file stays among these.")
-
-
-def write_picture(path: Path, image: torch.Tensor, cover: torch.Tensor) -> None:
-    """Write a premultiplied linear image (H, W, 3) with coverage (H, W): straight sRGB PNG, or premultiplied EXR."""
-    color, alpha = image.cpu().numpy(), cover.cpu().numpy()
-    if path.suffix.lower() == ".exr":
-        write_exr(path, np.concatenate([color, alpha[..., None]], axis=2))
-    else:
-        write_png(path, color / np.maximum(alpha, 1e-6)[..., None], alpha)

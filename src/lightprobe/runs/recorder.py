@@ -6,9 +6,8 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import PhaseTiming, read_timings, write_timing
+from lightprobe.reconstruction import OnStep, Progress
 from lightprobe.runs.progress import OnProgress, clock
-from lightprobe.training import Progress
-from lightprobe.training.loop import OnStep
 
 _RECORD_EVERY = 10  # steps between lines of metrics.jsonl
 _LIGHTS = "lights"  # the stage that only solves for the final lights: nothing is trained, no checkpoint is written

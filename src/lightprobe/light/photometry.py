@@ -12,7 +12,12 @@ import functools
 import torch
 from torch import Tensor
 
-from lightprobe.imaging.color import srgb_encode
+from lightprobe.imaging.color import srgb_decode, srgb_encode
+
+__all__ = [
+    "USUAL_MEAN", "beyond_clipping", "displayed_error", "exposure_unit", "luma", "one_sided", "one_sided_residual",
+    "relative_tone_weight", "srgb_decode", "srgb_encode", "tone_map", "tone_slope", "tone_weight",
+]  # fmt: skip
 
 USUAL_MEAN = 0.22  # linear mean of a well-exposed object
 _LUMA = (0.299, 0.587, 0.114)  # the paper's weights (Equation 6)

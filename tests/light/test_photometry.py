@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from lightprobe.imaging.photometry import (
+from lightprobe.light.photometry import (
     USUAL_MEAN,
     displayed_error,
     exposure_unit,
