@@ -7,6 +7,7 @@ import reprlib
 
 _LONGEST = 120  # characters of a value that a message quotes
 _SHORT = reprlib.Repr()
+# Characters and levels of a value that a sentence quotes
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxlong, _SHORT.maxother = 3, 60, 40, 60
 
 

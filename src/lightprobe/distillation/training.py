@@ -22,7 +22,7 @@ from lightprobe.scene.photo import Scene
 from lightprobe.training import Progress, Stage, Training
 
 _LARGEST_GRADIENT = 1.0  # norm, of the sphere network
-_START_KEPT = 0.5
+_START_KEPT = 0.5  # share of the bundled weights in the trained ones; Wortsman et al. 2022 take the mean
 
 
 def distill(

@@ -8,7 +8,7 @@ from lightprobe.evaluation.viewpoints import surrounding
 from lightprobe.kernels import rasterize
 from lightprobe.render.surface import View
 
-_VIEWS, _SIDE = 96, 256
+_VIEWS, _SIDE = 96, 256  # cameras, and pixels of their pictures, that decide which faces can be seen at all
 
 
 def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int) -> np.ndarray:

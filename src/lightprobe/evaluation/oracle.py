@@ -31,9 +31,9 @@ from lightprobe.scene.photo import Photo, Scene
 
 _MAX_FACES = 80_000  # before subdivision; decimated further, thin sheets with open edges get holes
 _LONGEST_EDGE = 0.08  # radii; visibility lives on the vertices, so large faces need more of them
-_LARGEST_TEXTURE = 3072
+_LARGEST_TEXTURE = 3072  # texels along an edge, for memory
 _TEXELS_PER_FACE = 10  # along an edge of the square that two triangles share
-_CREASE_DEGREES = 40.0
+_CREASE_DEGREES = 40.0  # edges that turn by more are sharp
 _DEPTH_TOLERANCE = 0.01  # radii
 _DOUBTFUL = 1e-3  # summed weight below which a normal is not believed
 _NEIGHBOURS = 200_000  # seen points that unseen ones choose from

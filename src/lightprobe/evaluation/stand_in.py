@@ -20,7 +20,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 from lightprobe.scene.photo import Scene
 
-_VIEWS, _SIDE = 5, 128
+_VIEWS, _SIDE = 5, 128  # cameras, and pixels of their pictures
 
 
 @dataclass(frozen=True)

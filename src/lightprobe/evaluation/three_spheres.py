@@ -29,14 +29,14 @@ from torch import Tensor
 
 from lightprobe.light import equirect
 
-ROUGHNESS = 0.369
-GAMMA, MIDDLE = 2.4, 0.5
+ROUGHNESS = 0.369  # of the matte sphere
+GAMMA, MIDDLE = 2.4, 0.5  # of its tone curve, and where the median goes
 HEIGHT = 128  # rows of the maps compared; smaller truths stay as they are
 _LOBE_HEIGHT = 32  # rows of the maps that light the two rough spheres
 _SIDE = 32  # pixels across the disc of the rough ones
-_PERCENTILES = (0.1, 99.9)
+_PERCENTILES = (0.1, 99.9)  # that n_rmse scales to 0 and 1
 _FLAT = 3e-3  # of its brightness: a smaller range is taken for none
-_TINY = 1e-12
+_TINY = 1e-12  # keeps a division by nothing finite
 
 SPHERES = ("diffuse", "matte", "mirror")
 

@@ -16,7 +16,7 @@ from lightprobe.light.environment import Environment
 from lightprobe.prediction import Prediction
 from lightprobe.scene.camera import Camera
 
-BINS = 5
+BINS = 5  # of confidence, of equal solid angle
 Scores = dict[str, float]
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from lightprobe.core.files import write_bytes
 from lightprobe.export.gltf_mesh import GltfMesh
 
-_FLOAT, _UINT = 5126, 5125
-_ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
+_FLOAT, _UINT = 5126, 5125  # component types of glTF 2.0
+_ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of buffer views
 _SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # trilinear, clamped
 
 

@@ -35,7 +35,7 @@ class TetLattice:
         return replace(self, **moved)
 
 
-TET_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+TET_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))  # as pairs of a tetrahedron's corners
 
 
 def kuhn_tetrahedra() -> np.ndarray:

@@ -11,8 +11,8 @@ import torch
 
 Array = TypeVar("Array", np.ndarray, torch.Tensor)
 
-_LINEAR_KNEE = 0.0031308
-_ENCODED_KNEE = 0.04045
+_LINEAR_KNEE = 0.0031308  # of IEC 61966-2-1
+_ENCODED_KNEE = 0.04045  # the same, encoded
 
 
 def srgb_encode(linear: Array) -> Array:

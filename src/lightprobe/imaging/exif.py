@@ -13,10 +13,10 @@ from PIL import Image
 from lightprobe.imaging import png16
 from lightprobe.imaging.opening import decode_errors, open_image
 
-_ORIENTATION = 0x0112
-_EXIF_FOLDER = 0x8769
+_ORIENTATION = 0x0112  # numbers of EXIF tags
+_EXIF_FOLDER = 0x8769  # where the next three stand
 _LEAST, _GREATEST = 1e-9, 1e9  # of seconds, f-numbers and ISO: beyond, the file is wrong
-_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
+_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827  # s, f-number, ISO
 
 
 def read_exif(path: Path) -> Image.Exif:

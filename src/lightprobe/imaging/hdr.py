@@ -15,7 +15,7 @@ from lightprobe.imaging.radiance import read_radiance
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _CHANNEL_SETS = ("RGBA", "RGB", "XYZ", "Y")  # the first one the file holds is read
-_LARGEST_HALF = 65504.0
+_LARGEST_HALF = 65504.0  # largest finite 16-bit float
 
 
 def read_hdr(path: Path) -> np.ndarray:

@@ -17,7 +17,7 @@ from lightprobe.imaging.limits import check_pixels
 
 _BIAS = 136  # 128 of the exponent, 8 of the mantissa's bits
 _LARGEST = 255 * 2.0 ** (255 - _BIAS)
-_HEADER_LIMIT = 1 << 16
+_HEADER_LIMIT = 1 << 16  # bytes; real headers have hundreds
 
 
 def read_radiance(path: Path) -> np.ndarray:

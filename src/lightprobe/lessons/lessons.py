@@ -23,8 +23,8 @@ from lightprobe.scene import load_pixels
 from lightprobe.scene.photo import CLIPPED, Photo, Scene
 
 _OPAQUE = 0.9  # below this coverage a pixel's colour is partly extrapolated from its neighbours
-_FEWEST_PIXELS = 16
-_SYNTHETIC_PIXELS = 2048
+_FEWEST_PIXELS = 16  # of a photo that can tell of a light
+_SYNTHETIC_PIXELS = 2048  # rendered for a re-rendered photo
 
 
 @dataclass(frozen=True)

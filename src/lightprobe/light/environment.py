@@ -18,7 +18,7 @@ from lightprobe.light import cubemap, equirect
 from lightprobe.light.files import environment_files, panorama, write_map
 from lightprobe.light.resize import resize_light, rotate_light
 
-_RESOLUTIONS = (8, 16, 32, 64, 128)
+_RESOLUTIONS = (8, 16, 32, 64, 128)  # that a file may be read at
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
 from lightprobe.light.orbits import Orbits, unfold
 from lightprobe.light.sparse import ChosenRows, SparseOperator
 
+# The least that is tabulated, and the most: the specular mixture's lobes may be wider than that of roughness 1.
 MIN_ROUGHNESS, MAX_ROUGHNESS = 0.08, 1.4
 BLOCKS = 8  # blocks along each edge of the cubemap: about ten degrees
 ROUGHNESSES = (0.08, 0.11, 0.15, 0.19, 0.24, 0.305, 0.39, 0.5, 0.67, 1.0, MAX_ROUGHNESS)

@@ -12,10 +12,10 @@ from torch import Tensor, nn
 
 from lightprobe.kernels import hash_encode
 
-CHANNELS = 8
-MIN_ROUGHNESS = 0.08
+CHANNELS = 8  # base colour 3, roughness, metallic, normal offset 3
+MIN_ROUGHNESS = 0.08  # the prefilter's least
 START_BASE = 0.2  # linear base colour that a new field shows
-MAX_NORMAL_OFFSET = 0.5
+MAX_NORMAL_OFFSET = 0.5  # of each component, before the normal is normalised
 
 
 def activate(raw: Tensor) -> Tensor:

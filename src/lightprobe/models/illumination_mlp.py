@@ -22,9 +22,9 @@ from lightprobe.core.config.distillation import NetworkForm
 from lightprobe.core.device import generator
 from lightprobe.models.probe_pixels import ProbePixels
 
-_BLACK = 0.02
-_LOG_RANGE = 8.0
-_PLAIN_INPUTS = 16
+_BLACK = 0.02  # relative to the light level, keeps ratios of dark pixels finite
+_LOG_RANGE = 8.0  # e-folds that the answer may be off its start
+_PLAIN_INPUTS = 16  # of the paper: colour, base colour, specular, normal, view (3 each), roughness
 
 
 class IlluminationMlp(nn.Module):

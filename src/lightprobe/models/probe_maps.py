@@ -28,11 +28,11 @@ from lightprobe.models.probe_distribution import stack
 from lightprobe.models.probe_pixels import ProbePixels
 from lightprobe.render.coarse_transport import CoarseTransport
 
-RESOLUTION = 16
-STRENGTHS = (0.3, 0.03)
-CHANNELS = 19
+RESOLUTION = 16  # texels along a cubemap edge of what the sphere network sees
+STRENGTHS = (0.3, 0.03)  # of the pull of the two coarse lights, strong and weak
+CHANNELS = 19  # see `probe_maps`
 BLACK = 0.02  # e, relative to the light level
-SOLVED_PIXELS = 1024
+SOLVED_PIXELS = 1024  # that the coarse lights are solved from
 
 
 def coarse_lights(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> Tensor:

@@ -19,7 +19,7 @@ from lightprobe.models.probe_maps import CHANNELS
 from lightprobe.models.sphere_net import SphereNet
 
 PRETRAINED = Path(__file__).parents[1] / "assets" / "sphere_net.safetensors"
-PRETRAINED_WIDTH = 24
+PRETRAINED_WIDTH = 24  # of the bundled network
 _WEIGHTS = "illumination_mlp.safetensors"
 _SPHERE = "sphere_net.safetensors"
 _CONFIG = "config.json"

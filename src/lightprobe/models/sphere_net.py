@@ -14,7 +14,7 @@ from lightprobe.core.device import generator
 from lightprobe.light import cubemap
 from lightprobe.models.probe_maps import BLACK, CHANNELS, turned
 
-_LOG_RANGE = 8.0
+_LOG_RANGE = 8.0  # e-folds that the answer may be off the stacked map
 
 
 def pad_faces(x: Tensor) -> Tensor:

@@ -31,7 +31,7 @@ from lightprobe.render.transport import Transport
 
 _RESOLUTION = 16  # texels along a cubemap edge of the transport looked at
 _BLURRED = 8  # the same of the blurred map that detail is measured against
-_PIXELS = 2048
+_PIXELS = 2048  # that the light's sensitivity is estimated from
 _PROBES = 4  # random sign vectors; three channels each
 _FLOOR = 0.02  # of the mean radiance: darker is all alike
 

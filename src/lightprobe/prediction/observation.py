@@ -19,9 +19,9 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
-_OPAQUE = 0.9
-_HALF = 0.5
-_FEWEST_PIXELS = 16
+_OPAQUE = 0.9  # coverage from which a pixel shows the object alone
+_HALF = 0.5  # coverage from which a pixel counts as the object's
+_FEWEST_PIXELS = 16  # that a light can be found from
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from lightprobe.render.transport import Transport
 from lightprobe.training.adam import ParameterGroup
 from lightprobe.training.descent import Descent, cosine
 
-_REFINED_RESOLUTION = 32
+_REFINED_RESOLUTION = 32  # texels along an edge at most, for time
 _BROAD = 2  # texels along each edge
 _DARK = 1e-4  # relative to the light level
 

@@ -24,7 +24,7 @@ from lightprobe.prediction.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport
 
 _TURNS = 6  # of the maps that the network answers; the mean of 24 is no better
-_HUE_KEPT = 0.25
+_HUE_KEPT = 0.25  # share of a hue's distance from the mean; docs/decisions/refinement-colour-and-means.md
 _HUE_DARK = 0.01  # relative to the light level: darker has no hue
 
 

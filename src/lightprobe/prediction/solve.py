@@ -32,12 +32,12 @@ from lightprobe.render.coarse_transport import TEXELS, CoarseTransport
 from lightprobe.render.transport import Transport
 
 STRENGTHS = (10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01)  # lambda, from trusting the prior to trusting the photo
-_HELD_OUT = 0.2
+_HELD_OUT = 0.2  # share of the tiles that choose the strength
 _TILE = 12  # pixels; neighbours look alike, so held-out pixels come in tiles
 _COLOR = 10.0  # how much more a change of colour costs than one of brightness
 _AS_GOOD = 1.1  # a held-out error within this factor of the best is no reason to leave the prior
 _DARK = 1e-3  # relative to the light level: a black prior can be raised, too
-_LARGEST_FACTOR = 10.0
+_LARGEST_FACTOR = 10.0  # on the prior's radiance, up or down
 
 
 @dataclass(frozen=True)

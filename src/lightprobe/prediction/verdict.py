@@ -32,10 +32,10 @@ from lightprobe.light.prefilter import BLOCKS
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport
 
-_PIXELS = 1024
+_PIXELS = 1024  # that the verdict's light is solved from
 _SIDE = 4  # texels along a cubemap edge of the light that is fitted
 _STRENGTH = 0.03  # of the pull to a grey light, relative to what the pixels weigh
-_STEPS = 50
+_STEPS = 50  # of its accelerated descent
 _SQUARES = 6  # of the chess board, along the side of a square with the object's area
 _NOISE = 0.02  # displayed; contrast below it is as good as none
 

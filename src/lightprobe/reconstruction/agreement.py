@@ -20,9 +20,9 @@ from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 
-SPLITS = 2
+SPLITS = 2  # ways of halving the pixels: dark and bright, and at random
 _SOLVES = 3  # of a part's light; from a light that knows the other part, too, fewer would do and tell nothing
-_FEWEST_PIXELS = 32
+_FEWEST_PIXELS = 32  # of a photo that can be halved
 
 Half = tuple[Tensor, Tensor]  # the rows of a part, and those of the rest
 

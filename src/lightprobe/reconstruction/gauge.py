@@ -30,7 +30,7 @@ CHOICES = 4  # checkpoints that choose
 TRIALS_AT = 2  # which of them fits the material anew
 START = 0.45  # mean linear base colour that Phase I starts with
 DARKEST, BRIGHTEST = 0.02, 0.8  # mean linear base colours that no choice goes beyond
-_PHOTOS = 8
+_PHOTOS = 8  # that a choice looks at
 _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice
 

@@ -9,7 +9,7 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.light.photometry import one_sided, srgb_encode, tone_map
 from lightprobe.reconstruction.photos import Target
 
-USUAL_ROUGHNESS = 0.4
+USUAL_ROUGHNESS = 0.4  # what the prior pulls to; docs/decisions/material-priors.md
 _ALIKE = (0.15, 0.2)  # by how much displayed colour and roughness vary within one metal
 _DARK = 0.33  # of the mean base colour: darker metals cost less, in proportion
 

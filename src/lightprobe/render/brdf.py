@@ -22,7 +22,7 @@ from torch import Tensor
 
 from lightprobe.kernels import weighted_gather
 
-DIELECTRIC_F0 = 0.04
+DIELECTRIC_F0 = 0.04  # glTF 2.0, appendix B: index of refraction 1.5
 MIN_COS = 1e-3  # views that graze more, or look from behind a shading normal, count as this
 SIZE = 64  # table nodes per axis; cos_view is spaced by its square root, as A and B turn quickly where views graze
 _SAMPLES = (64, 24)  # strata of the micro-normal's elevation and azimuth

@@ -30,7 +30,7 @@ from lightprobe.core.files import read_json
 from lightprobe.kernels import weighted_gather
 from lightprobe.render import brdf
 
-LOBES = 2
+LOBES = 2  # prefiltered ones in the mixture
 _TABLE = Path(__file__).parents[1] / "assets" / "specular_lobes.json"
 
 

@@ -21,7 +21,7 @@ from lightprobe.light.sparse import SparseOperator
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import Shading
 
-_TINY = 1e-30
+_TINY = 1e-30  # keeps a division by nothing finite
 _FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps along a direction before the line search; 1 is safe, 4 still common
 
 

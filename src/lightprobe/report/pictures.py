@@ -15,8 +15,8 @@ from lightprobe.light.environment import Environment
 from lightprobe.light.files import panorama
 from lightprobe.report.color_scale import RANGE, confidence_colors
 
-_SIDE = 256
-_DIFFERENCE_GAIN = 3
+_SIDE = 256  # pixels of a picture
+_DIFFERENCE_GAIN = 3  # shows errors of a few percent
 
 _DIFFERENCE = f"difference ×{_DIFFERENCE_GAIN}"
 CONFIDENCE = "confidence"

@@ -18,7 +18,7 @@ from lightprobe.evaluation.metrics import photo_interval
 from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 
 Metrics = dict[str, Any]  # as the content of a metrics.json
-_FORMAT = 1
+_FORMAT = 1  # of the files; another one is refused
 _SCORES = IMAGES | LIGHTS | MAPS
 
 

@@ -13,7 +13,7 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.normalise import find_similarity
 
-_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = 24, 96, 48
+_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = 24, 96, 48  # few, small and coarse: each hypothesis carves a hull
 _CLEARLY_BETTER, _CONVINCING = 0.1, 0.6  # gain in IoU, and IoU, that make a suspicion worth a word
 
 

@@ -20,7 +20,7 @@ from lightprobe.scene.photo import Photo
 from lightprobe.scene.pixels import load_thumbnail
 
 _SIDE = 192  # longer side of the thumbnails everything is measured on
-_RESOLUTION = 128
+_RESOLUTION = 128  # voxels along an edge of the hull that masks are compared with
 _SHOWN = 20  # problems printed
 _LOW_MEDIAN, _FAR_BELOW_MEDIAN, _CLEARLY_BETTER = 0.75, 0.2, 0.1  # IoU
 

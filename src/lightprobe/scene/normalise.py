@@ -13,10 +13,10 @@ from lightprobe.core.errors import InputError
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull, usual_agreement, visual_hull
 
-_COARSE, _FINE = 64, 96
+_COARSE, _FINE = 64, 96  # voxels along an edge
 _GROWTH = 1.5  # of the searched cube when the hull reaches its walls
 _MARGIN = 1.15  # of the cube around the hull, for thin parts that fall between coarse voxels
-_ATTEMPTS = 8
+_ATTEMPTS = 8  # at a box that holds the whole hull
 ROUGH_AGREEMENT = 0.8  # for scenes whose masks or poses are rough
 _ROUNDING = 1e-3  # of the object's size, below which the rounding of coordinates must lie
 _FEW = 3  # whole masks, fewer than which say nothing

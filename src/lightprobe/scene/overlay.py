@@ -14,10 +14,10 @@ from lightprobe.core.files import atomic_path
 from lightprobe.scene.frame import Split
 from lightprobe.scene.inspect import Inspection, PhotoReport
 
-MASK_COLOR, HULL_COLOR = (255, 120, 0), (0, 190, 255)
-_CELL, _CAPTION, _GAP, _HEAD = 192, 18, 6, 30
+MASK_COLOR, HULL_COLOR = (255, 120, 0), (0, 190, 255)  # sRGB of the two outlines
+_CELL, _CAPTION, _GAP, _HEAD = 192, 18, 6, 30  # pixels
 _MOST = 240  # photos on a sheet; the worst ones are shown
-_PAPER, _INK = (24, 24, 24), (235, 235, 235)
+_PAPER, _INK = (24, 24, 24), (235, 235, 235)  # sRGB
 
 
 def write_overlay_sheet(inspection: Inspection, path: Path) -> None:

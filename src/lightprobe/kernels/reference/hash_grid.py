@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-PRIMES = (1, 2654435761, 805459861)
+PRIMES = (1, 2654435761, 805459861)  # of the spatial hash (Teschner et al. 2003; Müller et al. 2022)
 
 
 def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-PAIRS_AT_ONCE = 1 << 22
-TINY = 1e-12
+PAIRS_AT_ONCE = 1 << 22  # pixels times directions, for memory
+TINY = 1e-12  # keeps a division by nothing finite
 
 
 def occluded_light(light: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:

@@ -7,8 +7,8 @@ face index: the bits of positive floats order like the floats, so the largest ke
 import torch
 from torch import Tensor
 
-PAIRS_AT_ONCE = 1 << 22
-FACE_MASK = (1 << 31) - 1
+PAIRS_AT_ONCE = 1 << 22  # triangles times pixels, for memory
+FACE_MASK = (1 << 31) - 1  # low bits of a key: the face; above them its depth
 
 
 def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-PAIRS_AT_ONCE = 1 << 22
+PAIRS_AT_ONCE = 1 << 22  # probes times directions, for memory
 
 
 def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,9 +17,9 @@ FACES = 32  # of one program
 STRIP = 4  # pixels of each that it draws at once
 LARGE = 256  # pixels of the largest box drawn side by side
 LISTS, PARTS, SPAN = 64, 8, 1024  # second launch: programs along the list, programs in a box, pixels drawn at once
-EMPTY = (1 << 63) - 1
-LOW = (1 << 32) - 1
-ALL_BITS = (1 << 31) - 1
+EMPTY = (1 << 63) - 1  # key of a pixel without a face: further than any
+LOW = (1 << 32) - 1  # bits of a key that hold the face
+ALL_BITS = (1 << 31) - 1  # of a positive float's pattern, from which depth is taken
 
 
 def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
