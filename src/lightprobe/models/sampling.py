@@ -11,15 +11,12 @@ _LEAST_WEIGHT = 1e-3  # keeps perfectly rough pixels in the draw, so that a whol
 def sample_pixels(roughness: Tensor, count: int, *, seed: int, stream: str, step: int = 0) -> Tensor:
     """Return `count` distinct pixel indices (count,) int64 drawn with probability proportional to 1 - r.
 
-    The paper (section 3.2.3) states the probability as |r - 1|. Adding Gumbel noise to the log weights and taking the
-    largest draws one after the other without replacement. All N indices are returned when `count` >= N.
+    roughness: (N,) in [0, 1]. stream, step: name of the random stream of a run's `seed`, and the number within it. All
+    N indices are returned when `count` >= N.
 
-    Args:
-        roughness: (N,) in [0, 1].
-        count: number of pixels wanted.
-        seed: seed of the run.
-        stream: name of the random stream.
-        step: number within the stream.
+    The paper (section 3.2.3) asks for more smooth pixels than rough ones; its |r - 1| - 1 is read as |r - 1|, as no
+    probability is negative. Adding Gumbel noise to the log weights and taking the largest draws one pixel after the
+    other without replacement.
     """
     if count >= len(roughness):
         return torch.arange(len(roughness), device=roughness.device)

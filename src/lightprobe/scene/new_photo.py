@@ -1,6 +1,6 @@
 """A photo from outside a scene: its camera, out of a file that may hold many, and its pixels.
 
-Cameras come in three kinds of file: one camera in lightprobe's own JSON (README, "Conventions"), the frames of a
+Cameras come in three kinds of file: one camera in lightprobe's own JSON (docs/conventions.md), the frames of a
 transforms file, or the photos of a run's scene.json.
 """
 
