@@ -12,17 +12,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import lightprobe
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, distill_preset
+from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
 
 
 def draft() -> tuple[DecomposeConfig, DistillConfig]:
     """Return settings that only show that everything works."""
+    quick = settings(Preset.QUICK)
     first = replace(
-        DecomposeConfig.preset(Preset.QUICK), pass1_iterations=60, pass2_iterations=30, pass3_iterations=30,
+        quick.decompose, pass1_iterations=60, pass2_iterations=30, pass3_iterations=30,
         pass1_side=64, pass2_side=96, pass3_side=160, lattice_cells=32, hull_voxels=48, texture_size=128,
         pass3_texture_size=128, trial_steps=5,
     )  # fmt: skip
-    return first, replace(distill_preset(Preset.QUICK), steps=60, sphere_steps=30, synthetic_lessons=16, samples=256)
+    return first, replace(quick.distill, steps=60, sphere_steps=30, synthetic_lessons=16, samples=256)
 
 
 def main() -> None:

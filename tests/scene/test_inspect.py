@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.core.errors import InputError
-from lightprobe.scene.consistency import explain, overlap
+from lightprobe.scene.consistency import diagnose, overlap
 from lightprobe.scene.inspect import Inspection, inspect
 from lightprobe.scene.overlay import HULL_COLOR, MASK_COLOR, write_overlay_sheet
 from tests.scene.worlds import expected_camera, names, picture, views, write_blender, write_nerd, write_nerfstudio
@@ -80,7 +80,7 @@ slow = pytest.mark.slow
     ],
 )
 def test_wrong_conventions_are_named(pose_change, mask_change, words):
-    assert words in explain(*wrongly(pose_change or (lambda pose: pose), mask_change or (lambda mask: mask)), 0.5)
+    assert words in diagnose(*wrongly(pose_change or (lambda pose: pose), mask_change or (lambda mask: mask)), 0.5)
 
 
 def wrongly(pose_change, mask_change):
@@ -95,7 +95,7 @@ def wrongly(pose_change, mask_change):
 
 
 def test_no_explanation_for_a_good_scene():
-    assert explain(*wrongly(lambda pose: pose, lambda mask: mask), 0.9) is None
+    assert diagnose(*wrongly(lambda pose: pose, lambda mask: mask), 0.9) is None
 
 
 def test_one_sound_photo_is_not_enough_to_judge(tmp_path):

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lightprobe.training import recording
-from lightprobe.training.recording import CudaRecorder, Recorded, recorder_for
+from lightprobe.training.recording import CudaRecorder, RecordedStep, recorder_for
 from tests.tape import TapeRecorder
 
 
@@ -23,14 +23,14 @@ class Counter:
 
 def test_without_a_recorder_every_call_is_the_step_itself():
     counter = Counter()
-    recorded = Recorded(counter.step, recorder_for(torch.device("cpu")))
+    recorded = RecordedStep(counter.step, recorder_for(torch.device("cpu")))
     assert [float(recorded(torch.ones(2))) for _ in range(6)] == [2, 4, 6, 8, 10, 12]
     assert counter.calls == 6
 
 
 def test_a_recording_reads_new_inputs_and_keeps_the_steps_memory():
     counter, recorder = Counter(), TapeRecorder()
-    recorded = Recorded(counter.step, recorder)
+    recorded = RecordedStep(counter.step, recorder)
     found = [recorded(torch.full((2,), float(k))) for k in range(8)]
     assert [float(value) for value in found] == [0, 2, 6, 12, 20, 30, 42, 56]  # each result kept, not overwritten
     assert (recorder.recordings, recorder.replays, counter.calls) == (1, 5, 4)
@@ -38,7 +38,7 @@ def test_a_recording_reads_new_inputs_and_keeps_the_steps_memory():
 
 def test_other_shapes_are_stepped_without_the_recording():
     counter, recorder = Counter(), TapeRecorder()
-    recorded = Recorded(counter.step, recorder)
+    recorded = RecordedStep(counter.step, recorder)
     for _ in range(5):
         recorded(torch.ones(2))
     assert float(recorded(torch.ones(3))) == 13
@@ -48,7 +48,7 @@ def test_other_shapes_are_stepped_without_the_recording():
 
 def test_a_shape_is_recorded_once_it_has_been_seen_often():
     counter, recorder = Counter(), TapeRecorder()
-    recorded = Recorded(counter.step, recorder)
+    recorded = RecordedStep(counter.step, recorder)
     for count in (2, 2, 3, 2, 3):
         recorded(torch.ones(count))
     assert recorder.recordings == 0
@@ -71,7 +71,7 @@ def test_what_cannot_be_recorded_is_stepped_with_a_warning():
         return x * float(x.sum())
 
     total, recorder = torch.zeros(()), TapeRecorder()
-    recorded = Recorded(reads, recorder)
+    recorded = RecordedStep(reads, recorder)
     for _ in range(3):
         recorded(torch.ones(2))
     with pytest.warns(UserWarning, match="cannot be recorded"):
@@ -138,7 +138,7 @@ def test_after_a_broken_recording_a_gpu_goes_on(monkeypatch):
     monkeypatch.setattr(recording, "_refused", [])
     device, before = torch.device("cuda", torch.cuda.current_device()), torch.cuda.current_stream()
     values = torch.rand(1000, device=device)
-    recorded = Recorded(lambda x: x.sum() * float(x.sum() > 0), CudaRecorder(device))
+    recorded = RecordedStep(lambda x: x.sum() * float(x.sum() > 0), CudaRecorder(device))
     with pytest.warns(UserWarning, match="cannot be recorded"):
         found = [float(recorded(values)) for _ in range(6)]
     assert found == [float(values.sum())] * 6

@@ -9,7 +9,7 @@ from gpu.boxes import Setting
 from lightprobe.core.errors import ResourceError
 
 ROOT = Path(__file__).parents[2]
-_BRIEF = "tests/core/test_recording.py"
+_BRIEF = "tests/training/test_recording.py"
 _NONE_COLLECTED = 5  # pytest's exit code
 
 
