@@ -6,7 +6,7 @@ import pytest
 
 from lightprobe.core.run import RunFolder
 from tests.cli.commands import succeed
-from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
+from tests.toy_scene import TINY_DISTILL, TINY_WITHOUT_TRIALS, write_toy_scene
 
 
 @pytest.fixture(scope="session")
@@ -14,7 +14,7 @@ def toy_run(tmp_path_factory):
     """A scene folder and a run on it, trained for a few steps; the run is not to be changed."""
     folder = tmp_path_factory.mktemp("toy")
     scene = write_toy_scene(folder / "scene")
-    succeed("train", scene, "-o", folder / "run", *TINY, *TINY_DISTILL)
+    succeed("train", scene, "-o", folder / "run", *TINY_WITHOUT_TRIALS, *TINY_DISTILL)
     return scene, RunFolder(folder / "run")
 
 

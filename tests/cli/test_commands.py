@@ -12,7 +12,7 @@ from lightprobe.cli.main import COMMANDS, main
 from lightprobe.imaging import write_exr
 from lightprobe.scene.camera import Camera
 from tests.cli.commands import succeed
-from tests.toy_scene import SIZE, TINY, TINY_DISTILL, write_toy_scene
+from tests.toy_scene import SIZE, TINY_DISTILL, TINY_WITHOUT_TRIALS, write_toy_scene
 
 
 def test_training_leaves_the_documented_files(trained):
@@ -33,16 +33,16 @@ def test_training_leaves_the_documented_files(trained):
 def test_the_same_command_again_changes_nothing(trained):
     scene, run = trained
     before = {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file() and p.name != "log.txt"}
-    succeed("train", scene, "-o", run.path, *TINY, *TINY_DISTILL)
+    succeed("train", scene, "-o", run.path, *TINY_WITHOUT_TRIALS, *TINY_DISTILL)
     assert {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file() and p.name != "log.txt"} == before
 
 
 def test_another_scene_or_option_is_refused_with_the_difference(trained, tmp_path, capsys):
     scene, run = trained
-    assert main(["fit", str(scene), "-o", str(run.path), *TINY, "--seed", "3"]) == 3
+    assert main(["fit", str(scene), "-o", str(run.path), *TINY_WITHOUT_TRIALS, "--seed", "3"]) == 3
     assert "decompose.seed = 0, not 3" in capsys.readouterr().err
     other = write_toy_scene(tmp_path / "other", train=5)
-    assert main(["fit", str(other), "-o", str(run.path), *TINY]) == 3
+    assert main(["fit", str(other), "-o", str(run.path), *TINY_WITHOUT_TRIALS]) == 3
     assert "--restart" in capsys.readouterr().err
 
 

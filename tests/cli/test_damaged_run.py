@@ -19,7 +19,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_hdr
 from lightprobe.light.equirect import from_cubemap
 from lightprobe.light.files import write_map
-from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
+from tests.toy_scene import TINY_DISTILL, TINY_WITHOUT_TRIALS, write_toy_scene
 
 DOCUMENTED = (0, 2, 3, 4, 5)  # exit codes of `core.errors`
 ODD_VALUES = ("x", -1, 10**400, 1e300, math.nan, [], {}, None, True, "\ud800", "a\0b", "../../x")
@@ -34,7 +34,7 @@ def trained(tmp_path_factory):
     scene = write_toy_scene(folder / "scene")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Checkpoints.__init__, "__defaults__", (100,))
-        assert run_main("train", scene, "-o", folder / "run", *TINY, *TINY_DISTILL) == 0
+        assert run_main("train", scene, "-o", folder / "run", *TINY_WITHOUT_TRIALS, *TINY_DISTILL) == 0
     write_map(folder / "light.exr", from_cubemap(torch.ones(6, 8, 8, 3), 16).numpy())
     return folder
 
@@ -46,7 +46,7 @@ class Damaged:
         self.run, self.out = RunFolder(folder / "run"), folder / "out"
         shutil.copytree(trained / "run", self.run.path)
         scene = trained / "scene"
-        train = ("train", scene, "-o", self.run.path, *TINY, *TINY_DISTILL)
+        train = ("train", scene, "-o", self.run.path, *TINY_WITHOUT_TRIALS, *TINY_DISTILL)
         view = ("--camera", self.run.scene_file, "--frame", "test_00", "--env", trained / "light.exr")
         self.commands = {
             "predict": ("predict", self.run.path, scene / "test" / "test_00.png", "-o", self.out / "l.exr"),
@@ -55,7 +55,7 @@ class Damaged:
             "relight": ("relight", self.run.path, "--env", view[-1], "-o", self.out / "p", "--frames", 1, "--side", 8),
             "eval": ("eval", self.run.path, "--no-unseen", "--methods", "constant"),
             "train": train,
-            "fit": ("fit", *train[1:4], *TINY),
+            "fit": ("fit", *train[1:4], *TINY_WITHOUT_TRIALS),
         }
 
     def unfinish(self, step: int) -> Path:

@@ -36,6 +36,7 @@ def test_console_and_report_call_a_score_by_one_name(capsys):
     assert "relight_psnr" not in printed
 
 
+@pytest.mark.slow
 def test_eval_writes_numbers_predictions_and_a_self_contained_report(trained, tmp_path, capsys):
     _, run = trained
     succeed("eval", run.path, "-o", tmp_path / "numbers.json")
@@ -83,6 +84,7 @@ def test_eval_of_other_methods_leaves_the_default_s_results_alone(trained, capsy
         assert any(f"predictions/{method}/test_00.exr" in address for address in addresses)
 
 
+@pytest.mark.slow
 def test_the_report_says_how_the_run_was_made(trained):
     _, run = trained
     succeed("eval", run.path, "--no-unseen", "--methods", "probe-net+optimize")

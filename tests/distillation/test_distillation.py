@@ -76,6 +76,7 @@ def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
         assert not torch.equal(first[name], other[name])
 
 
+@pytest.mark.slow
 def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     config = replace(CONFIG, steps=12, sphere_steps=8)
