@@ -22,10 +22,16 @@ def test_lights_are_finite_bright_enough_and_not_all_alike(place):
         assert light.dtype == torch.float32
         assert light.isfinite().all()
         assert float(light.min()) >= 0
-        assert 0.1 < float(mean(light).mean()) < 10
     logs = torch.stack([(light / mean(light).mean() + 0.02).log() for light in lights])
     assert float(logs.std(0).mean()) > 0.2
     assert all(not torch.equal(lights[0], other) for other in lights[1:])
+
+
+def test_their_brightness_is_1_in_the_mean_and_spreads_as_exposures_do():
+    """Mean radiance is exp(.5 n), n standard normal, but for white balance, tint and clipping."""
+    logs = torch.stack([mean(generated_light(16, seed=3, step=k)).mean().log() for k in range(40)])
+    assert abs(float(logs.mean())) < 3 * 0.5 / 40**0.5
+    assert 0.35 < float(logs.std()) < 0.7
 
 
 def test_equal_arguments_give_equal_bits_and_seeds_matter():

@@ -10,7 +10,7 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.light.environment import Environment
 from lightprobe.scene import load_scene
-from tests.lit_sphere import CPU, glossy_sphere, patch_light
+from tests.lit_sphere import CORNER, CPU, glossy_sphere, lesson, patch_light
 from tests.toy_scene import write_toy_scene
 
 CONFIG = DistillConfig(synthetic_lessons=7, pixels_per_photo=600, light_resolution=8)
@@ -30,13 +30,23 @@ def collect(world, lessons, **options):
 def test_each_choice_gives_its_lessons(world):
     photos = [photo.name for photo in world[2].train]
     teacher, synthetic, both = (collect(world, choice) for choice in Lessons)
-    assert [lesson.name for lesson in teacher] == photos
-    assert [lesson.name for lesson in synthetic] == [f"synthetic {k}" for k in range(7)]
+    assert [each.name for each in teacher] == photos
+    assert [each.name for each in synthetic] == [f"synthetic {k}" for k in range(7)]
     assert len(both) == len(photos) + 7
-    for lesson in both:
-        assert lesson.teacher.shape == (6 * 8 * 8, 3)
-        assert lesson.teacher.isfinite().all()
-        assert 0.1 < float(lesson.teacher.mean()) < 10, "the light is relative to the photo's level"
+    for each in both:
+        assert each.teacher.shape == (6 * 8 * 8, 3)
+        assert each.teacher.isfinite().all()
+
+
+def test_a_lesson_s_light_is_relative_to_its_photo_s_level():
+    """Grey light of any strength is 1 to it, and of a photo three times as exposed it stays what it is."""
+    asset, grey = glossy_sphere(), torch.full((6, 16, 16, 3), 0.1)
+    dim = lesson(asset, CORNER, grey, "dim").teacher
+    torch.testing.assert_close(dim, torch.ones_like(dim), rtol=0.02, atol=0)
+    torch.testing.assert_close(lesson(asset, CORNER, 3 * grey, "bright").teacher, dim, rtol=1e-4, atol=0)
+    lamp = 0.1 * patch_light((1.0, 0.3, 0.4))
+    one, other = (lesson(asset, CORNER, factor * lamp, "lamp").teacher for factor in (1.0, 3.0))
+    torch.testing.assert_close(other, one, rtol=1e-4, atol=1e-6)
 
 
 def test_equal_seeds_give_equal_lessons_and_progress_is_told(world):

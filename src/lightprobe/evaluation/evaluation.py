@@ -144,15 +144,15 @@ def evaluate(
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
     predictor = Predictor(decomposition, model, device, config=prediction)
     judge = _Judge.of(decomposition, predictor, scene, protocols or Protocols(), device, true_object)
-    course = _Course(judge, methods, own[0], run, on_view)
+    evaluator = _Evaluator(judge, methods, own[0], run, on_view)
     for done, photo in enumerate(scene.test):
-        course.take(photo, done)
-        if on_photo is not None and photo.name not in course.result.skipped:
+        evaluator.score_photo(photo, done)
+        if on_photo is not None and photo.name not in evaluator.result.skipped:
             on_photo(done + 1, len(scene.test))
-    return course.finish(scene)
+    return evaluator.finish(scene)
 
 
-class _Course:
+class _Evaluator:
     """An evaluation on its way through the test photos."""
 
     def __init__(
@@ -163,7 +163,7 @@ class _Course:
         self.result, self._bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
         self._materials = truth.MaterialScores()
 
-    def take(self, photo: Photo, done: int) -> None:
+    def score_photo(self, photo: Photo, done: int) -> None:
         """Score every method on a photo, before which `done` others came, or note why it cannot be scored."""
         try:
             view = self.judge.view(photo)

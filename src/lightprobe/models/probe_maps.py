@@ -14,8 +14,6 @@ Local averages and the global inversion fail in different places; both come with
 The last three say where light tends to come from, in a frame that means the same for every object and camera.
 """
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -57,8 +55,7 @@ def probe_maps(
     seen, weight = stack(pixels, relative / (pixels.furnace + BLACK), flat, rule)
     learned, _ = stack(pixels, colors / light_level, flat, rule)
     what, _ = stack(pixels, kinds, flat, rule)
-    angle = cubemap.solid_angles(RESOLUTION, colors.device).reshape(-1)
-    mean_weight = (weight * angle).sum() / (4 * math.pi)
+    mean_weight = cubemap.sphere_mean(weight.reshape(6, RESOLUTION, RESOLUTION))
     coverage = (weight / mean_weight.clamp(min=1e-12) + 1e-3).log()[:, None]
     lights = [magnify_light(one.reshape(6, BLOCKS, BLOCKS, 3), RESOLUTION).reshape(-1, 3) for one in solved]
     view = torch.nn.functional.normalize(pixels.view.mean(0), dim=0)
