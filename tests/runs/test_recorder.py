@@ -1,4 +1,4 @@
-"""What a phase's training took, over the sessions that it was made in."""
+"""What a phase's training took, over the calls that it was made in."""
 
 import torch
 
@@ -20,15 +20,15 @@ class Clock:
         return self.now
 
 
-def session(run: RunFolder) -> recorder.PhaseRecorder:
+def begun(run: RunFolder) -> recorder.PhaseRecorder:
     return recorder.PhaseRecorder(run, "decompose", Checkpoints(run.checkpoints.folder), silent)
 
 
-def test_time_is_summed_over_sessions_up_to_the_checkpoint_that_the_next_one_went_on_from(tmp_path, monkeypatch):
+def test_time_is_summed_over_calls_up_to_the_checkpoint_that_the_next_one_went_on_from(tmp_path, monkeypatch):
     run, clock = RunFolder.create(tmp_path / "run"), Clock()
     monkeypatch.setattr(recorder, "time", clock)
     monkeypatch.setattr(recorder, "peak_memory", lambda: 1.5)
-    first = session(run)
+    first = begun(run)
     clock.now += 10
     stage = Stage("pass1", 0, 10)
     training = Training("Phase I", {}, 0, (stage,), 5, first.progress(first.step))
@@ -37,7 +37,7 @@ def test_time_is_summed_over_sessions_up_to_the_checkpoint_that_the_next_one_wen
     assert (kept.seconds, kept.memory, kept.finished) == (10, 1.5, False)
     clock.now += 7  # killed: these seconds' steps are made again
     monkeypatch.setattr(recorder, "peak_memory", lambda: 1.25)
-    second = session(run)
+    second = begun(run)
     assert second.count == 5
     clock.now += 4
     second.finish()
@@ -50,7 +50,7 @@ def test_a_phase_that_begins_without_a_checkpoint_begins_with_no_time(tmp_path, 
     run, clock = RunFolder.create(tmp_path / "run"), Clock()
     monkeypatch.setattr(recorder, "time", clock)
     for _ in range(2):
-        begun = session(run)
+        last = begun(run)
         clock.now += 3
-    begun.finish()
+    last.finish()
     assert read_timings(run.timings_file)["decompose"].seconds == 3

@@ -17,7 +17,7 @@ class PhaseRecorder:
     """Counts a phase's steps from its last checkpoint on, writes metrics.jsonl and timings.json and tells progress."""
 
     def __init__(self, run: RunFolder, phase: str, checkpoints: Checkpoints, on_progress: OnProgress):
-        """Begin a session of the phase, whose checkpoints are `checkpoints`."""
+        """Begin a call of the phase, whose checkpoints are `checkpoints`."""
         self._began = time.monotonic()
         latest = checkpoints.latest()
         self.run, self.phase, self.on_progress = run, phase, on_progress
@@ -47,7 +47,7 @@ class PhaseRecorder:
         self._keep_timing(finished=True)
 
     def _keep_timing(self, *, finished: bool = False) -> None:
-        """Write what this session and those before it took, as `core.timings` counts it."""
+        """Write what this call and those before it took, as `core.timings` counts it."""
         held = [memory for memory in (self._before.memory, peak_memory()) if memory is not None]
         seconds = self._before.seconds + time.monotonic() - self._began
         write_timing(self.run.timings_file, self.phase, PhaseTiming(seconds, max(held, default=None), finished))
