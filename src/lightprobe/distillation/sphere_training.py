@@ -61,7 +61,6 @@ class SphereExamples:
 
     maps: Tensor  # (L, 19, 6, 16, 16)
     lights: Tensor  # (L, 3, 1536) relative radiance
-    count: int
 
 
 @torch.no_grad()
@@ -80,7 +79,7 @@ def sphere_examples(
         level, solved = lesson.light_level, lesson.solved
         maps.append(probe_maps(pixels, colors, clipped, level, solved, lesson.up, config.alpha_rule))
         lights.append(_at_resolution(lesson.teacher).reshape(-1, 3).T)
-    return SphereExamples(torch.stack(maps), torch.stack(lights).contiguous(), len(lessons))
+    return SphereExamples(torch.stack(maps), torch.stack(lights).contiguous())
 
 
 def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
@@ -101,7 +100,9 @@ def batch(examples: SphereExamples, config: DistillConfig, seed: int, step: int)
     Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
     """
     random = generator(seed, "sphere-batch", step)
-    chosen = to_device(torch.randint(examples.count, (config.sphere_batch,), generator=random), examples.maps.device)
+    chosen = to_device(
+        torch.randint(len(examples.maps), (config.sphere_batch,), generator=random), examples.maps.device
+    )
     symmetries, _ = cubemap.symmetries(RESOLUTION, examples.maps.device)
     turn = to_device(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device)
     lights = examples.lights[chosen]

@@ -38,9 +38,14 @@ def write_map(path: Path, image: np.ndarray) -> None:
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 
 
-def write_plane(path: Path, values: np.ndarray) -> None:
-    """Write one number for each direction, an equirectangular array (H, 2H), as a one-channel EXR."""
-    write_exr(path, values)
+def plane(values: Tensor) -> np.ndarray:
+    """Return one number for each direction (6, R, R) as an equirectangular array (2R, 4R) float32."""
+    return panorama(values[..., None])[..., 0]
+
+
+def write_plane(path: Path, values: Tensor) -> None:
+    """Write one number for each direction (6, R, R) as a one-channel equirectangular EXR."""
+    write_exr(path, plane(values))
 
 
 def check_map_name(path: Path) -> None:

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import check_map_name, panorama, write_plane
+from lightprobe.light.files import check_map_name, write_plane
 from lightprobe.prediction.verdict import Verdict
 
 
@@ -43,7 +43,7 @@ class Prediction:
 
     def save_confidence(self, path: Path) -> None:
         """Write the confidence as a one-channel equirectangular EXR."""
-        write_plane(path, panorama(self.confidence[..., None])[..., 0])
+        write_plane(path, self.confidence)
 
 
 def check_names(path: Path | None, confidence: Path | None) -> None:

@@ -1,13 +1,12 @@
 """The first two passes' task: whole photos, silhouettes included, one per step."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
-from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.core.device import generator, to_device
 from lightprobe.reconstruction.frame_loss import frame_loss
@@ -16,6 +15,7 @@ from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
 from lightprobe.reconstruction.material_trials import PHOTOS, Sample, best_trial
+from lightprobe.reconstruction.pass_task import PassTask, Unknowns
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
@@ -27,7 +27,7 @@ from lightprobe.training.loop import visited
 _POINTS = 512  # whose materials are compared in a step
 
 
-class Model(Protocol):
+class Model(Unknowns, Protocol):
     """The unknowns of a pass."""
 
     @property
@@ -36,9 +36,6 @@ class Model(Protocol):
 
     def groups(self) -> list[ParameterGroup]:
         """Return the trained parameters and their rates."""
-
-    def chosen(self) -> dict[str, Tensor]:
-        """Return what is chosen and not trained, by name."""
 
     def rasterise(self, view: View, step: int, progress: float) -> RasterisedView:
         """Return what a camera sees, and the regularisation loss."""
@@ -52,12 +49,9 @@ class Model(Protocol):
     def brighten(self, factor: float) -> None:
         """Multiply all base colours, and the mean they are held at, by `factor`."""
 
-    def project(self) -> None:
-        """Bring parameters back into their valid ranges after a step."""
-
 
 @dataclass
-class ImageTask:
+class ImageTask(PassTask):
     """Fit a model and the lights to photos, one after the other."""
 
     model: Model
@@ -70,20 +64,6 @@ class ImageTask:
     def groups(self) -> list[ParameterGroup]:
         """Return the parameters of the model, and the lights that are fitted by gradients."""
         return [*self.model.groups(), *self.lights.groups()]
-
-    def buffers(self) -> dict[str, Tensor]:
-        """Return what the model has chosen, and the lights that are solved."""
-        return {**self.model.chosen(), **self.lights.solved()}
-
-    def load_buffers(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take over buffers; raise `KeyError` or `ValueError` where they do not fit."""
-        copy_stored(tensors, self.model.chosen())
-        self.lights.load_solved(tensors)
-
-    def project(self) -> None:
-        """Bring parameters back into their valid ranges."""
-        self.model.project()
-        self.lights.clamp()
 
     def photos(self, iteration: int) -> str:
         """Return the name of the photo of a step, in quotes."""

@@ -5,13 +5,12 @@ pixels cost, however large the photos are, and fine relief and print get the man
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.kernels import weighted_gather
@@ -19,6 +18,7 @@ from lightprobe.light.photometry import displayed_error
 from lightprobe.material.textures import bilinear_taps
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.losses import brightness_anchor, color_gauge, material_prior
+from lightprobe.reconstruction.pass_task import PassTask
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
@@ -68,8 +68,10 @@ class PhotoPixels:
         return *vars(self.surface).values(), self.color, self.clipped
 
 
-class TextureTask:
+class TextureTask(PassTask):
     """Fit the textures of a surface, and the lights, to pixels of photos."""
+
+    model: SurfaceModel
 
     def __init__(
         self, model: SurfaceModel, photos: list[PhotoPixels], lights: Lights, stage: Stage, config: DecomposeConfig,
@@ -85,26 +87,12 @@ class TextureTask:
         texels = {"color": self.model.color, "finish": self.model.finish}
         return [ParameterGroup(texels, self.config.learning_rate_texture), *self.lights.groups()]
 
-    def buffers(self) -> dict[str, Tensor]:
-        """Return what the model has chosen, and the lights that are solved."""
-        return {**self.model.chosen(), **self.lights.solved()}
-
-    def load_buffers(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take over buffers; raise `KeyError` or `ValueError` where they do not fit."""
-        copy_stored(tensors, self.model.chosen())
-        self.lights.load_solved(tensors)
-
     def refresh(self, iteration: int, fraction: float) -> None:
         """Do nothing: the shape is at rest, and so are its shadows and its brightness."""
 
     def photos(self, iteration: int) -> str:
         """Return the names of the photos of a step."""
         return ", ".join(f"'{self._photos[i].name}'" for i, _ in self._visits(iteration))
-
-    def project(self) -> None:
-        """Bring texels and lights back into their valid ranges."""
-        self.model.project()
-        self.lights.clamp()
 
     @property
     def recordable(self) -> bool:

@@ -12,7 +12,7 @@ from lightprobe.evaluation.evaluation import ViewResult
 from lightprobe.evaluation.prediction_files import exposure, tone_mapped
 from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import panorama
+from lightprobe.light.files import plane
 from lightprobe.report.color_scale import RANGE, confidence_colors
 
 _SIDE = 256  # pixels of a picture
@@ -117,7 +117,7 @@ def _light_pictures(result: ViewResult) -> dict[str, np.ndarray]:
         lights["true light"] = Environment.load(truth, environment.device).panorama()
     factor = exposure(list(lights.values())[-1])
     pictures = {title: srgb_encode(tone_mapped(image, factor)) for title, image in lights.items()}
-    return pictures | {CONFIDENCE: confidence_colors(panorama(result.prediction.confidence[..., None])[..., 0])}
+    return pictures | {CONFIDENCE: confidence_colors(plane(result.prediction.confidence))}
 
 
 def _sphere_pictures(result: ViewResult) -> dict[str, np.ndarray]:
