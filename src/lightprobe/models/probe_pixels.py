@@ -4,6 +4,7 @@ Notation: c linear colour, k_d base colour, k_s = F0, n normal, r roughness, w_o
 furnace: the pixel's colour under a constant environment of radiance 1, so c / furnace is the average light a pixel saw.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -45,6 +46,11 @@ class ProbePixels:
     def photographed(self, color: Tensor) -> "ProbePixels":
         """Return the same surface points in a photo in which they have the linear `color` (N, 3)."""
         return replace(self, color=color)
+
+    @staticmethod
+    def joined(parts: Sequence["ProbePixels"]) -> "ProbePixels":
+        """Return the pixels of several photos, one photo's after the other's."""
+        return ProbePixels(*(torch.cat(values) for values in zip(*(part.tensors() for part in parts), strict=True)))
 
     def light_level(self) -> Tensor:
         """Return the grey radiance () that, from everywhere, would give the pixels their summed luma; at least 1e-6.

@@ -8,6 +8,7 @@ from torch import Tensor
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import check_map_name, write_plane
+from lightprobe.prediction.background import BackgroundUse
 from lightprobe.prediction.verdict import Verdict
 
 
@@ -19,6 +20,7 @@ class Prediction:
     confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `prediction.confidence`
     seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
     verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
+    background: BackgroundUse = BackgroundUse.ABSENT
 
     def __post_init__(self) -> None:
         """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no further."""

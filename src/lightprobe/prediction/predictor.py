@@ -6,8 +6,9 @@ Every map is exact in exposure: a photo twice as bright gives a map of twice the
 network (`NetworkForm.PLAIN`) does not know that.
 """
 
+import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -22,13 +23,16 @@ from lightprobe.core.run import RunFolder
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.probe_model import ProbeModel
+from lightprobe.prediction.background import BackgroundUse, SeenLight, with_background
 from lightprobe.prediction.confidence import confidence
+from lightprobe.prediction.joint import exposed, joined, relative_exposures
 from lightprobe.prediction.observation import Observation, observe
 from lightprobe.prediction.optimize import optimize_environment, refine_environment
 from lightprobe.prediction.prediction import Prediction
 from lightprobe.prediction.prior import constant_light, desaturated, network_light, sampled_probes, stacked_light
 from lightprobe.prediction.solve import solve_environment
 from lightprobe.prediction.verdict import Status, judge
+from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
@@ -92,33 +96,80 @@ class Predictor:
 
     @torch.no_grad()
     def predict(
-        self, pixels: Pixels, camera: Camera, method: Method | None = None, *, refuse: bool = True
-    ) -> Prediction:
+        self, pixels: Pixels, camera: Camera, method: Method | None = None, *,
+        background: Background | None = None, refuse: bool = True,
+    ) -> Prediction:  # fmt: skip
         """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
         On a CPU the same call gives the same bits.
-        method: by default the first of `methods_for`. refuse: whether a photo may be refused; an evaluation scores all.
+        method: by default the first of `methods_for`. background: what the photo shows around the object; maps that
+        are fitted to the photo follow it. refuse: whether a photo may be refused; an evaluation scores all.
 
         Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
         `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
         """
-        method = method or methods_for(self.model, self.config)[0]
         clock = _Clock(self.device)
         with clock.part("rasterise"):
-            camera = camera.normalised(self.decomposition.similarity)
-            observation = observe(self.decomposition.asset, pixels, camera, self.device, self.config.max_pixels)
-            chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
+            observation = self._observe(pixels, camera, self.config.max_pixels)
+            seen = None if background is None else self._seen(background)
+        return self._fitted([observation], observation, seen, method, clock, refuse)
+
+    @torch.no_grad()
+    def predict_together(
+        self, photos: Sequence[tuple[Pixels, Camera]], method: Method | None = None, *,
+        exposures: Sequence[float] | None = None, backgrounds: Sequence[Background] = (), refuse: bool = True,
+    ) -> tuple[Prediction, Tensor]:  # fmt: skip
+        """Return the one light that all `photos` were taken under, in the exposure of the first, and their exposures.
+
+        What the photos tell singly is averaged, and then fitted to all of them together. The exposures (N,) are
+        relative to the first photo's; they are found with the light unless they are given. backgrounds: none, or of all
+        photos. The rest as in `predict`. Raises `ConfigError` without photos.
+        """
+        if not photos:
+            raise ConfigError("No photo to predict the light from.")
+        clock = _Clock(self.device)
+        with clock.part("rasterise"):
+            share = math.ceil(self.config.max_pixels / len(photos))
+            seen = [self._observe(pixels, camera, share) for pixels, camera in photos]
+            found = relative_exposures(seen, self.seed) if exposures is None else torch.tensor(exposures).float()
+            relative = (found / found[0]).to(self.device)
+            seen = [exposed(one, exposure) for one, exposure in zip(seen, relative, strict=True)]
+            around = [self._seen(background) for background in backgrounds]
+            behind = SeenLight.joined(around, relative) if around else None
+        return self._fitted(seen, joined(seen), behind, method, clock, refuse), relative
+
+    def _seen(self, background: Background) -> SeenLight:
+        return SeenLight.of(background, self.config.light_resolution, self.device)
+
+    def _observe(self, pixels: Pixels, camera: Camera, max_pixels: int) -> Observation:
+        camera = camera.normalised(self.decomposition.similarity)
+        return observe(self.decomposition.asset, pixels, camera, self.device, max_pixels)
+
+    def _fitted(
+        self, photos: Sequence[Observation], joint: Observation, seen: SeenLight | None, method: Method | None,
+        clock: "_Clock", refuse: bool,
+    ) -> Prediction:  # fmt: skip
+        """Return the light in the `photos` of one light and exposure, which together are `joint`; see `predict`."""
+        method = method or methods_for(self.model, self.config)[0]
         with clock.part("verdict"):
-            verdict = judge(observation, self.seed)
+            verdict = judge(joint, self.seed)
         if refuse and verdict.status is Status.REFUSED:
             raise InputError(" ".join(verdict.sentences))
-        light = _PRIORS[method](self, observation, chosen, clock)
+        light = torch.stack([self._prior(photo, method, clock) for photo in photos]).mean(0)
         if method in _FITTED:
             with clock.part("solve"):
-                light = _FITTED[method](self, observation, light)
+                light = _FITTED[method](self, joint, light, len(photos))
         with clock.part("confidence"):
-            trust = confidence(observation, light, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
-        return Prediction(Environment(light), trust, clock.finish(), verdict)
+            trust = confidence(joint, light, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+            use = BackgroundUse.ABSENT
+            if seen is not None and method in _FITTED:
+                light, trust, use = with_background(joint, light, trust, seen, self.seed)
+        return Prediction(Environment(light), trust, clock.finish(), verdict, use)
+
+    def _prior(self, observation: Observation, method: Method, clock: "_Clock") -> Tensor:
+        with clock.part("rasterise"):
+            chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
+        return _PRIORS[method](self, observation, chosen, clock)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return constant_light(observation, self.config.light_resolution)
@@ -138,19 +189,24 @@ class Predictor:
     def _desaturated_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
         return desaturated(self._network(observation, chosen, clock), observation.light_level)
 
-    def _solved(self, observation: Observation, prior: Tensor) -> Tensor:
+    def _solved(self, observation: Observation, prior: Tensor, photos: int) -> Tensor:
         return solve_environment(observation, prior, self.solve_config, self.seed)
 
-    def _optimized(self, observation: Observation, prior: Tensor) -> Tensor:
-        return optimize_environment(observation, prior, self.optimize_config, self.seed)
+    def _optimized(self, observation: Observation, prior: Tensor, photos: int) -> Tensor:
+        return optimize_environment(observation, prior, _for_photos(self.optimize_config, photos), self.seed)
 
-    def _refined(self, observation: Observation, prior: Tensor) -> Tensor:
-        return refine_environment(observation, prior, self.refine_config, self.seed)
+    def _refined(self, observation: Observation, prior: Tensor, photos: int) -> Tensor:
+        return refine_environment(observation, prior, _for_photos(self.refine_config, photos), self.seed)
 
     def _trained(self) -> ProbeModel:
         if self.model is None:
             raise ConfigError("This run has no trained model; run `lightprobe distill` on it, or use --method solve.")
         return self.model
+
+
+def _for_photos(config: OptimizeConfig, photos: int) -> OptimizeConfig:
+    """Return the configuration with as many pixels for each of several photos as it has for one."""
+    return replace(config, pixels=config.pixels * photos)
 
 
 _PRIORS = {

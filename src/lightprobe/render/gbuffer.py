@@ -1,7 +1,9 @@
 """The G-buffer: what the camera sees of the object, one row per covered pixel."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from lightprobe.render.visibility import PointVisibility
@@ -33,3 +35,21 @@ class GBuffer:
             self.height, self.width, self.pixel[rows], self.face[rows], self.position[rows], self.normal[rows],
             self.view[rows], self.base_color[rows], self.roughness[rows], self.metallic[rows], visibility,
         )  # fmt: skip
+
+    @staticmethod
+    def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
+        """Return several views of one object as a single picture, each below the one before, as wide as the widest."""
+        width, top, pixels = max(part.width for part in parts), 0, []
+        for part in parts:
+            row, column = torch.div(part.pixel, part.width, rounding_mode="floor"), part.pixel % part.width
+            pixels.append((top + row) * width + column)
+            top += part.height
+        face, position, normal, view, base_color, roughness, metallic = (
+            torch.cat([getattr(part, name) for part in parts])
+            for name in ("face", "position", "normal", "view", "base_color", "roughness", "metallic")
+        )
+        seen = [part.visibility for part in parts]
+        visibility = None if seen[0] is None else PointVisibility.of_all([one for one in seen if one is not None])
+        return GBuffer(
+            top, width, torch.cat(pixels), face, position, normal, view, base_color, roughness, metallic, visibility
+        )

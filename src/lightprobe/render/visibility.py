@@ -5,6 +5,7 @@ it is interpolated at the pixels of a view.
 """
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -49,6 +50,12 @@ class PointVisibility:
     def select(self, rows: Tensor) -> "PointVisibility":
         """Return the points at `rows` (K,) int64."""
         return PointVisibility(self.vertices, self.index[rows], self.weight[rows])
+
+    @staticmethod
+    def of_all(parts: Sequence["PointVisibility"]) -> "PointVisibility":
+        """Return the points of several views of one object, which share its vertices."""
+        index, weight = torch.cat([part.index for part in parts]), torch.cat([part.weight for part in parts])
+        return PointVisibility(parts[0].vertices, index, weight)
 
     def brightened(self, factor: float) -> "PointVisibility":
         """Return it with base colours times `factor`."""

@@ -45,6 +45,11 @@ def clipped(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return (color >= CLIPPED) & (alpha[..., None] > 0)
 
 
+def has_white(color: np.ndarray) -> bool:
+    """Return whether colours (H, W, 3) are of a photo that clips at its white: none of them is brighter."""
+    return float(color.max(initial=0.0)) <= _WHITE
+
+
 @dataclass(frozen=True)
 class Pixels:
     """Decoded pixels of one photo."""
@@ -56,8 +61,7 @@ class Pixels:
     @staticmethod
     def of(color: np.ndarray, alpha: np.ndarray) -> "Pixels":
         """Return the pixels of a photo at full size, linear straight `color` (H, W, 3) and `alpha` (H, W)."""
-        has_white = float(color.max(initial=0.0)) <= _WHITE
-        return Pixels(color, alpha, clipped(color, alpha) & has_white)
+        return Pixels(color, alpha, clipped(color, alpha) & has_white(color))
 
     def resized(self, height: int, width: int) -> "Pixels":
         """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile.

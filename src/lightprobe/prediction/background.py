@@ -1,0 +1,182 @@
+"""The background of a photo as evidence: the part of the light that the camera saw directly.
+
+Where the far environment is seen, its radiance is known. What this says about other directions follows from how
+predicted maps err: over wide angles, and by the more, the lower their confidence. With y = ln(background / map), the
+correction x(d) of ln radiance is a Gaussian process given y (kriging; Rasmussen and Williams, Gaussian Processes for
+Machine Learning, 2006, section 2.2):
+
+    x(d) = e(d) u(d) + e c,   u ~ N(0, (1 - common) exp(-angle / width)),   c ~ N(0, common)
+
+e(d) = -ln(confidence) is the error to expect, e its root mean square, and c what all directions have in common: the
+object's base colour and the light's brightness share a factor that no photo of the object tells, but the background
+does. The map has been fitted to the photo, so a correction other than c must leave the photo as it is: its pixels are
+observations of A E x = 0, A the transport and E the map. All this is linear and solved at 6 x 8 x 8 texels. The
+process's deviation, relative to what it is without the background, is what remains of e.
+
+Directions at which the background is clipped are lower bounds. What stands near the object, such as a table or a hand,
+is not its far environment: a texel whose background the map contradicts by far more than its expected error is left
+out, and so is a background that does so in the mean.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.light import cubemap
+from lightprobe.light.photometry import luma
+from lightprobe.light.prefilter import BLOCKS
+from lightprobe.light.resize import magnify_light, resize_light
+from lightprobe.prediction.observation import Observation
+from lightprobe.prediction.solve import Correction, FitPixels
+from lightprobe.render.coarse_transport import TEXELS
+from lightprobe.scene.background import Background
+
+_FLOOR = 0.02  # of the map's mean radiance: darker is all alike
+_COMMON = 0.1  # share of the errors' variance that all directions have in common
+_WIDTH = math.radians(25)  # over which the rest falls to 1/e
+_NOISE = 0.05  # variance of what a seen texel's mean tells of it, relative to e^2
+_PHOTO = 100.0  # inverse variance of the photo's relative change, all pixels together
+_PIXELS = 1024  # of the photo that stand for all
+_COVERED = 0.3  # share of a texel that has to be seen
+_OUTLIER = 4.0  # |y| / e from which a texel's background is something else
+_CONTRADICTED = 2.5  # root mean square of y / e from which the whole background is
+_LEAST_ERROR = 0.1  # of ln radiance where the background is seen: texels are means, photos are 8 bit
+
+
+class BackgroundUse(StrEnum):
+    """What became of a photo's background."""
+
+    ABSENT = "absent"
+    """There is none, it was not asked for, or too little of it is seen."""
+    USED = "used"
+    """The map follows it."""
+    CONTRADICTED = "contradicted"
+    """What the object reflects contradicts it: it is probably near the object, or not this photo's. It was left out."""
+
+
+@dataclass(frozen=True)
+class SeenLight:
+    """What backgrounds show, on a cubemap in the axes of the scene."""
+
+    radiance: Tensor  # (6, R, R, 3) linear mean over the seen part of each texel, in the photo's exposure
+    share: Tensor  # (6, R, R) in [0, 1], how much of each texel is seen
+    clipped: Tensor  # (6, R, R, 3) bool: the radiance is a lower bound
+
+    @staticmethod
+    def of(background: Background, resolution: int, device: torch.device) -> "SeenLight":
+        """Gather the pixels of a background by the directions that they look at."""
+        camera, (row, column) = background.camera, np.nonzero(background.seen)
+        x, y = (column + 0.5 - camera.cx) / camera.fx, -(row + 0.5 - camera.cy) / camera.fy
+        angle = (x * x + y * y + 1) ** -1.5 / (camera.fx * camera.fy)  # of each pixel, in steradians
+        direction = np.stack([x, y, -np.ones_like(x)], -1) @ camera.camera_to_world[:3, :3].T
+        texel = cubemap.nearest_texel(torch.from_numpy(direction), resolution)
+        values = np.concatenate(
+            [background.color[row, column], background.clipped[row, column], np.ones((len(row), 1))], 1
+        )
+        total = torch.zeros(6 * resolution**2, 7, dtype=torch.float64)
+        total.index_add_(0, texel, torch.from_numpy(values * angle[:, None]))
+        mean = (total[:, :6] / total[:, 6:].clamp_min(1e-12)).reshape(6, resolution, resolution, 6)
+        share = total[:, 6].reshape(6, resolution, resolution) / cubemap.exact_solid_angles(resolution)
+        return SeenLight(
+            mean[..., :3].float().to(device), share.clamp(max=1).float().to(device), (mean[..., 3:] > 0).to(device)
+        )
+
+    @staticmethod
+    def joined(parts: Sequence["SeenLight"], exposures: Tensor) -> "SeenLight":
+        """Return what several photos show of one light, in the first one's exposure; `exposures` (N,) relative to it.
+
+        A texel that several photos show has their mean; it is a lower bound if it is one in all of them.
+        """
+        share = torch.stack([part.share for part in parts])
+        weight = (share / share.sum(0).clamp_min(1e-12))[..., None]
+        scaled = torch.stack([part.radiance / exposure for part, exposure in zip(parts, exposures, strict=True)])
+        clipped = torch.stack([part.clipped | (part.share == 0)[..., None] for part in parts]).all(0)
+        return SeenLight((weight * scaled).sum(0), share.sum(0).clamp(max=1), clipped)
+
+
+def with_background(
+    observation: Observation, light: Tensor, confidence: Tensor, seen: SeenLight, seed: int
+) -> tuple[Tensor, Tensor, BackgroundUse]:
+    """Return a map (6, R, R, 3) that was fitted to the photo and its confidence (6, R, R), as the background has them.
+
+    Both are returned as they are where there is no use for the background.
+    """
+    floor = _FLOOR * luma(cubemap.sphere_mean(light))
+    missing = (seen.radiance + floor).log() - (light + floor).log()
+    missing = torch.where(seen.clipped, missing.clamp(min=0), missing)
+    error = -confidence.log()
+    share = seen.share * (missing.abs().amax(-1) < _OUTLIER * error)
+    known, covered = _averages(missing, share)
+    spread = resize_light(error[..., None].expand_as(light), BLOCKS)[..., 0].reshape(-1)
+    rows = (covered > _COVERED).nonzero()[:, 0]
+    mostly = cubemap.sphere_mean(share) < 0.5 * cubemap.sphere_mean(seen.share)
+    if mostly or _root_mean_square(known[rows] / spread[rows, None]) > _CONTRADICTED:
+        return light, confidence, BackgroundUse.CONTRADICTED
+    if len(rows) == 0:
+        return light, confidence, BackgroundUse.ABSENT
+    change, left = _conditioned(spread, known[rows], rows, _photo_changes(observation, light, seed))
+    change, left = _magnified(change, light.shape[1]), _magnified(left[:, None].expand(-1, 3), light.shape[1])[..., 0]
+    change = torch.lerp(change, missing, share[..., None])
+    direct = torch.where(seen.clipped.any(-1), error, error.clamp(max=_LEAST_ERROR))
+    error = torch.lerp(error * left, direct, share)
+    return ((light + floor) * change.exp() - floor).clamp(min=0), torch.exp(-error), BackgroundUse.USED
+
+
+def _root_mean_square(values: Tensor) -> float:
+    return float(values.square().mean().sqrt()) if values.numel() else 0.0
+
+
+def _magnified(values: Tensor, resolution: int) -> Tensor:
+    """Return the values (384, 3) of blocks of the sphere smoothly at 6 x R x R texels."""
+    return magnify_light(values.reshape(6, BLOCKS, BLOCKS, 3).contiguous(), resolution)
+
+
+def _averages(values: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the means (384, 3) of texels' `values` (6, R, R, 3) by the `share` seen of each, and that share (384,)."""
+    angle = cubemap.solid_angles(values.shape[1], values.device)
+    factor = values.shape[1] // BLOCKS
+    weighted = torch.cat([values * share[..., None], share[..., None]], -1) * angle[..., None]
+    total = weighted.reshape(6, BLOCKS, factor, BLOCKS, factor, 4).sum((2, 4)).reshape(TEXELS, 4)
+    whole = cubemap.solid_angles(BLOCKS, values.device).reshape(-1)
+    return total[:, :3] / total[:, 3:].clamp_min(1e-12), total[:, 3] / whole
+
+
+def _photo_changes(observation: Observation, light: Tensor, seed: int) -> Tensor:
+    """Return the matrices Q (3, 384, 384) of how a change x (384,) of ln radiance changes each channel of the photo.
+
+    x Q x is the weighted mean square of the pixels' change over that of the pixels: 1 where every x is 1.
+    """
+    every = torch.arange(len(observation.rows), device=observation.rows.device)
+    system = Correction.of(observation, FitPixels.of(observation, every, _PIXELS, seed, "background"), light)
+    weight = torch.where(system.pixels.clipped, 0.0, system.pixels.weight[:, None]).T[..., None]
+    changes = (weight * system.matrix).mT @ system.matrix
+    whole = (weight[..., 0] * system.matrix.sum(2).square()).sum(1)
+    return changes / whole.clamp_min(1e-30)[:, None, None]
+
+
+def _conditioned(spread: Tensor, known: Tensor, rows: Tensor, photo: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the expected x (384, 3) given `known` (K, 3) at `rows` and the photo, and what remains of its deviation.
+
+    spread (384,): e(d). photo (3, 384, 384): from `_photo_changes`. The deviation (384,) is that of the mean channel,
+    relative to what it is without the background.
+    """
+    directions = cubemap.exact_directions(BLOCKS, spread.device).reshape(-1, 3)
+    alike = (1 - _COMMON) * torch.exp(-torch.acos((directions @ directions.T).clamp(-1, 1)) / _WIDTH)
+    spread, known, photo = spread.double(), known.double(), photo.double()
+    mean = spread.square().mean().sqrt()
+    # the unknowns: u of every texel, then c
+    before = torch.zeros(3, TEXELS + 1, TEXELS + 1, dtype=torch.float64, device=spread.device)
+    before[:, :-1, :-1] = torch.linalg.inv(alike) + _PHOTO * spread[:, None] * photo * spread
+    before[:, -1, -1] = 1 / _COMMON
+    change = torch.cat([torch.diag(spread), mean.expand(TEXELS, 1)], 1)  # (384, 385): x of the unknowns
+    seen = change[rows] / spread[rows, None]
+    precision = before + seen.T @ seen / _NOISE
+    told = seen.T @ (known / spread[rows, None]) / _NOISE
+    found = torch.linalg.solve(precision, told.T[..., None])[..., 0]  # (3, 385)
+    deviations = [((change @ torch.linalg.inv(one.mean(0))) * change).sum(1).sqrt() for one in (precision, before)]
+    return (found @ change.T).T.float(), (deviations[0] / deviations[1]).float()

@@ -1,0 +1,147 @@
+"""The background of a photo: which directions it shows, and what a map makes of it."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.evaluation.metrics import environment_log_rmse, log_difference
+from lightprobe.light import cubemap
+from lightprobe.models import Decomposition
+from lightprobe.prediction import Method, PredictConfig, Predictor
+from lightprobe.prediction.background import BackgroundUse, SeenLight, with_background
+from lightprobe.prediction.confidence import confidence
+from lightprobe.prediction.observation import observe
+from lightprobe.scene.background import Background
+from lightprobe.scene.camera import Similarity
+from tests.lit_sphere import CPU, glossy_sphere, patch_light, photograph
+from tests.shapes import camera_at
+
+CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=60.0)
+LIGHT = patch_light((0.2, 1.0, 0.5)) * (1 + 0.5 * cubemap.directions(16)[..., 2:])
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return glossy_sphere()
+
+
+@pytest.fixture(scope="module")
+def photo(sphere):
+    return photograph(sphere, CAMERA, LIGHT)
+
+
+@pytest.fixture(scope="module")
+def observation(sphere, photo):
+    return observe(sphere, photo, CAMERA, CPU, 65_536)
+
+
+@pytest.fixture(scope="module")
+def background(photo):
+    return around(photo, LIGHT)
+
+
+def around(photo, light, white: float = math.inf) -> Background:
+    """Return the background of a photo, `light` infinitely far, clipped at `white`."""
+    row, column = np.mgrid[:64, :64]
+    local = np.stack([(column + 0.5 - CAMERA.cx) / 60, -(row + 0.5 - CAMERA.cy) / 60, -np.ones((64, 64))], -1)
+    texel = cubemap.nearest_texel(torch.from_numpy(local @ CAMERA.camera_to_world[:3, :3].T), light.shape[1])
+    color = light.reshape(-1, 3)[texel].numpy()
+    return Background(np.minimum(color, white), photo.alpha == 0, color >= white, CAMERA)
+
+
+def rmse(light):
+    return environment_log_rmse(log_difference(light, LIGHT))
+
+
+def test_the_background_is_gathered_by_direction(background):
+    seen = SeenLight.of(background, 16, CPU)
+    whole = seen.share > 0.9
+    assert int(whole.sum()) > 20
+    torch.testing.assert_close(seen.radiance[whole], LIGHT[whole], rtol=1e-5, atol=1e-6)
+    ahead = cubemap.directions(16) @ -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)
+    assert float(ahead[seen.share > 0].min()) > math.cos(math.atan(math.hypot(32, 32) / 60)) - 0.1
+    everything = SeenLight.of(replace(background, seen=np.ones((64, 64), bool)), 16, CPU)
+    size = float((everything.share * cubemap.solid_angles(16)).sum())
+    edge = math.atan2(1, 60 * 60 / 32 / 32 * math.sqrt(1 + 2 * (32 / 60) ** 2))  # a quarter of the picture
+    assert size == pytest.approx(4 * edge, rel=0.03)
+
+
+def test_several_backgrounds_are_brought_to_one_exposure(background):
+    one = SeenLight.of(background, 16, CPU)
+    other = SeenLight(3 * one.radiance, one.share, one.clipped)
+    both = SeenLight.joined([one, other], torch.tensor([1.0, 3.0]))
+    seen = one.share > 0
+    torch.testing.assert_close(both.radiance[seen], one.radiance[seen])
+    assert float(both.share.max()) == 1
+    clipped = SeenLight(one.radiance, one.share, torch.ones_like(one.clipped))
+    assert not SeenLight.joined([one, clipped], torch.ones(2)).clipped[seen].any()
+    assert SeenLight.joined([clipped, clipped], torch.ones(2)).clipped.all()
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.6])
+def test_a_map_of_wrong_brightness_follows_the_background(observation, background, factor):
+    """A factor that the object's base colour hides from the photo."""
+    wrong = factor * LIGHT
+    trust = confidence(observation, wrong, fitted=True, seed=0)
+    seen = SeenLight.of(background, 16, CPU)
+    light, after, use = with_background(observation, wrong, trust, seen, 0)
+    assert use is BackgroundUse.USED
+    assert rmse(light) < 0.8 * rmse(wrong)
+    whole = seen.share > 0.9
+    torch.testing.assert_close(light[whole], LIGHT[whole], rtol=0.08, atol=0.02)
+    assert float(after[whole].min()) > 0.85
+    behind = cubemap.directions(16) @ torch.tensor(CAMERA.position).float() > 2.5  # the camera
+    assert float((after / trust)[behind].max()) < 1.1
+    assert bool((after >= trust * 0.999).all())
+
+
+def test_a_true_background_leaves_a_true_map(observation, background):
+    trust = confidence(observation, LIGHT, fitted=True, seed=0)
+    light, _, use = with_background(observation, LIGHT, trust, SeenLight.of(background, 16, CPU), 0)
+    assert use is BackgroundUse.USED
+    assert rmse(light) < 0.05
+
+
+def test_clipped_directions_are_lower_bounds(observation, photo):
+    trust = confidence(observation, LIGHT, fitted=True, seed=0)
+    seen = SeenLight.of(around(photo, LIGHT, white=0.2), 16, CPU)
+    light, _, _ = with_background(observation, LIGHT, trust, seen, 0)
+    assert rmse(light) < 0.05
+    dark, _, use = with_background(observation, 0.4 * LIGHT, trust, seen, 0)
+    assert use is BackgroundUse.USED
+    whole = (seen.share > 0.9)[..., None] & seen.clipped
+    assert float((dark - 0.19)[whole].min()) > -0.02
+
+
+def test_what_the_object_contradicts_is_left_out(observation, photo):
+    trust = confidence(observation, LIGHT, fitted=True, seed=0)
+    seen = SeenLight.of(around(photo, 200 * LIGHT), 16, CPU)
+    light, after, use = with_background(observation, LIGHT, trust, seen, 0)
+    assert use is BackgroundUse.CONTRADICTED
+    assert torch.equal(light, LIGHT)
+    assert torch.equal(after, trust)
+
+
+def test_nothing_seen_changes_nothing(observation, background):
+    trust = confidence(observation, LIGHT, fitted=True, seed=0)
+    none = SeenLight.of(Background(background.color, background.seen & False, background.clipped, CAMERA), 16, CPU)
+    light, _, use = with_background(observation, LIGHT, trust, none, 0)
+    assert use is BackgroundUse.ABSENT
+    assert torch.equal(light, LIGHT)
+
+
+def test_predictions_follow_it_where_they_are_fitted(sphere, photo, background):
+    predictor = Predictor(
+        Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16)
+    )
+    plain, with_it = (predictor.predict(photo, CAMERA, Method.SOLVE, background=part) for part in (None, background))
+    assert (plain.background, with_it.background) == (BackgroundUse.ABSENT, BackgroundUse.USED)
+    assert rmse(with_it.environment.texels) < 0.97 * rmse(plain.environment.texels)
+    grey = predictor.predict(photo, CAMERA, Method.CONSTANT, background=background)
+    assert grey.background is BackgroundUse.ABSENT
+    views = [(photo, CAMERA)] * 2
+    both, _ = predictor.predict_together(views, Method.SOLVE, backgrounds=[background] * 2)
+    assert both.background is BackgroundUse.USED
