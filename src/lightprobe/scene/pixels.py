@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import LdrImage, image_size, read_orientation, resize_rows, turned_size, undo
+from lightprobe.imaging import PhotoFile, image_size, read_orientation, resize_rows, turned_size, undo
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import Photo, Pixels, clipped
+from lightprobe.scene.photo import Photo, Pixels
 
 
 def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Camera]:
@@ -29,8 +29,8 @@ def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Came
     opened = _Opened(photo)
     width, height = target_size(photo.camera, max_side)
     if (height, width) == opened.size:
-        color, alpha = opened.whole()
-        pixels = Pixels.of(color * (alpha[..., None] > 0), alpha)
+        color, alpha, clipped = opened.whole()
+        pixels = Pixels(color * (alpha[..., None] > 0), alpha, clipped)
     else:
         pixels = opened.reduced(height, width)
     return pixels, photo.camera.resized(width, height)
@@ -81,14 +81,14 @@ class _Opened:
         self._photo = photo
         self._mask_file = photo.mask_path or photo.image_path
         self._turn, mask_turn = _turns(photo)
-        self._mask = None if photo.mask_path is None else LdrImage(photo.mask_path, turn=mask_turn)
+        self._mask = None if photo.mask_path is None else PhotoFile(photo.mask_path, turn=mask_turn)
         self._highest = 0.0  # of the coverage handed out
         self.size = (photo.camera.height, photo.camera.width)
         self._check_mask()
 
     @functools.cached_property
-    def _image(self) -> LdrImage:
-        return LdrImage(self._photo.image_path, turn=self._turn)
+    def _image(self) -> PhotoFile:
+        return PhotoFile(self._photo.image_path, turn=self._turn)
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Return linear straight colour (h, W, 3) and alpha (h, W) of the rows first..last - 1."""
@@ -100,20 +100,26 @@ class _Opened:
         """Return alpha (h, W) of the rows first..last - 1."""
         return self.rows(first, last)[1] if self._mask is None else self._seen(self._mask.mask_rows(first, last))
 
-    def whole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return linear straight colour (H, W, 3), background included, and alpha (H, W)."""
+    def clipped_rows(self, first: int, last: int, alpha: np.ndarray) -> np.ndarray:
+        """Return where the object, of `alpha` (h, W) in the rows first..last - 1, reaches the photo's white."""
+        return self._image.clipped_rows(first, last) & (alpha[..., None] > 0)
+
+    def whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return linear straight colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3) bool."""
         color, alpha = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
+        clipped = np.empty((*self.size, 3), bool)
         for first, last in (self._mask or self._image).strips():
             color[first:last], alpha[first:last] = self.rows(first, last)
+            clipped[first:last] = self.clipped_rows(first, last, alpha[first:last])
         self.check_seen()
-        return color, alpha
+        return color, alpha, clipped
 
     def reduced(self, height: int, width: int) -> Pixels:
         """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile."""
 
         def planes(first: int, last: int) -> np.ndarray:
             color, alpha = self.rows(first, last)
-            return np.dstack([color * alpha[..., None], alpha, clipped(color, alpha)])
+            return np.dstack([color * alpha[..., None], alpha, self.clipped_rows(first, last, alpha)])
 
         small = self._averaged(planes, 7, height, width)
         color, alpha = np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])

@@ -14,13 +14,18 @@ import numpy as np
 
 from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import inside, read_json
+from lightprobe.imaging import IMAGE_SUFFIXES
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import ADVICE, refuse_distortion
 from lightprobe.scene.frame import Frame, Problems, Split
 from lightprobe.scene.photo import Truth
 
 TRAIN, SINGLE, RELIGHT = "transforms_train.json", "transforms.json", "transforms_relight.json"
-_GUESSED_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
+_COMMON_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
+_GUESSED_SUFFIXES = (
+    *_COMMON_SUFFIXES,
+    *(s for low in sorted(IMAGE_SUFFIXES - {*_COMMON_SUFFIXES}) for s in (low, low.upper())),
+)
 _PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
 _TRUTH_KEYS = {
     "environment": "env_path",
