@@ -5,6 +5,7 @@ import struct
 import numpy as np
 import tifffile
 
+_PLACEHOLDER = 65000  # tag in whose place the EXIF folder is put, which tifffile does not write
 BLACK, WHITE = 64, 4095  # levels of the sensor
 XYZ_TO_CAMERA = np.array([[0.9, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.05, 0.2, 0.6]])
 NEUTRAL = (0.5, 1.0, 0.7)  # camera values of white
@@ -27,7 +28,7 @@ def write_dng(path, camera, *, orientation=1, focal_35=None):
         (50728, "2I", 3, rational(NEUTRAL), True), (50778, "H", 1, 21, True),
     ]  # fmt: skip
     if focal_35 is not None:
-        tags.append((0x8769, "I", 1, 0, True))
+        tags.append((_PLACEHOLDER, "I", 1, 0, True))
     tifffile.imwrite(path, mosaic, photometric=32803, extratags=tags, metadata=None)
     if focal_35 is not None:
         _append_exif(path, focal_35)
@@ -37,7 +38,8 @@ def write_dng(path, camera, *, orientation=1, focal_35=None):
 def _append_exif(path, focal_35):
     """Append an EXIF folder of one entry, the focal length on 35 mm film, and lead to it."""
     content = path.read_bytes()
-    entry = struct.pack("<HHI", 0x8769, 4, 1)
-    at = content.index(entry) + len(entry)
+    entry = struct.pack("<HHI", _PLACEHOLDER, 4, 1)
+    at = content.index(entry)
+    place = struct.pack("<HHII", 0x8769, 4, 1, len(content))
     folder = struct.pack("<HHHIII", 1, 0xA405, 3, 1, focal_35, 0)
-    path.write_bytes(content[:at] + struct.pack("<I", len(content)) + content[at + 4 :] + folder)
+    path.write_bytes(content[:at] + place + content[at + len(place) :] + folder)
