@@ -11,7 +11,8 @@ from lightprobe.imaging.photo_file import CLIPPED, PhotoFile
 from lightprobe.imaging.profiles import UNREADABLE
 from lightprobe.imaging.radiance import write_radiance
 from lightprobe.imaging.resize import resize_area, resize_rows, shrink_area
-from lightprobe.imaging.suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
+from lightprobe.imaging.suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES, VIDEO_SUFFIXES
+from lightprobe.imaging.video import extract_frames, is_video
 
 __all__ = [
     "CLIPPED",
@@ -19,11 +20,14 @@ __all__ = [
     "MAX_PIXELS",
     "RAW_SUFFIXES",
     "UNREADABLE",
+    "VIDEO_SUFFIXES",
     "PhotoFile",
+    "extract_frames",
     "focal_ratio",
     "foreign_encoding",
     "gravity",
     "image_size",
+    "is_video",
     "read_alpha",
     "read_exif_ev100",
     "read_hdr",

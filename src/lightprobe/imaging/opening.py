@@ -46,6 +46,7 @@ _BRANDS = {
     b"avif": FileKind.AVIF, b"avis": FileKind.AVIF, b"crx ": FileKind.RAW,
     **dict.fromkeys((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), FileKind.HEIF),
 }  # fmt: skip
+STILL_BRANDS = frozenset(_BRANDS)  # file type boxes of pictures, which videos begin with too
 # The readers are called directly because `Image.open` warns and raises at its own, process-wide size limit.
 _READERS: dict[FileKind, Callable[..., Image.Image]] = {
     FileKind.PNG: PngImagePlugin.PngImageFile,

@@ -6,13 +6,14 @@ already and have no white to clip at.
 
 import functools
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from lightprobe.imaging.decoding import decode
-from lightprobe.imaging.encodings import LINEAR, Curve, linear
+from lightprobe.imaging.encodings import LINEAR, Curve, Encoding, linear
 from lightprobe.imaging.exif import read_orientation, upright
 from lightprobe.imaging.resize import STRIP
 
@@ -55,11 +56,7 @@ class PhotoFile:
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return float32 rgb (h, W, 3) and alpha (h, W) or None of the rows first..last - 1, as `read_ldr`."""
         colors, alpha = self._split(first, last)
-        rgb = self._linear(colors)
-        rgb = np.repeat(rgb, 3, axis=2) if rgb.shape[2] == 1 else rgb
-        if self._encoding.matrix is not None:
-            rgb = np.maximum(rgb @ self._encoding.matrix.T.astype(np.float32), 0)
-        return rgb, alpha
+        return linear_srgb(colors, self._levels, self._encoding), alpha
 
     def clipped_rows(self, first: int, last: int) -> np.ndarray:
         """Return where the rows first..last - 1 reach the file's white, (h, W, 3) bool, per channel as stored.
@@ -69,9 +66,10 @@ class PhotoFile:
         colors, _ = self._split(first, last)
         if not self.has_white:
             return np.zeros((*colors.shape[:2], 3), bool)
-        whites = np.array([self._table(channel)[-1] for channel in range(colors.shape[2])])
-        clipped = self._linear(colors) >= CLIPPED * whites
-        return np.repeat(clipped, 3, axis=2) if clipped.shape[2] == 1 else clipped
+        own = replace(self._encoding, matrix=None)
+        white = linear_srgb(np.full((1, 1, colors.shape[2]), self._levels, colors.dtype), self._levels, own)
+        clipped = linear_srgb(colors, self._levels, own) >= CLIPPED * white
+        return clipped
 
     def mask_rows(self, first: int, last: int) -> np.ndarray:
         """Return float32 coverage (h, W) of the rows first..last - 1, as `read_mask`."""
@@ -106,23 +104,27 @@ class PhotoFile:
         part = np.asarray(self._samples.crop((0, first, self._samples.width, last)))
         return part.reshape(*part.shape[:2], -1)
 
-    def _linear(self, colors: np.ndarray) -> np.ndarray:
-        """Return colour (h, W, 1 | 3) as stored in linear light of its own primaries, float32."""
-        if not self.has_white:
-            return np.clip(np.nan_to_num(colors), 0, _BRIGHTEST).astype(np.float32, copy=False)
-        if len(self._encoding.curves) == 1:
-            return np.take(self._table(0), colors)
-        return np.stack([np.take(self._table(k), colors[..., k]) for k in range(colors.shape[2])], axis=2)
-
     def _plain(self, samples: np.ndarray) -> np.ndarray:
         """Return samples (h, W) without any curve as float32 in [0, 1]."""
         if not self.has_white:
             return np.clip(np.nan_to_num(samples), 0, 1).astype(np.float32, copy=False)
         return np.take(_table(self._levels, linear), samples)
 
-    def _table(self, channel: int) -> np.ndarray:
-        curves = self._encoding.curves
-        return _table(self._levels, curves[channel if len(curves) > 1 else 0])
+
+def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarray:
+    """Return float32 linear sRGB (h, W, 3) of colour samples (h, W, 1 | 3).
+
+    Integers from 0 to `levels`, of which each has one value; floats are linear already.
+    """
+    if colors.dtype.kind == "f":
+        rgb = np.clip(np.nan_to_num(colors), 0, _BRIGHTEST).astype(np.float32, copy=False)
+    elif len(encoding.curves) == 1:
+        rgb = np.take(_table(levels, encoding.curves[0]), colors)
+    else:
+        tables = [_table(levels, curve) for curve in encoding.curves]
+        rgb = np.stack([np.take(table, colors[..., k]) for k, table in enumerate(tables)], axis=2)
+    rgb = np.repeat(rgb, 3, axis=2) if rgb.shape[2] == 1 else rgb
+    return rgb if encoding.matrix is None else np.maximum(rgb @ encoding.matrix.T.astype(np.float32), 0)
 
 
 def _height(samples: Image.Image | np.ndarray) -> int:
