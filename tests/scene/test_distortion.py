@@ -10,7 +10,6 @@ from PIL import Image
 from lightprobe.imaging import srgb_decode
 from lightprobe.scene import Camera, load_alpha, load_photo, load_pixels, load_scene
 from lightprobe.scene.distortion import Resampling, bilinear, with_lens
-from lightprobe.scene.inspect import inspect
 from lightprobe.scene.lens import Lens
 from lightprobe.scene.photo import Photo
 from lightprobe.scene.pixels import load_thumbnail
@@ -23,12 +22,19 @@ LENSES = [BARREL, Lens((0.2, 0.0), (0.01, -0.01)), Lens((-0.03, 0.01), fisheye=T
 SIZE = (288, 240)
 
 
-def bent_scene(root, lens, count=18, size=SIZE, **settings):
+def bent_scene(root, lens, count, size=SIZE, **settings):
     """A scene in nerfstudio's layout whose photos and masks were taken through a lens."""
     shots = views(count, zoom=1.2, size=size)
     write_nerfstudio(root, shots)
+    straightened = {}  # all cameras have the same intrinsics, and so the same points
+
+    def straighten(points):
+        if not straightened:
+            straightened["points"] = lens.undistort(points)
+        return straightened["points"]
+
     for name, view in zip(names(count), shots, strict=True):
-        color, mask = picture(view, lens.undistort)
+        color, mask = picture(view, straighten)
         Image.fromarray(color).save(root / "images" / f"{name}.jpg", quality=95, subsampling=0)
         Image.fromarray(mask).save(root / "masks" / f"{name}.png")
     edit_json(root / "transforms.json", lambda data: data.update(settings))
@@ -156,13 +162,10 @@ def test_bilinear_is_exact_on_a_plane():
 )
 def test_a_scene_of_bent_photos(tmp_path, lens, settings):
     """Every mask is the one that the pinhole camera of its photo sees."""
-    root = bent_scene(tmp_path / "scene", lens, **settings)
-    shots = dict(zip(names(18), views(18, zoom=1.2, size=SIZE), strict=True))
+    root = bent_scene(tmp_path / "scene", lens, 4, **settings)
+    shots = dict(zip(names(4), views(4, zoom=1.2, size=SIZE), strict=True))
     for photo in load_scene(root).train:
         same_outline(load_alpha(photo), straight(photo.camera, shots[photo.name])[1])
-    found = inspect(root)
-    assert found.problems == found.hints == ()
-    assert found.mean_iou > 0.93
 
 
 def test_a_run_remembers_the_lens(tmp_path):

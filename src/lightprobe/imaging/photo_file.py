@@ -6,7 +6,6 @@ already and have no white to clip at.
 
 import functools
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,10 +65,10 @@ class PhotoFile:
         colors, _ = self._split(first, last)
         if not self.has_white:
             return np.zeros((*colors.shape[:2], 3), bool)
-        own = replace(self._encoding, matrix=None)
-        white = linear_srgb(np.full((1, 1, colors.shape[2]), self._levels, colors.dtype), self._levels, own)
-        clipped = linear_srgb(colors, self._levels, own) >= CLIPPED * white
-        return clipped
+        tables = [_table(self._levels, curve) for curve in self._encoding.curves]
+        least = np.array([np.argmax(table >= CLIPPED * table[-1]) for table in tables])  # curves rise
+        clipped = colors >= least
+        return np.repeat(clipped, 3, axis=2) if clipped.shape[2] == 1 else clipped
 
     def mask_rows(self, first: int, last: int) -> np.ndarray:
         """Return float32 coverage (h, W) of the rows first..last - 1, as `read_mask`."""
