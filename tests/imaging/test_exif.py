@@ -1,11 +1,15 @@
-"""Exposure out of EXIF, whatever stands there."""
+"""Exposure, focal length and gravity out of EXIF, whatever stands there."""
+
+import struct
 
 import numpy as np
+import pillow_heif
 import pytest
 from PIL import Image
 
-from lightprobe.imaging import read_exif_ev100
+from lightprobe.imaging import focal_ratio, gravity, read_exif_ev100
 from lightprobe.imaging.exif import read_orientation
+from tests.imaging.raw_files import write_dng
 
 _FOLDER, _TIME, _F_NUMBER, _ISO = 0x8769, 0x829A, 0x829D, 0x8827
 _RATIONAL, _SHORT, _DOUBLE = 5, 3, 12
@@ -71,3 +75,101 @@ def test_broken_exif_is_none(tmp_path):
             found = read_exif_ev100(tmp_path / "b.jpg")
             assert found is None or abs(found) < 100
             assert read_orientation(tmp_path / "b.jpg") in (None, *range(1, 9))
+
+
+def with_tags(path, tags, *, size=(8, 6), orientation=None):
+    """Write a photo with tags in its EXIF folder, as Pillow encodes them."""
+    exif = Image.Exif()
+    exif.get_ifd(_FOLDER).update(tags)
+    if orientation is not None:
+        exif[0x0112] = orientation
+    if path.suffix == ".heic":
+        pillow_heif.from_pillow(Image.new("RGB", size)).save(path, exif=exif.tobytes())
+    else:
+        Image.new("RGB", size).save(path, exif=exif.tobytes())
+    return path
+
+
+_FOCAL, _FOCAL_35, _PITCH, _UNIT, _WIDE, _HIGH = 0x920A, 0xA405, 0xA20E, 0xA210, 0xA002, 0xA003
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "heic", "tif", "png"])
+@pytest.mark.parametrize(("size", "side"), [((36, 24), 36), ((24, 36), 36), ((40, 30), 34.613), ((64, 36), 37.711)])
+def test_a_film_equivalent_is_of_the_diagonal(tmp_path, suffix, size, side):
+    """26 mm on 43.27 mm of diagonal: of a 4:3 picture the longer side is as wide as 34.6 mm of film."""
+    path = with_tags(tmp_path / f"a.{suffix}", {_FOCAL_35: 26}, size=size)
+    assert focal_ratio(path) == pytest.approx(26 / side, rel=1e-4)
+
+
+def test_focal_length_by_the_sensors_pitch(tmp_path):
+    """A 50 mm lens on 22.3 mm of 6000 pixels; the equivalent of 80 mm is rounded, one of 50 is another lens's."""
+    tags = {_FOCAL: 50.0, _PITCH: 6000 / 22.3 * 25.4, _UNIT: 2, _WIDE: 6000, _HIGH: 4000}
+    exact = 50 / 22.3
+    assert focal_ratio(with_tags(tmp_path / "a.jpg", tags)) == pytest.approx(exact, rel=1e-4)
+    both = with_tags(tmp_path / "b.jpg", tags | {_FOCAL_35: 80}, size=(36, 24))
+    assert focal_ratio(both) == pytest.approx(exact, rel=1e-4)
+    contrary = with_tags(tmp_path / "c.jpg", tags | {_FOCAL_35: 50}, size=(36, 24))
+    assert focal_ratio(contrary) == pytest.approx(50 / 36, rel=1e-4)
+    centimetres = with_tags(tmp_path / "d.jpg", tags | {_UNIT: 3, _PITCH: 6000 / 2.23})
+    assert focal_ratio(centimetres) == pytest.approx(exact, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "tags", [{}, {_FOCAL_35: 0}, {_FOCAL: 50.0}, {_FOCAL_35: 60000}, {_FOCAL: 50.0, _PITCH: 0.0, _WIDE: 6, _HIGH: 4}]
+)
+def test_no_focal_length(tmp_path, tags):
+    assert focal_ratio(with_tags(tmp_path / "a.jpg", tags)) is None
+
+
+def apple_note(*acceleration, entries=1):
+    """A maker note as iPhones write it: a big-endian folder whose offsets count from the note's start."""
+    head = b"Apple iOS\0\0\x01MM" + struct.pack(">H", 1 + entries)
+    other = struct.pack(">HHIi", 1, 9, 1, 14) * entries
+    at = len(head) + len(other) + 12 + 4
+    values = b"".join(struct.pack(">ii", round(value * 10000), 10000) for value in acceleration)
+    return head + other + struct.pack(">HHII", 8, 10, 3, at) + bytes(4) + values
+
+
+_NOTE, _LENS = 0x927C, 0xA434
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "heic"])
+@pytest.mark.parametrize(
+    ("orientation", "value"), [(6, (0, -1, 0)), (1, (-1, 0, 0)), (3, (1, 0, 0)), (8, (0, 1, 0)), (None, (-1, 0, 0))]
+)
+def test_up_is_up_however_the_phone_is_held(tmp_path, suffix, orientation, value):
+    """Upright: the top of the device is up. On its left side: its right one is, the sensor's own way to lie."""
+    path = with_tags(tmp_path / f"a.{suffix}", {_NOTE: apple_note(*value)}, orientation=orientation)
+    np.testing.assert_allclose(gravity(path), [0, 1, 0], atol=1e-6)
+
+
+def test_up_of_a_camera_that_looks_down_and_of_one_that_is_tilted(tmp_path):
+    """Looking straight down, up is behind the camera, +z; the screen faces up, into which z points: value -z."""
+    down = with_tags(tmp_path / "a.jpg", {_NOTE: apple_note(0, 0, -1.02)}, orientation=6)
+    np.testing.assert_allclose(gravity(down), [0, 0, 1], atol=1e-6)
+    rolled = with_tags(tmp_path / "b.jpg", {_NOTE: apple_note(-0.6, -0.8, 0)}, orientation=6)
+    np.testing.assert_allclose(gravity(rolled), [0.6, 0.8, 0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "tags",
+    [
+        {},
+        {_NOTE: b"Nikon\0" + bytes(40)},
+        {_NOTE: apple_note(0, -3, 0)},
+        {_NOTE: apple_note(0, -1, 0)[:40]},
+        {_NOTE: apple_note(0, -1, 0), _LENS: "iPhone 12 front camera 2.71mm f/2.2"},
+    ],
+)
+def test_no_gravity(tmp_path, tags):
+    assert gravity(with_tags(tmp_path / "a.jpg", tags, orientation=6)) is None
+
+
+def test_a_mirrored_picture_has_no_gravity(tmp_path):
+    assert gravity(with_tags(tmp_path / "a.jpg", {_NOTE: apple_note(0, -1, 0)}, orientation=5)) is None
+
+
+def test_focal_length_of_camera_raw(tmp_path):
+    """A raw file that is a TIFF inside has its EXIF there."""
+    path = write_dng(tmp_path / "a.dng", np.full((24, 36, 3), 0.3), focal_35=26)
+    assert focal_ratio(path) == pytest.approx(26 / 36, rel=1e-4)

@@ -8,7 +8,7 @@ from PIL import Image
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import (
-    LdrImage,
+    PhotoFile,
     image_size,
     read_alpha,
     read_exif_ev100,
@@ -225,7 +225,7 @@ def test_rows_are_those_of_the_whole(tmp_path, mode):
         samples = RNG.integers(0, 256, (23, 9, channels), dtype=np.uint8)
         Image.fromarray(samples.squeeze(), mode).save(path)
     color, alpha = read_ldr(path)
-    image = LdrImage(path)
+    image = PhotoFile(path)
     parts = [image.rows(first, min(first + 5, 23)) for first in range(0, 23, 5)]
     np.testing.assert_array_equal(np.concatenate([part for part, _ in parts]), color)
     assert image.has_alpha == (alpha is not None)

@@ -136,15 +136,26 @@ def with_profile(root, chosen, profile):
         Image.open(path).save(path, icc_profile=profile)
 
 
-def test_a_foreign_profile_is_a_problem_and_one_warning(tmp_path):
+def test_an_unreadable_profile_is_a_problem_and_one_warning(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
-    with_profile(root, names(COUNT)[2:6], icc("Wide Thing", P3_PRIMARIES, 2.2))
-    sentence = r"4 of 18 photos are encoded with the ICC profile Wide Thing, such as view_02\.png"
+    with_profile(root, names(COUNT)[2:6], b"nonsense" * 40)
+    sentence = r"4 of 18 photos are encoded with an ICC profile that cannot be read, such as view_02\.png"
     with pytest.warns(LightprobeWarning, match=sentence) as caught:
         load_scene(root)
     assert len(caught) == 1
     (problem,) = inspect(root).problems
     assert "4 of 18 photos" in problem
+
+
+def test_a_converted_profile_is_a_fact(tmp_path):
+    root = write_nerd(tmp_path / "scene", views(COUNT))
+    with_profile(root, names(COUNT)[2:6], icc("Wide Thing", P3_PRIMARIES, 2.2))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_scene(root)
+    found = inspect(root)
+    assert found.problems == ()
+    assert "colours  converted to sRGB: ICC profile Wide Thing (4)" in found.lines()
 
 
 def test_an_srgb_profile_is_silent(tmp_path):
@@ -156,9 +167,9 @@ def test_an_srgb_profile_is_silent(tmp_path):
     assert inspect(root).problems == ()
 
 
-def test_a_new_photo_with_a_foreign_profile(tmp_path):
+def test_a_new_photo_with_an_unreadable_profile(tmp_path):
     root = write_nerd(tmp_path / "scene", views(4))
-    with_profile(root, ["view_01"], icc("Wide Thing", P3_PRIMARIES, 2.2))
+    with_profile(root, ["view_01"], b"nonsense" * 40)
     (tmp_path / "c.json").write_text(json.dumps(expected_camera(views(4)[1]).to_json()))
-    with pytest.warns(LightprobeWarning, match="the ICC profile Wide Thing"):
+    with pytest.warns(LightprobeWarning, match="an ICC profile that cannot be read"):
         load_photo(root / "images" / "view_01.png", tmp_path / "c.json", root / "masks" / "view_01.png")

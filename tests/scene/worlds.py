@@ -74,10 +74,14 @@ def views(count: int = 18, *, varied: bool = False, zoom: float = 1.0, size: tup
     return found
 
 
-def picture(view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Cast rays at the balls: flat 8-bit colour (H, W, 3) on grey, and an 8-bit mask (H, W)."""
+def picture(view: View, straighten=lambda points: points) -> tuple[np.ndarray, np.ndarray]:
+    """Cast rays at the balls: flat 8-bit colour (H, W, 3) on grey, and an 8-bit mask (H, W).
+
+    `straighten` takes points (..., 2) of the image plane to where a pinhole would see them.
+    """
     v, u = np.mgrid[: view.height, : view.width] + 0.5
-    local = np.stack([(u - view.center[0]) / view.focal[0], (v - view.center[1]) / view.focal[1], np.ones_like(u)], -1)
+    plane = straighten(np.stack([(u - view.center[0]) / view.focal[0], (v - view.center[1]) / view.focal[1]], -1))
+    local = np.concatenate([np.nan_to_num(plane, nan=1e3), np.ones_like(plane[..., :1])], -1)
     rays = local @ view.rotation
     nearest = np.full(u.shape, np.inf)
     color = np.full((*u.shape, 3), 128, np.uint8)
@@ -182,9 +186,8 @@ def write_colmap(root: Path, shots: list[View], *, binary: bool, folder: str = "
 def write_colmap_model(
     model: Path, files: list[str], shots: list[View], *, binary: bool, lens: str = "PINHOLE", extra: tuple = ()
 ) -> None:
-    number = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2, "RADIAL": 3, "OPENCV": 4, "OPENCV_FISHEYE": 5}[
-        lens
-    ]
+    models = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"]
+    number = models.index(lens)
     one_focal = lens.startswith(("SIMPLE", "RADIAL"))
     parameters = [[*(view.focal[:1] if one_focal else view.focal), *view.center, *extra] for view in shots]
     if binary:

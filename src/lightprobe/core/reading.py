@@ -11,6 +11,7 @@ from pathlib import Path
 from lightprobe.core.errors import InputError
 
 LARGEST_PICTURE = 2**31 + 2**20  # bytes: the most pixels that are decoded, as 32-bit RGBA, and a header
+LARGEST_VIDEO = 2**37  # bytes: an hour of what cameras write at their best
 LARGEST_TEXT = 2**28  # bytes of JSON or poses: some 500 000 cameras
 LARGEST_MODEL = 2**32  # bytes of a file of a COLMAP model, which also lists every observed point
 

@@ -1,6 +1,10 @@
-"""What the camera wrote beside the pixels: orientation and exposure.
+"""What the camera wrote beside the pixels: orientation, exposure, focal length and the direction of gravity.
 
 EV100 = log2(N^2 / t) - log2(ISO / 100), with f-number N and exposure time t in seconds (ISO 2720).
+
+Focal length: an equivalent of 35 mm film stands for the same angle over the *diagonal*, 43.27 mm of 36 x 24 mm film
+(CIPA DCG-001), whatever the shape of the sensor; over the longer side this is f / 36 for 3:2 and f / 34.6 for 4:3.
+COLMAP's f / 35 lies between the two.
 """
 
 import math
@@ -10,33 +14,34 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from lightprobe.imaging import png16
-from lightprobe.imaging.opening import decode_errors, open_image
+from lightprobe.imaging.decoding import read_header
+from lightprobe.imaging.tags import EXIF_FOLDER, ORIENTATION
 
-_ORIENTATION = 0x0112  # numbers of EXIF tags
-_EXIF_FOLDER = 0x8769  # where the next three stand
 _LEAST, _GREATEST = 1e-9, 1e9  # of seconds, f-numbers and ISO: beyond, the file is wrong
-_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827  # s, f-number, ISO
+# Numbers of EXIF tags: s, f-number, ISO
+_EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
+# mm, mm of 35 mm film
+_FOCAL_LENGTH, _FOCAL_LENGTH_35 = 0x920A, 0xA405
+# Pixels along the sensor's width for each unit of length, that unit, and the size in pixels that this is meant for
+_PLANE_RESOLUTION, _PLANE_UNIT, _PIXELS_X, _PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0xA003
+_UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # mm of an inch, a centimetre and a millimetre
+_FILM_DIAGONAL = math.hypot(36, 24)  # mm
+_PLAUSIBLE_FOCAL = 0.2, 30.0  # of the longer side: fisheye lenses and telescopes lie beyond
+_AGREE = 0.1  # relative difference of two statements of one focal length, of which the second is rounded to mm
+_MAKER_NOTE, _LENS_MODEL = 0x927C, 0xA434  # numbers of EXIF tags
+_APPLE, _APPLE_ENTRIES = b"Apple iOS\0\0\x01MM", 14  # start of Apple's note, and where its entries begin
+_ACCELERATION, _SIGNED_RATIONAL = 8, 10  # number of the entry, and type of its three values
+_AT_REST = 0.7, 1.3  # length in g of an acceleration that is gravity
 
 
 def read_exif(path: Path) -> Image.Exif:
     """Return the EXIF entries of an image file without decoding its pixels; empty when absent or broken."""
-    exif = Image.Exif()
-    with decode_errors(path), open_image(path) as image:
-        # A PNG may carry EXIF behind its pixels, where Pillow finds it only by decoding them.
-        data = png16.find_chunk(path, b"eXIf") if image.format == "PNG" else image.info.get("exif")
-    try:
-        if data:
-            exif.load(data)
-        exif.get_ifd(_EXIF_FOLDER)
-    except (SyntaxError, ValueError, KeyError, TypeError, OSError, OverflowError, struct.error):
-        return Image.Exif()
-    return exif
+    return read_header(Path(path)).exif
 
 
 def read_exif_ev100(path: Path) -> float | None:
     """Return the exposure value at ISO 100, or None when time, f-number or ISO are missing or beyond all bounds."""
-    tags = read_exif(Path(path)).get_ifd(_EXIF_FOLDER)
+    tags = read_exif(path).get_ifd(EXIF_FOLDER)
     values = [_number(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO)]
     if any(value is None for value in values):
         return None
@@ -45,9 +50,44 @@ def read_exif_ev100(path: Path) -> float | None:
 
 
 def read_orientation(path: Path) -> int | None:
-    """Return the EXIF orientation 1..8 of an image file (1: stored upright), or None when it has no such tag."""
-    value = read_exif(path).get(_ORIENTATION)
-    return value if isinstance(value, int) and 1 <= value <= 8 else None
+    """Return the EXIF orientation 1..8 of an image file (1: stored upright), or None when it has no such tag.
+
+    HEIC has none here: it is turned by the format itself while it is decoded.
+    """
+    return read_header(Path(path)).orientation
+
+
+def focal_ratio(path: Path) -> float | None:
+    """Return the focal length over the longer side of the whole picture, or None when the camera did not tell.
+
+    From the sensor's pitch and the focal length in mm, or from the equivalent of 35 mm film, by the diagonal (above);
+    the latter alone where the two disagree. Neither knows of later cropping; scaling changes nothing.
+    """
+    header = read_header(Path(path))
+    tags = header.exif.get_ifd(EXIF_FOLDER)
+    measured, rounded = _by_pitch(tags), _by_film(tags, header.size)
+    if measured is not None and rounded is not None and abs(measured / rounded - 1) > _AGREE:
+        return rounded
+    return measured if measured is not None else rounded
+
+
+def gravity(path: Path) -> np.ndarray | None:
+    """Return the direction up, against gravity, (3,) float64 of length 1, or None when the camera did not tell it.
+
+    In OpenGL's camera axes (x right, y up, looking along -z) of the picture turned upright. From the acceleration that
+    Apple's cameras note (entry 8 in ExifTool's table of Apple tags): as seen from the screen, x points to the left, y
+    to the bottom and z into the device, and at rest the value points up. A picture that is not turned has the device's
+    right side on top; cameras on the side of the screen are mirrored and are left out.
+    """
+    exif = read_header(Path(path)).exif
+    tags = exif.get_ifd(EXIF_FOLDER)
+    value = _acceleration(tags.get(_MAKER_NOTE))
+    if value is None or "front" in str(tags.get(_LENS_MODEL, "")).lower():
+        return None
+    x, y, z = -value / np.linalg.norm(value)  # device: right, top, towards the user
+    turned = {1: (-y, x), 3: (y, -x), 6: (x, y), 8: (-x, -y)}
+    tag = exif.get(ORIENTATION, 1)
+    return np.array([*turned[tag], z]) if tag in turned else None
 
 
 def turned_size(size: tuple[int, int], orientation: int) -> tuple[int, int]:
@@ -69,6 +109,41 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     if orientation in (2, 3, 6, 7):
         pixels = pixels[:, ::-1]
     return np.ascontiguousarray(pixels)
+
+
+def _by_pitch(tags: dict) -> float | None:
+    keys = (_FOCAL_LENGTH, _PLANE_RESOLUTION, _PIXELS_X, _PIXELS_Y)
+    focal, resolution, width, height = (_number(tags.get(key)) for key in keys)
+    unit = _UNITS.get(tags.get(_PLANE_UNIT, 2))
+    if focal is None or resolution is None or width is None or height is None or unit is None:
+        return None
+    return _plausible(focal * resolution / unit / max(width, height))
+
+
+def _by_film(tags: dict, size: tuple[int, int]) -> float | None:
+    focal = _number(tags.get(_FOCAL_LENGTH_35))
+    return None if focal is None else _plausible(focal / _FILM_DIAGONAL * math.hypot(*size) / max(size))
+
+
+def _plausible(ratio: float) -> float | None:
+    return ratio if _PLAUSIBLE_FOCAL[0] <= ratio <= _PLAUSIBLE_FOCAL[1] else None
+
+
+def _acceleration(note: object) -> np.ndarray | None:
+    """Return the acceleration (3,) in g out of Apple's note, or None: no such note, or moving."""
+    if not isinstance(note, bytes) or not note.startswith(_APPLE):
+        return None
+    try:
+        (count,) = struct.unpack_from(">H", note, _APPLE_ENTRIES)
+        entries = [struct.unpack_from(">HHII", note, _APPLE_ENTRIES + 2 + 12 * index) for index in range(count)]
+        at = next(e[3] for e in entries if e[:3] == (_ACCELERATION, _SIGNED_RATIONAL, 3))
+        above, below = np.array(struct.unpack_from(">6i", note, at), np.float64).reshape(3, 2).T
+    except (struct.error, StopIteration):
+        return None
+    if not below.all():
+        return None
+    value = above / below
+    return value if _AT_REST[0] <= np.linalg.norm(value) <= _AT_REST[1] else None
 
 
 def _number(value: object) -> float | None:

@@ -11,7 +11,7 @@ from lightprobe.core.files import write_bytes
 from lightprobe.core.muted import muted
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import signature
-from lightprobe.imaging.radiance import read_radiance
+from lightprobe.imaging.radiance import radiance_size, read_radiance
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _CHANNEL_SETS = ("RGBA", "RGB", "XYZ", "Y")  # the first one the file holds is read
@@ -32,6 +32,17 @@ def read_hdr(path: Path) -> np.ndarray:
     if start.startswith(b"#?"):
         return read_radiance(path)
     raise InputError(f"{path} is neither an OpenEXR nor a Radiance HDR image.")
+
+
+def hdr_size(path: Path) -> tuple[int, int]:
+    """Return (width, height) of an OpenEXR or Radiance file from its header; raises `InputError` as `read_hdr`."""
+    path = Path(path)
+    if not signature(path).startswith(_EXR_MAGIC):
+        return radiance_size(path)
+    header = _exr_header(path)
+    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
+    width, height = (int(extent) for extent in high - low + 1)
+    return width, height
 
 
 def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
@@ -55,15 +66,24 @@ def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
 def _read_exr(path: Path) -> np.ndarray:
     """Read the first part of an OpenEXR file; its header is checked first, because decoding trusts any size."""
     try:
-        with muted():
-            header = OpenEXR.File(str(path), header_only=True).header()
-        names = _check_header(path, header)
+        names = _check_header(path, _exr_header(path))
         with muted():
             channels = OpenEXR.File(str(path), separate_channels=True).channels()
         planes = [np.asarray(channels[name].pixels, np.float32) for name in names]
         return np.stack(planes, axis=-1)
     except (RuntimeError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
+
+
+def _exr_header(path: Path) -> dict:
+    """Return the header of an OpenEXR file, checked."""
+    try:
+        with muted():
+            header = OpenEXR.File(str(path), header_only=True).header()
+        _check_header(path, header)
+    except (RuntimeError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
+    return header
 
 
 def _check_header(path: Path, header: dict) -> str:

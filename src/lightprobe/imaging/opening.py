@@ -1,26 +1,60 @@
-"""Opening PNG, JPEG and WebP by content, with the header checked before a pixel is decoded."""
+"""What kind of image a file is, told by its content, and Pillow's formats opened with the header checked first."""
 
 import contextlib
+import enum
 import struct
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from PIL import Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
+from PIL import AvifImagePlugin, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.reading import LARGEST_PICTURE, check_file
 from lightprobe.imaging.limits import check_pixels
 
-# Pillow reports damage with whatever its parsers run into.
-_DAMAGE = (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError, struct.error, zlib.error)
+# Decoders report damage with whatever their parsers run into.
+_DAMAGE = (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError, RuntimeError, OverflowError,
+           struct.error, zlib.error)  # fmt: skip
+_START = 64  # bytes of a file that tell its kind: a file type box of ISO 14496-12 with a few brands fits
 
+
+class FileKind(enum.Enum):
+    """Kinds of image files, by who decodes them."""
+
+    PNG = "PNG"
+    JPEG = "JPEG"
+    WEBP = "WebP"
+    AVIF = "AVIF"
+    HEIF = "HEIF"
+    TIFF = "TIFF"
+    """TIFF itself, and camera raw that is a TIFF inside: `tiff.is_raw` tells them apart."""
+    RAW = "camera raw"
+    """Camera raw with a signature of its own."""
+    EXR = "OpenEXR"
+    RADIANCE = "Radiance HDR"
+
+
+_MAGIC = {
+    b"\x89PNG\r\n\x1a\n": FileKind.PNG, b"\xff\xd8\xff": FileKind.JPEG, b"RIFF": FileKind.WEBP,
+    b"\x76\x2f\x31\x01": FileKind.EXR, b"#?": FileKind.RADIANCE,
+    b"II*\0": FileKind.TIFF, b"MM\0*": FileKind.TIFF, b"II+\0": FileKind.TIFF, b"MM\0+": FileKind.TIFF,
+    b"FUJIFILMCCD-RAW": FileKind.RAW, b"IIRO": FileKind.RAW, b"IIRS": FileKind.RAW, b"MMOR": FileKind.RAW,
+    b"IIU\0": FileKind.RAW, b"II\x1a\0\0\0HEAPCCDR": FileKind.RAW, b"FOVb": FileKind.RAW, b"\0MRM": FileKind.RAW,
+}  # fmt: skip
+_BRANDS = {
+    b"avif": FileKind.AVIF, b"avis": FileKind.AVIF, b"crx ": FileKind.RAW,
+    **dict.fromkeys((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), FileKind.HEIF),
+}  # fmt: skip
+STILL_BRANDS = frozenset(_BRANDS)  # file type boxes of pictures, which videos begin with too
 # The readers are called directly because `Image.open` warns and raises at its own, process-wide size limit.
-_READERS: dict[bytes, Callable[..., Image.Image]] = {
-    b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
-    b"\xff\xd8\xff": JpegImagePlugin.jpeg_factory,
-    b"RIFF": WebPImagePlugin.WebPImageFile,
+_READERS: dict[FileKind, Callable[..., Image.Image]] = {
+    FileKind.PNG: PngImagePlugin.PngImageFile,
+    FileKind.JPEG: JpegImagePlugin.jpeg_factory,
+    FileKind.WEBP: WebPImagePlugin.WebPImageFile,
+    FileKind.AVIF: AvifImagePlugin.AvifImageFile,
 }
+PILLOW_KINDS = frozenset(_READERS)
 
 
 @contextlib.contextmanager
@@ -29,16 +63,16 @@ def decode_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except _DAMAGE as error:
-        detail = str(error).rstrip(".") or type(error).__name__
+        detail = str(error).strip().rstrip(".") or type(error).__name__
         raise InputError(f"{path} cannot be decoded ({detail}); the file is damaged or cut short.") from error
 
 
 def signature(path: Path) -> bytes:
-    """Return the first 32 bytes of a picture; raise `InputError` when it is missing, unreadable, no file or empty."""
+    """Return the first 64 bytes of a picture; raise `InputError` when it is missing, unreadable, no file or empty."""
     check_file(path, LARGEST_PICTURE)
     try:
         with open(path, "rb") as file:
-            start = file.read(32)
+            start = file.read(_START)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
     if not start:
@@ -46,14 +80,29 @@ def signature(path: Path) -> bytes:
     return start
 
 
-def open_image(path: Path) -> Image.Image:
-    """Return the Pillow image of a PNG, JPEG or WebP file: header read and its size checked, nothing decoded."""
+def file_kind(path: Path) -> FileKind:
+    """Return the kind of an image file; raise `InputError` when it is none that is read, or as `signature` does."""
     start = signature(path)
-    reader = next((reader for magic, reader in _READERS.items() if start.startswith(magic)), None)
+    kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
+    if kind is None and start[4:8] == b"ftyp":  # the major brand first, then the compatible ones (ISO 14496-12)
+        length = min(int.from_bytes(start[:4], "big"), len(start))
+        brands = [start[8:12], *(start[i : i + 4] for i in range(16, length - 3, 4))]
+        kinds = [_BRANDS[brand] for brand in brands if brand in _BRANDS]
+        kind = FileKind.AVIF if FileKind.AVIF in kinds else kinds[0] if kinds else None
+    if kind is None:
+        raise InputError(
+            f"{path} is not a PNG, JPEG or WebP image, nor TIFF, HEIC, AVIF, camera raw, OpenEXR or Radiance HDR."
+        )
+    return kind
+
+
+def open_image(path: Path) -> Image.Image:
+    """Return the Pillow image of a PNG, JPEG, WebP or AVIF file: header read and size checked, nothing decoded."""
+    reader = _READERS.get(file_kind(path))
     if reader is None:
-        raise InputError(f"{path} is not a PNG, JPEG or WebP image.")
+        raise InputError(f"{path} is not a PNG, JPEG, WebP or AVIF image.")
     # The WebP reader makes room for all pixels as soon as it is created.
-    if (size := _webp_size(start)) is not None:
+    if (size := _webp_size(signature(path))) is not None:
         check_pixels(path, *size)
     with decode_errors(path):
         image = reader(str(path))
@@ -65,7 +114,7 @@ def open_image(path: Path) -> Image.Image:
 
 
 def _webp_size(start: bytes) -> tuple[int, int] | None:
-    """Return (width, height) from the first 32 bytes of a WebP file (RFC 9649, section 2), None for anything else."""
+    """Return (width, height) from the start of a WebP file (RFC 9649, section 2), None for anything else."""
     if start[:4] != b"RIFF" or len(start) < 30:
         return None
     if start[12:16] == b"VP8X":

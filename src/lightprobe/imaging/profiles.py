@@ -1,54 +1,83 @@
-"""Colour encodings that a file declares and that are not applied: ICC profiles and PNG's gamma.
+"""Colour encodings that a file declares: ICC profiles, PNG's gamma and chromaticities, code points of H.273.
 
-Samples are taken as sRGB. A profile is judged by what it does, not by its name: one that leads a few colours to where
-sRGB leads them is sRGB, whoever wrote it.
+They are converted to sRGB's primaries, relative colorimetric. A profile is judged by what it does, not by its name: one
+that leads a few colours to where sRGB leads them is sRGB, whoever wrote it, and is not converted.
 """
 
 import functools
 import io
-from pathlib import Path
+import struct
 
 import numpy as np
 from PIL import Image, ImageCms
 
-from lightprobe.imaging.opening import decode_errors, open_image
+from lightprobe.imaging.encodings import SRGB, Encoding, coded, linear, power, primaries_matrix
+from lightprobe.imaging.header import Samples
+from lightprobe.imaging.icc import matrix_encoding
 
 _USUAL_GAMMA, _GAMMA_STEP = 1 / 2.2, 0.005  # what PNG asks sRGB files to write
 _LARGEST_ERROR = 6  # of 255, in a sample: profiles store rounded curves, and a plain 2.2 is off by more in the darks
-
-
-def foreign_encoding(path: Path) -> str | None:
-    """Return the name of the colour encoding that an image file declares, or None when that is sRGB or not declared.
-
-    Read from the header. Raises `InputError` as `image_size`.
-    """
-    with decode_errors(path), open_image(path) as image:
-        info = image.info
-    profile, gamma = info.get("icc_profile"), info.get("gamma")
-    if profile:
-        return _foreign_profile(profile)
-    if gamma is None or "srgb" in info or abs(gamma - _USUAL_GAMMA) <= _GAMMA_STEP:
-        return None
-    return f"PNG gamma {gamma:.4g}"
+UNREADABLE = "ICC profile that cannot be read"
+_PROFILE_ERRORS = (ImageCms.PyCMSError, OSError, ValueError, TypeError, KeyError, struct.error, np.linalg.LinAlgError)
 
 
 @functools.lru_cache(maxsize=64)
-def _foreign_profile(data: bytes) -> str | None:
-    """Return the name of an ICC profile, or None when it is sRGB."""
+def icc_encoding(data: bytes) -> Encoding:
+    """Return the encoding of an ICC profile: `SRGB` when it does the same, `UNREADABLE` by name when it is
+    damaged and sRGB is assumed."""
     try:
         profile = ImageCms.ImageCmsProfile(io.BytesIO(data))
-        name = ImageCms.getProfileDescription(profile).strip() or "without a name"
+        name = f"ICC profile {ImageCms.getProfileDescription(profile).strip() or 'without a name'}"
         space = profile.profile.xcolor_space.strip()
         if space not in ("RGB", "GRAY"):
-            return f"ICC profile {name}"
+            return Encoding(name, profile=data)
         patches = Image.fromarray(_patches(grey=space == "GRAY"))
-        shown = ImageCms.profileToProfile(
-            patches, profile, ImageCms.createProfile("sRGB"), ImageCms.Intent.RELATIVE_COLORIMETRIC, outputMode="RGB"
-        )
-    except (ImageCms.PyCMSError, OSError, ValueError, TypeError):
-        return "ICC profile that cannot be read"
-    difference = np.abs(np.asarray(shown, int) - np.asarray(patches.convert("RGB"), int))
-    return None if difference.max() <= _LARGEST_ERROR else f"ICC profile {name}"
+        difference = np.asarray(to_srgb(patches, data), int) - np.asarray(patches.convert("RGB"), int)
+        if np.abs(difference).max() <= _LARGEST_ERROR:
+            return SRGB
+        return matrix_encoding(data, name) or Encoding(name, profile=data)
+    except _PROFILE_ERRORS:
+        return Encoding(UNREADABLE)
+
+
+def to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
+    """Return an image of 8 bits converted from an ICC profile to sRGB, relative colorimetric, as RGB."""
+    source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
+    shown = ImageCms.profileToProfile(image, source, target, ImageCms.Intent.RELATIVE_COLORIMETRIC, outputMode="RGB")
+    if shown is None:
+        raise ValueError("no image")
+    return shown
+
+
+def png_encoding(info: dict, code_points: bytes | None) -> Encoding:
+    """Return the encoding of a PNG without an ICC profile.
+
+    `info`: Pillow's, with `gamma`, `srgb` and `chromaticity`; `code_points`: content of its cICP chunk, which counts
+    before the others (PNG, third edition, 4.3).
+    """
+    if code_points and len(code_points) == 4:
+        return coded(code_points[0], code_points[1])
+    gamma = info.get("gamma")
+    if gamma is None or "srgb" in info or not gamma > 0:
+        return SRGB
+    matrix = _chromaticities(info.get("chromaticity"))
+    if abs(gamma - _USUAL_GAMMA) <= _GAMMA_STEP and matrix is None:
+        return SRGB
+    usual = abs(gamma - 1) <= _GAMMA_STEP
+    name = f"PNG gamma {gamma:.4g}" + (" with primaries of its own" if matrix is not None else "")
+    return Encoding(name, (linear if usual else power(1 / gamma),), matrix)
+
+
+def _chromaticities(values: tuple | None) -> np.ndarray | None:
+    """Return M (3, 3) of PNG's white, red, green and blue x, y; None where they are sRGB's, absent or no colours."""
+    if values is None or len(values) != 8 or not all(0 < value < 1 for value in values[1::2]):
+        return None
+    white, red, green, blue = zip(values[::2], values[1::2], strict=True)
+    try:
+        matrix = primaries_matrix(red, green, blue, white)
+    except np.linalg.LinAlgError:
+        return None
+    return None if np.abs(matrix - np.eye(3)).max() < 0.02 else matrix
 
 
 def _patches(*, grey: bool) -> np.ndarray:
@@ -58,3 +87,16 @@ def _patches(*, grey: bool) -> np.ndarray:
         return ramp[None]
     tints = np.array([[r, g, b] for r in (90, 190) for g in (90, 190) for b in (90, 190)], np.uint8)
     return np.concatenate([np.repeat(ramp[:, None], 3, axis=1), tints])[None]
+
+
+def samples_to_srgb(values: np.ndarray, levels: int, encoding: Encoding) -> Samples:
+    """Return samples (H, W, 1 | 2 | 3 | 4) of a profile of look-up tables in sRGB, with 8 bits, as the module has."""
+    mode = {b"RGB ": 3, b"GRAY": 1}.get((encoding.profile or b"")[16:20])
+    colors = values.shape[2] - (values.shape[2] in (2, 4))
+    if mode != colors or encoding.profile is None:
+        return Samples(values, encoding, levels)
+    eight = (values.astype(np.uint32) * 255 + levels // 2) // levels
+    image = Image.fromarray(eight[..., :colors].astype(np.uint8).squeeze(axis=2) if colors == 1 else
+                            eight[..., :colors].astype(np.uint8))  # fmt: skip
+    shown = np.asarray(to_srgb(image, encoding.profile))
+    return Samples(np.concatenate([shown, eight[..., colors:].astype(np.uint8)], axis=2), SRGB)

@@ -36,6 +36,18 @@ def read_radiance(path: Path) -> np.ndarray:
     return (pixels[..., :3] * scale[..., None]).astype(np.float32)
 
 
+def radiance_size(path: Path) -> tuple[int, int]:
+    """Return (width, height) from the header of a Radiance file; `InputError` when damaged."""
+    try:
+        with open(path, "rb") as file:
+            start = file.read(_HEADER_LIMIT)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
+    width, height, _, _ = _parse_header(path, start)
+    check_pixels(path, width, height)
+    return width, height
+
+
 def write_radiance(path: Path, array: np.ndarray) -> None:
     """Write linear RGB `array` (H, W, 3) as run-length coded Radiance HDR, atomically.
 

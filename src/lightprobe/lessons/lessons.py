@@ -12,6 +12,7 @@ from torch import Tensor
 from lightprobe.core.config.distillation import DistillConfig, Lessons
 from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.core.errors import InputError
+from lightprobe.imaging import CLIPPED
 from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.lessons.synthetic import LightPool, mean_up, rerender
@@ -20,7 +21,7 @@ from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene import load_pixels
-from lightprobe.scene.photo import CLIPPED, Photo, Scene
+from lightprobe.scene.photo import Photo, Scene
 
 _OPAQUE = 0.9  # below this coverage a pixel's colour is partly extrapolated from its neighbours
 _FEWEST_PIXELS = 16  # of a photo that can tell of a light

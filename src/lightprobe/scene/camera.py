@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lightprobe.core.errors import InputError, shown
+from lightprobe.scene.lens import Lens
 
 # Beyond these no camera has ever been, and arithmetic ends: photos are found damaged by them, never merely unusual.
 _SIDE = 1_000_000  # pixels
@@ -54,7 +55,10 @@ class Similarity:
 
 @dataclass(frozen=True)
 class Camera:
-    """One pinhole camera; intrinsics in pixels of an image of `width` x `height`."""
+    """One pinhole camera; intrinsics in pixels of an image of `width` x `height`.
+
+    A photo taken through a lens that bends has the camera of the picture that it is resampled to.
+    """
 
     camera_to_world: np.ndarray  # (4, 4) float64
     fx: float
@@ -63,6 +67,7 @@ class Camera:
     cy: float
     width: int
     height: int
+    lens: Lens | None = None  # how the photo's file departs from this pinhole; undone while its pixels are read
 
     @property
     def position(self) -> np.ndarray:
@@ -93,10 +98,11 @@ class Camera:
 
     def to_json(self) -> dict[str, Any]:
         """Return the camera as the JSON that `--camera` reads."""
+        lens = {} if self.lens is None else {"lens": self.lens.to_json()}
         return {
             "camera_to_world": [[float(v) for v in row] for row in self.camera_to_world],
             "fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy,
-            "width": self.width, "height": self.height,
+            "width": self.width, "height": self.height, **lens,
         }  # fmt: skip
 
     @staticmethod
@@ -107,7 +113,8 @@ class Camera:
         try:
             pose = np.asarray(value["camera_to_world"], np.float64)
             fx, fy, cx, cy = (float(value[key]) for key in ("fx", "fy", "cx", "cy"))
-            camera = Camera(pose, fx, fy, cx, cy, int(value["width"]), int(value["height"]))
+            lens = None if value.get("lens") is None else Lens.from_json(value["lens"], source=source)
+            camera = Camera(pose, fx, fy, cx, cy, int(value["width"]), int(value["height"]), lens)
         except KeyError as error:
             raise InputError(
                 f"{source} has no key {error}; a camera needs camera_to_world, fx, fy, cx, cy, width, height."

@@ -15,8 +15,9 @@ from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import inside
 from lightprobe.core.reading import LARGEST_MODEL, check_file
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.distortion import ADVICE, refuse_distortion
+from lightprobe.scene.distortion import ADVICE, with_lens
 from lightprobe.scene.frame import Frame, Problems
+from lightprobe.scene.lens import Lens
 
 _MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
 # COLMAP's model numbers: name, number of parameters
@@ -26,12 +27,26 @@ _MODELS = {
     9: ("RADIAL_FISHEYE", 5), 10: ("THIN_PRISM_FISHEYE", 12), 11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 }  # fmt: skip
 _COUNTS = dict(_MODELS.values())
-_ONE_FOCAL = frozenset({"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
-_SUPPORTED = _ONE_FOCAL | {"PINHOLE", "OPENCV"}
+_ONE_FOCAL = frozenset({"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"})
+# What follows focal lengths and principal point in the parameters of each model that is read
+_LENSES: dict[str, Callable[..., Lens]] = {
+    "SIMPLE_PINHOLE": Lens,
+    "PINHOLE": Lens,
+    "SIMPLE_RADIAL": lambda k: Lens((k,)),
+    "RADIAL": lambda k1, k2: Lens((k1, k2)),
+    "OPENCV": lambda k1, k2, p1, p2: Lens((k1, k2), (p1, p2)),
+    "FULL_OPENCV": lambda k1, k2, p1, p2, k3, k4, k5, k6: Lens((k1, k2, k3), (p1, p2), (k4, k5, k6)),
+    "OPENCV_FISHEYE": lambda *k: Lens(k, fisheye=True),
+    "SIMPLE_RADIAL_FISHEYE": lambda k: Lens((k,), fisheye=True),
+    "RADIAL_FISHEYE": lambda k1, k2: Lens((k1, k2), fisheye=True),
+    "THIN_PRISM_FISHEYE": lambda k1, k2, p1, p2, k3, k4, s1, s2: Lens(
+        (k1, k2, k3, k4), (p1, p2), prism=(s1, s2), fisheye=True
+    ),
+}
 
 
 @dataclass(frozen=True)
-class _Lens:
+class _Model:
     """One camera of the model file; its parameters are judged only when a photo uses it."""
 
     model: str
@@ -64,7 +79,7 @@ def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
         if not path.is_file():
             raise InputError(f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}.")
         check_file(path, LARGEST_MODEL)
-    lenses: dict[int, _Lens] = {}
+    lenses: dict[int, _Model] = {}
     views: list[_View] = []
     with problems.guard():
         lenses = (_read_cameras_binary if suffix == "bin" else _read_cameras_text)(paths[0], problems)
@@ -94,7 +109,7 @@ def _text(content: bytes, path: Path) -> str:
         raise InputError(f"{path} cannot be read: it holds text that is not UTF-8.") from error
 
 
-def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Lens], view: _View) -> Frame:
+def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Model], view: _View) -> Frame:
     image = inside(folder, view.name, source=paths[1])
     if not image.is_file():
         raise InputError(f"{paths[1]} names the photo '{shown(view.name)}', which is not in {folder}.")
@@ -110,10 +125,10 @@ def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Lens], view: _Vie
     return Frame(image, source, camera)
 
 
-def _camera(lens: _Lens, view: _View, source: str) -> Camera:
-    """Return the pinhole camera of a view; raise `InputError` for lens models and distortions that are not pinhole."""
-    if lens.model not in _SUPPORTED:
-        raise InputError(f"{source} has the camera model {shown(lens.model)}, which is not a pinhole camera; {ADVICE}.")
+def _camera(lens: _Model, view: _View, source: str) -> Camera:
+    """Return the pinhole camera of a view, with its lens; raise `InputError` for models that are not read."""
+    if lens.model not in _LENSES:
+        raise InputError(f"{source} has the camera model {shown(lens.model)}, which is not read; {ADVICE}.")
     split = 1 if lens.model in _ONE_FOCAL else 2
     focal, (cx, cy), distortion = (
         lens.parameters[:split],
@@ -122,8 +137,7 @@ def _camera(lens: _Lens, view: _View, source: str) -> Camera:
     )
     camera = Camera(_pose(view, source), focal[0], focal[-1], cx, cy, lens.width, lens.height)
     camera.check(source)
-    refuse_distortion(camera, distortion[:2], distortion[2:] or (0.0, 0.0), source=source)
-    return camera
+    return with_lens(camera, _LENSES[lens.model](*distortion), source=source)
 
 
 def _pose(view: _View, source: str) -> np.ndarray:
@@ -178,7 +192,7 @@ class _Binary:
             raise InputError(f"{self.path} is cut short; copy it again.")
 
 
-def _read_cameras_binary(path: Path, problems: Problems) -> dict[int, _Lens]:
+def _read_cameras_binary(path: Path, problems: Problems) -> dict[int, _Model]:
     """Return the cameras by number, as far as the file is sound: behind a broken part nothing has its place."""
     file, lenses = _Binary(path), {}
     with problems.guard():
@@ -187,7 +201,7 @@ def _read_cameras_binary(path: Path, problems: Problems) -> dict[int, _Lens]:
             if model not in _MODELS:
                 raise InputError(f"{path} has the unknown camera model number {model}.")
             name, count = _MODELS[model]
-            lenses[number] = _Lens(name, width, height, file.take(f"{count}d"))
+            lenses[number] = _Model(name, width, height, file.take(f"{count}d"))
     return lenses
 
 
@@ -203,7 +217,7 @@ def _read_images_binary(path: Path, problems: Problems) -> list[_View]:
     return views
 
 
-def _read_cameras_text(path: Path, problems: Problems) -> dict[int, _Lens]:
+def _read_cameras_text(path: Path, problems: Problems) -> dict[int, _Model]:
     lenses = {}
     for number, words in _lines(path, str.split):
         if words:
@@ -213,7 +227,7 @@ def _read_cameras_text(path: Path, problems: Problems) -> dict[int, _Lens]:
     return lenses
 
 
-def _lens(source: str, words: list[str]) -> tuple[int, _Lens]:
+def _lens(source: str, words: list[str]) -> tuple[int, _Model]:
     """Return the number and camera of one line of cameras.txt."""
     try:
         key, model, width, height = int(words[0]), words[1], int(words[2]), int(words[3])
@@ -222,7 +236,7 @@ def _lens(source: str, words: list[str]) -> tuple[int, _Lens]:
         raise InputError(f"{source} is not a camera.") from error
     if _COUNTS.get(model, len(parameters)) != len(parameters):
         raise InputError(f"{source}: {shown(model)} needs {_COUNTS[model]} parameters, not {len(parameters)}.")
-    return key, _Lens(model, width, height, parameters)
+    return key, _Model(model, width, height, parameters)
 
 
 def _read_images_text(path: Path, problems: Problems) -> list[_View]:

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lightprobe.core.errors import InputError
+from lightprobe.imaging import IMAGE_SUFFIXES
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Truth
 
 _NAME_BYTES = 120  # of a photo's name: with `.confidence.exr` far from the 255, or 143 if encrypted, of file systems
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp"})
 
 
 class Split(enum.Enum):

@@ -11,7 +11,7 @@ from lightprobe.core.errors import InputError, printable
 from lightprobe.imaging import srgb_encode
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.consistency import better_turn, diagnose, fitted_hull, look_inverted, overlap, silhouette
-from lightprobe.scene.encoding import encoding_sentences
+from lightprobe.scene.encoding import converted_encodings, encoding_sentences
 from lightprobe.scene.frame import Problems, Split
 from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
 from lightprobe.scene.masks import no_background_sentence, without_background
@@ -54,6 +54,7 @@ class Inspection:
     similarity: Similarity | None
     problems: tuple[str, ...]
     hints: tuple[str, ...]
+    encodings: str = ""  # colour encodings that are converted, with how many photos have each
 
     @property
     def mean_iou(self) -> float | None:
@@ -71,6 +72,8 @@ class Inspection:
         facts = [f"scene    {self.root} ({self.format} layout)", f"photos   {_counts(self.photos)}"]
         if self.photos:
             facts += [_sizes(self.photos), _exposure(self.photos), _coverage(self.photos)]
+        if self.encodings:
+            facts.append(f"colours  converted to sRGB: {self.encodings}")
         if self.similarity is not None:
             center = ", ".join(f"{value:.4g}" for value in self.similarity.center)
             facts.append(f"object   centre ({center}), radius {self.similarity.scale:.4g} in the scene's units")
@@ -99,6 +102,7 @@ def inspect(path: Path) -> Inspection:
         similarity,
         tuple(problems.messages),
         tuple(_hints(reading, photos, alphas)),
+        converted_encodings([photo for _, photo in reading.all_photos()]),
     )
 
 

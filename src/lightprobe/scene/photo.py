@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lightprobe.imaging import resize_area
+from lightprobe.imaging import CLIPPED, resize_area
 from lightprobe.scene.camera import Camera, Similarity
 
-CLIPPED = 0.98  # linear value from which an 8-bit photo is taken as saturated; half a code below 255 is .989
 _WHITE = 1.01  # a photo with brighter values comes from a format without a white to clip at
 
 

@@ -6,18 +6,22 @@ done a few rows at a time: a photo of a hundred million pixels takes no more mem
 One rule for turned photos: photo, mask and camera belong to the same picture. A photo is turned upright as its EXIF
 orientation says, unless its camera fits only the pixels as stored. A mask follows its own orientation if its file has
 one; without one it lies on the photo's stored pixels and is turned along with them, unless it fits only unturned.
+
+A photo whose camera has a lens is resampled to the pinhole camera's picture before all else, and its mask with it.
 """
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import LdrImage, image_size, read_orientation, resize_rows, turned_size, undo
+from lightprobe.imaging import PhotoFile, image_size, read_orientation, resize_rows, turned_size, undo
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import Photo, Pixels, clipped
+from lightprobe.scene.distortion import Resampling, bilinear, span
+from lightprobe.scene.photo import Photo, Pixels
 
 
 def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Camera]:
@@ -29,11 +33,11 @@ def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Came
     opened = _Opened(photo)
     width, height = target_size(photo.camera, max_side)
     if (height, width) == opened.size:
-        color, alpha = opened.whole()
-        pixels = Pixels.of(color * (alpha[..., None] > 0), alpha)
+        color, alpha, clipped = opened.whole()
+        pixels = Pixels(color * (alpha[..., None] > 0), alpha, clipped)
     else:
         pixels = opened.reduced(height, width)
-    return pixels, photo.camera.resized(width, height)
+    return pixels, replace(photo.camera.resized(width, height), lens=None)
 
 
 def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -81,39 +85,71 @@ class _Opened:
         self._photo = photo
         self._mask_file = photo.mask_path or photo.image_path
         self._turn, mask_turn = _turns(photo)
-        self._mask = None if photo.mask_path is None else LdrImage(photo.mask_path, turn=mask_turn)
+        self._mask = None if photo.mask_path is None else PhotoFile(photo.mask_path, turn=mask_turn)
         self._highest = 0.0  # of the coverage handed out
+        self._resampling = None if photo.camera.lens is None else Resampling(photo.camera)
         self.size = (photo.camera.height, photo.camera.width)
         self._check_mask()
 
     @functools.cached_property
-    def _image(self) -> LdrImage:
-        return LdrImage(self._photo.image_path, turn=self._turn)
+    def _image(self) -> PhotoFile:
+        return PhotoFile(self._photo.image_path, turn=self._turn)
 
-    def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return linear straight colour (h, W, 3) and alpha (h, W) of the rows first..last - 1."""
-        color, own = self._image.rows(first, last)
-        alpha = own if self._mask is None else self._mask.mask_rows(first, last)
-        return color, self._seen(alpha)
+    def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of the rows first..last - 1."""
+        color, alpha, clipped = (
+            self._stored(first, last) if self._resampling is None else self._undistorted(first, last)
+        )
+        self._note(alpha)
+        return color, alpha, clipped
 
     def alpha_rows(self, first: int, last: int) -> np.ndarray:
         """Return alpha (h, W) of the rows first..last - 1."""
-        return self.rows(first, last)[1] if self._mask is None else self._seen(self._mask.mask_rows(first, last))
+        if self._mask is None or self._resampling is not None:
+            return self.rows(first, last)[1]
+        alpha = self._mask.mask_rows(first, last)
+        self._note(alpha)
+        return alpha
 
-    def whole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return linear straight colour (H, W, 3), background included, and alpha (H, W)."""
+    def _stored(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return `rows` of the photo as its lens made it."""
+        color, own = self._image.rows(first, last)
+        alpha = own if self._mask is None else self._mask.mask_rows(first, last)
+        if alpha is None:
+            raise ValueError("Checked to have one.")
+        return color, alpha, self._image.clipped_rows(first, last) & (alpha[..., None] > 0)
+
+    def _undistorted(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return `rows` of the pinhole's picture.
+
+        The object's colour is averaged with its coverage as weight, where it has any: none of the background bleeds in.
+        """
+        if self._resampling is None:
+            raise ValueError("The photo has no lens.")
+        places, shown = self._resampling.places(first, last)
+        top, bottom = span(places, shown)
+        color, alpha, clipped = self._stored(top, min(bottom, self.size[0]))
+        planes = np.dstack([color * alpha[..., None], alpha, color, clipped])
+        found = bilinear(planes, top, places) * shown[..., None]
+        alpha = np.ascontiguousarray(found[..., 3])
+        own = found[..., :3] / np.maximum(alpha, 1e-6)[..., None]
+        return np.where(alpha[..., None] > 1e-6, own, found[..., 4:7]), alpha, found[..., 7:] > 0
+
+    def whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return linear straight colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3) bool."""
         color, alpha = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
+        clipped = np.empty((*self.size, 3), bool)
         for first, last in (self._mask or self._image).strips():
-            color[first:last], alpha[first:last] = self.rows(first, last)
+            color[first:last], alpha[first:last], clipped[first:last] = self.rows(first, last)
         self.check_seen()
-        return color, alpha
+        return color, alpha, clipped
 
     def reduced(self, height: int, width: int) -> Pixels:
         """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile."""
 
         def planes(first: int, last: int) -> np.ndarray:
-            color, alpha = self.rows(first, last)
-            return np.dstack([color * alpha[..., None], alpha, clipped(color, alpha)])
+            color, alpha, clipped = self.rows(first, last)
+            return np.dstack([color * alpha[..., None], alpha, clipped])
 
         small = self._averaged(planes, 7, height, width)
         color, alpha = np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
@@ -121,7 +157,7 @@ class _Opened:
 
     def thumbnail(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Return straight colour (height, width, 3) and alpha (height, width), each area-averaged for itself."""
-        small = self._averaged(lambda first, last: np.dstack(self.rows(first, last)), 4, height, width)
+        small = self._averaged(lambda first, last: np.dstack(self.rows(first, last)[:2]), 4, height, width)
         return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
 
     def _averaged(self, planes: Callable[[int, int], np.ndarray], count: int, height: int, width: int) -> np.ndarray:
@@ -137,11 +173,8 @@ class _Opened:
                 "the object must be white, or remove the photo."
             )
 
-    def _seen(self, alpha: np.ndarray | None) -> np.ndarray:
-        if alpha is None:
-            raise ValueError("Checked to have one.")
+    def _note(self, alpha: np.ndarray) -> None:
         self._highest = max(self._highest, float(alpha.max()))
-        return alpha
 
     def _check_mask(self) -> None:
         """Raise `InputError` unless there is a mask, and of the photo's size."""

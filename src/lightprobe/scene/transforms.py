@@ -14,14 +14,21 @@ import numpy as np
 
 from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import inside, read_json
+from lightprobe.imaging import IMAGE_SUFFIXES
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.distortion import ADVICE, refuse_distortion
+from lightprobe.scene.distortion import ADVICE, with_lens
 from lightprobe.scene.frame import Frame, Problems, Split
+from lightprobe.scene.lens import Lens
 from lightprobe.scene.photo import Truth
 
 TRAIN, SINGLE, RELIGHT = "transforms_train.json", "transforms.json", "transforms_relight.json"
-_GUESSED_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
+_COMMON_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
+_GUESSED_SUFFIXES = (
+    *_COMMON_SUFFIXES,
+    *(s for low in sorted(IMAGE_SUFFIXES - {*_COMMON_SUFFIXES}) for s in (low, low.upper())),
+)
 _PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
+_FISHEYE_MODELS = frozenset({"OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"})
 _TRUTH_KEYS = {
     "environment": "env_path",
     "linear": "hdr_path",
@@ -133,14 +140,12 @@ def _text(settings: dict[str, Any], key: str, path: Path) -> str:
 def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_height: int) -> Camera:
     """Return the camera of one frame merged over the settings of its file; `source` names it in errors.
 
-    Size and principal point that are not given follow from the image. Raises `InputError` for a lens that is not a
-    pinhole, for values that are no numbers and for a pose that is no rigid motion.
+    Size and principal point that are not given follow from the image. Raises `InputError` for a camera model that is
+    not read, for values that are no numbers and for a pose that is no rigid motion.
     """
     model = settings.get("camera_model") or "OPENCV"
-    if not isinstance(model, str) or model not in _PINHOLE_MODELS or settings.get("is_fisheye"):
-        raise InputError(
-            f"{source} has the camera model {shown(model)} (or fisheye), which is not a pinhole camera; {ADVICE}."
-        )
+    if not isinstance(model, str) or model not in _PINHOLE_MODELS | _FISHEYE_MODELS:
+        raise InputError(f"{source} has the camera model {shown(model)}, which is not read; {ADVICE}.")
     keys = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
     w, h, fx, fy, cx, cy, angle_x, angle_y = (_number(settings, key, source) for key in keys)
     width, height = w or image_width, h or image_height
@@ -151,9 +156,17 @@ def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_
     center = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
     camera = Camera(_pose(settings, source), fx, fy, *center, round(width), round(height))
     camera.check(source)
-    lens = [_number(settings, key, source) or 0.0 for key in ("k1", "k2", "k3", "k4", "p1", "p2")]
-    refuse_distortion(camera, lens[:4], lens[4:], source=source)
-    return camera
+    fisheye = model in _FISHEYE_MODELS or bool(settings.get("is_fisheye"))
+    return with_lens(camera, _lens(settings, source, fisheye=fisheye, full=model == "FULL_OPENCV"), source=source)
+
+
+def _lens(settings: dict[str, Any], source: str, *, fisheye: bool, full: bool) -> Lens:
+    """Return the lens of k1..k4, p1 and p2; OpenCV's full model has k4..k6 below the fraction line."""
+    keys = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+    k1, k2, k3, k4, k5, k6, p1, p2 = (_number(settings, key, source) or 0.0 for key in keys)
+    if fisheye:
+        return Lens((k1, k2, k3, k4), fisheye=True)
+    return Lens((k1, k2, k3), (p1, p2), (k4, k5, k6)) if full else Lens((k1, k2, k3, k4), (p1, p2))
 
 
 def _number(settings: dict[str, Any], key: str, source: str) -> float | None:

@@ -1,0 +1,58 @@
+"""HEIF files, such as phones' HEIC, with 8, 10 or 12 bits per sample, by libheif.
+
+The format turns pictures by itself (ISO 23008-12, irot and imir), which libheif follows: stored pixels are upright, and
+the EXIF orientation, which says the same once more, is left aside. A gain map for brighter screens is left aside, too.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightprobe.core.extras import photo_library
+from lightprobe.imaging.encodings import Encoding, coded
+from lightprobe.imaging.header import Header, Samples
+from lightprobe.imaging.limits import check_pixels
+from lightprobe.imaging.opening import decode_errors
+from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
+from lightprobe.imaging.tags import loaded_exif
+
+_STORED_BITS = 16  # that pillow-heif moves deeper samples up to
+
+
+def read_header(path: Path) -> Header:
+    """Return what stands beside the pixels of the file."""
+    image = _opened(path)
+    return Header(image.size, loaded_exif(image.info.get("exif")), None, _encoding(image.info))
+
+
+def decode(path: Path) -> Samples:
+    """Return the samples (H, W, 1 | 2 | 3 | 4) uint8 or uint16 of the file's primary image."""
+    image = _opened(path)
+    with decode_errors(path):
+        values = np.asarray(image)
+        values = values.reshape(*values.shape[:2], -1)
+        encoding, levels = _encoding(image.info), 255
+        if values.dtype == np.uint16:
+            bits = min(int(image.info.get("bit_depth", _STORED_BITS)), _STORED_BITS)
+            values, levels = values >> (_STORED_BITS - bits), 2**bits - 1
+        if encoding.profile is not None:
+            return samples_to_srgb(values, levels, encoding)
+        return Samples(values, encoding, levels)
+
+
+def _opened(path: Path) -> Any:
+    """Return the file opened by pillow-heif: header read and size checked, nothing decoded."""
+    library = photo_library("pillow_heif", path)
+    with decode_errors(path):
+        image = library.open_heif(str(path), convert_hdr_to_8bit=False)
+    check_pixels(path, *image.size)
+    return image
+
+
+def _encoding(info: dict) -> Encoding:
+    """Return the encoding by the ICC profile, or else by the code points of H.273."""
+    if profile := info.get("icc_profile"):
+        return icc_encoding(profile)
+    points = info.get("nclx_profile") or {}
+    return coded(int(points.get("color_primaries", 1)), int(points.get("transfer_characteristics", 13)))

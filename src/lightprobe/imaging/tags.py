@@ -1,0 +1,41 @@
+"""EXIF entries out of bytes or a TIFF file, whatever stands there: empty when absent or broken."""
+
+import struct
+from pathlib import Path
+
+from PIL import Image
+
+ORIENTATION = 0x0112  # numbers of EXIF tags
+EXIF_FOLDER = 0x8769  # where camera settings stand
+_BROKEN = (SyntaxError, ValueError, KeyError, TypeError, OSError, OverflowError, IndexError, struct.error)
+
+
+def loaded_exif(data: bytes | None) -> Image.Exif:
+    """Return the entries of an EXIF block, with or without its `Exif` prefix."""
+    exif = Image.Exif()
+    try:
+        if data:
+            exif.load(data)
+        exif.get_ifd(EXIF_FOLDER)
+    except _BROKEN:
+        return Image.Exif()
+    return exif
+
+
+def tiff_exif(path: Path) -> Image.Exif:
+    """Return the entries of a TIFF file, or of camera raw that is one inside: EXIF is a TIFF without pixels."""
+    exif = Image.Exif()
+    try:
+        with open(path, "rb") as file:
+            exif.load_from_fp(file)
+            dict(exif)  # read while the file is open
+            exif.get_ifd(EXIF_FOLDER)
+    except _BROKEN:
+        return Image.Exif()
+    return exif
+
+
+def orientation(exif: Image.Exif) -> int | None:
+    """Return the EXIF orientation 1..8, or None when there is no such tag."""
+    value = exif.get(ORIENTATION)
+    return value if isinstance(value, int) and 1 <= value <= 8 else None

@@ -1,0 +1,109 @@
+"""TIFF files: 8 bits per sample by Pillow, 16 bits and floats by OpenCV; floats are linear light.
+
+Camera raw often is a TIFF inside; `is_raw` tells.
+"""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import TiffImagePlugin
+
+from lightprobe.core.extras import photo_library
+from lightprobe.core.muted import muted
+from lightprobe.imaging.encodings import LINEAR, SRGB, Encoding
+from lightprobe.imaging.header import Header, Samples
+from lightprobe.imaging.limits import check_pixels
+from lightprobe.imaging.opening import decode_errors
+from lightprobe.imaging.pillow_file import eight_bits
+from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
+from lightprobe.imaging.tags import orientation, tiff_exif
+
+# Numbers of TIFF's tags
+_PHOTOMETRIC, _PROFILE, _DNG_VERSION = 262, 34675, 50706
+_MOSAIC, _LINEAR_RAW = 32803, 34892  # photometric interpretations of camera raw (DNG 1.4)
+_MOST_PAGES = 8  # looked through for a mosaic; raw files hold a few previews beside it
+_ASSOCIATED = 1  # an extra sample that is alpha, with colour premultiplied
+_CR2 = b"CR\x02\0"  # at byte 8 of Canon's raw
+
+
+def is_raw(path: Path) -> bool:
+    """Return whether a TIFF file is camera raw: some page of it shows a sensor's mosaic."""
+    with open(path, "rb") as file:
+        if file.read(12)[8:] == _CR2:
+            return True
+    with _opened(path) as tiff, decode_errors(path):
+        pages = list(tiff.pages[:_MOST_PAGES])
+        pages += [below for page in pages for below in (page.pages or ())[:_MOST_PAGES]]
+        return _DNG_VERSION in pages[0].tags or any(
+            _tag(page, _PHOTOMETRIC) in (_MOSAIC, _LINEAR_RAW) for page in pages
+        )
+
+
+def read_header(path: Path) -> Header:
+    """Return what stands beside the pixels of the first page."""
+    exif = tiff_exif(path)
+    with _opened(path) as tiff, decode_errors(path):
+        page = tiff.pages[0]
+        size = (int(page.imagewidth), int(page.imagelength))
+        encoding = _encoding(page)
+    check_pixels(path, *size)
+    return Header(size, exif, orientation(exif), encoding)
+
+
+def decode(path: Path) -> Samples:
+    """Return the samples of the first page: a Pillow image of 8 bits, or (H, W, 1..4) uint16 or float32."""
+    with _opened(path) as tiff, decode_errors(path):
+        page = tiff.pages[0]
+        check_pixels(path, int(page.imagewidth), int(page.imagelength))
+        bits, kind, encoding = int(page.bitspersample), page.dtype.kind if page.dtype else "u", _encoding(page)
+        premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
+    if bits <= 8:
+        with decode_errors(path), TiffImagePlugin.TiffImageFile(str(path)) as image:
+            return eight_bits(image, encoding)
+    values = _deep(path, premultiplied=premultiplied)
+    if kind == "f" or values.dtype.kind == "f":
+        return Samples(values.astype(np.float32), LINEAR)
+    return samples_to_srgb(values, 65535, encoding) if encoding.profile else Samples(values, encoding, 65535)
+
+
+def _opened(path: Path) -> Any:
+    library = photo_library("tifffile", path)
+    with decode_errors(path), muted():
+        try:
+            return library.TiffFile(io.FileIO(path))
+        except library.TiffFileError as error:
+            raise ValueError(str(error)) from error
+
+
+def _deep(path: Path, *, premultiplied: bool) -> np.ndarray:
+    """Return (H, W, C) uint16 or floats with straight alpha, as OpenCV decodes them."""
+    library = photo_library("cv2", path)
+    with decode_errors(path), muted():
+        try:
+            values = library.imdecode(np.fromfile(path, np.uint8), library.IMREAD_UNCHANGED)
+        except library.error as error:
+            raise ValueError("OpenCV cannot decode it") from error
+        if values is None or values.dtype.kind not in "uf" or values.dtype == np.uint8:
+            raise ValueError("samples that are not read")
+    values = values.reshape(*values.shape[:2], -1)
+    values = values[..., [2, 1, 0, 3][: values.shape[2]]] if values.shape[2] >= 3 else values
+    if premultiplied and values.shape[2] in (2, 4):
+        white = 65535 if values.dtype == np.uint16 else 1.0
+        color = values[..., :-1] * (white / np.maximum(values[..., -1:].astype(np.float64), 1e-6))
+        color = np.minimum(color, white) if values.dtype == np.uint16 else color
+        values = np.concatenate([color.astype(values.dtype), values[..., -1:]], axis=2)
+    return values
+
+
+def _encoding(page: Any) -> Encoding:
+    if page.dtype is not None and page.dtype.kind == "f":
+        return LINEAR
+    profile = _tag(page, _PROFILE)
+    return icc_encoding(profile) if isinstance(profile, bytes) and profile else SRGB
+
+
+def _tag(page: Any, number: int) -> Any:
+    tag = page.tags.get(number)
+    return None if tag is None else tag.value
