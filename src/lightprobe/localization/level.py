@@ -34,13 +34,13 @@ class Levels:
 
     def __init__(self, color: np.ndarray):
         """Take the photo's linear colour (H, W, 3), background included."""
-        self._color = np.ascontiguousarray(color, np.float32)
-        self._clipped = (self._color >= CLIPPED).astype(np.float32)
+        self.color = np.ascontiguousarray(color, np.float32)
+        self._clipped = (self.color >= CLIPPED).astype(np.float32)
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the photo in pixels."""
-        return self._color.shape[1], self._color.shape[0]
+        return self.color.shape[1], self.color.shape[0]
 
     def near(self, scale: float) -> Level:
         """Return the photo scaled by about `scale`, at most 1: sizes come in steps of a fifth, and are kept."""
@@ -50,7 +50,7 @@ class Levels:
     @functools.lru_cache(maxsize=16)  # noqa: B019: lives as long as the photo, which is located in a second
     def _at(self, step: int) -> Level:
         width, height = (max(8, round(length * 1.2**step)) for length in self.size)
-        color = resize_area(self._color, height, width) if step else self._color
+        color = resize_area(self.color, height, width) if step else self.color
         clipped = (resize_area(self._clipped, height, width) if step else self._clipped) > 0
         soft = scipy.ndimage.gaussian_filter(np.minimum(color, 1), (_BLUR, _BLUR, 0))
         gradient = np.stack([np.gradient(soft, axis=1), np.gradient(soft, axis=0)], -1)

@@ -39,6 +39,13 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
+def least_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the least rotation (3, 3) that takes the unit vector `start` (3,) to `end` (3,), not its opposite."""
+    axis, cosine = np.cross(start, end), float(start @ end)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + cross + cross @ cross / max(1 + cosine, 1e-9)
+
+
 def motion(camera: Camera, points: np.ndarray) -> np.ndarray:
     """Return how world points (N, 3) move in the photo with a step, (N, 2, 7) pixels per unit."""
     rotation, position = camera.camera_to_world[:3, :3], camera.position

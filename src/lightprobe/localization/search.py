@@ -17,6 +17,7 @@ from torch import Tensor
 
 from lightprobe.imaging import resize_area
 from lightprobe.localization.appearance import appearance, edge_field
+from lightprobe.localization.pose import least_rotation
 from lightprobe.localization.templates import SIDE, Templates
 from lightprobe.scene.camera import Camera
 
@@ -68,20 +69,13 @@ def sighted_camera(sighting: Sighting, templates: Templates, focal: float, width
     y = (sighting.center[1] * longest - 0.5 * height) / focal
     ray = np.array([x, -y, -1.0])
     ray /= np.linalg.norm(ray)
-    turn = _between(np.array([0.0, 0.0, -1.0]), ray)  # camera axes: from the middle of the photo to the object
+    turn = least_rotation(np.array([0.0, 0.0, -1.0]), ray)  # camera axes: from the middle of the photo to the object
     half = 0.5 * sighting.side * longest / focal  # tangent of the template's half side
     distance = np.linalg.norm(pose[:3, 3]) * float(templates.tangent[sighting.view]) / half
     moved = np.eye(4)
     moved[:3, :3] = pose[:3, :3] @ turn.T
     moved[:3, 3] = -distance * (moved[:3, :3] @ ray)
     return Camera(moved, focal, focal, 0.5 * width, 0.5 * height, width, height)
-
-
-def _between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the least rotation (3, 3) that takes the unit vector `a` to `b`."""
-    v, c = np.cross(a, b), float(a @ b)
-    k = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.eye(3) + k + k @ k / (1 + c)
 
 
 @dataclass(frozen=True)

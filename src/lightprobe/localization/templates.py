@@ -19,6 +19,7 @@ from torch import Tensor
 
 from lightprobe.light.photometry import USUAL_MEAN, luma
 from lightprobe.localization.appearance import appearance, edge_field
+from lightprobe.localization.pose import least_rotation
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.scene.camera import Camera
@@ -52,7 +53,7 @@ def make_templates(asset: Asset, cameras: Sequence[Camera], device: torch.device
     views = [centred(camera) for camera in cameras]
     made = [_template(asset, view, device) for view in views]
     poses = torch.as_tensor(np.stack([view.camera_to_world for view in views]), dtype=torch.float32)
-    tangents = torch.tensor([0.5 * view.width / view.fx for view in views])
+    tangents = torch.tensor([0.5 * view.width / view.fx for view in views], dtype=torch.float32)
     parts = (torch.stack(part) for part in zip(*made, strict=True))
     return Templates(poses, tangents, *parts)
 
@@ -71,14 +72,27 @@ def centred(camera: Camera) -> Camera:
     return Camera(pose, focal, focal, 0.5 * side, 0.5 * side, side, side)
 
 
-def spread_views(cameras: Sequence[Camera], count: int) -> list[Camera]:
-    """Return `count` of the cameras, or all, whose directions from the origin lie as far apart as can be."""
-    directions = np.stack([camera.position / np.linalg.norm(camera.position) for camera in cameras])
-    chosen, nearest = [0], directions @ directions[0]
-    while len(chosen) < min(count, len(cameras)):
-        chosen.append(int(nearest.argmin()))
-        nearest = np.maximum(nearest, directions @ directions[chosen[-1]])
-    return [cameras[index] for index in sorted(set(chosen))]
+def surrounding_views(cameras: Sequence[Camera], spacing: float = 11.0, reach: float = 20.0) -> list[Camera]:
+    """Return views of the origin about `spacing` degrees apart, from wherever a camera is within `reach` degrees.
+
+    Each has the distance and the roll of the nearest of the normalised-frame `cameras`.
+    """
+    count = round(4 * np.pi / np.radians(spacing) ** 2)
+    height = 1 - (2 * np.arange(count) + 1) / count
+    angle = np.arange(count) * np.pi * (3 - np.sqrt(5))  # the golden angle: a spiral that covers the sphere evenly
+    across = np.sqrt(1 - height**2)
+    spiral = np.stack([across * np.cos(angle), across * np.sin(angle), height], 1)
+    distance = np.array([np.linalg.norm(camera.position) for camera in cameras])
+    known = np.stack([camera.position for camera in cameras]) / distance[:, None]
+    cosine = spiral @ known.T
+    views = []
+    for direction, nearest in zip(spiral, cosine.argmax(1), strict=True):
+        if direction @ known[nearest] >= np.cos(np.radians(reach)):
+            pose = cameras[nearest].camera_to_world.copy()
+            pose[:3, :3] = least_rotation(known[nearest], direction) @ pose[:3, :3]
+            pose[:3, 3] = distance[nearest] * direction
+            views.append(dataclasses.replace(cameras[nearest], camera_to_world=pose))
+    return views
 
 
 def _template(asset: Asset, view: Camera, device: torch.device) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -114,8 +128,3 @@ def _outline(mask: np.ndarray) -> Tensor:
     length = np.hypot(*np.moveaxis(field, 2, 0))
     field[length < 0.3] = 0
     return torch.from_numpy(field / max(float(length[length >= 0.3].sum()), 1e-6)).permute(2, 0, 1).contiguous()
-
-
-def turned(templates: Templates, rows: Tensor) -> Templates:
-    """Return the templates at `rows` (N,)."""
-    return dataclasses.replace(templates, **{name: value[rows] for name, value in templates.tensors().items()})
