@@ -36,6 +36,7 @@ class Levels:
         """Take the photo's linear colour (H, W, 3), background included."""
         self.color = np.ascontiguousarray(color, np.float32)
         self._clipped = (self.color >= CLIPPED).astype(np.float32)
+        self._at = functools.cache(self._made)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -45,10 +46,9 @@ class Levels:
     def near(self, scale: float) -> Level:
         """Return the photo scaled by about `scale`, at most 1: sizes come in steps of a fifth, and are kept."""
         step = 0 if scale >= 1 else int(np.ceil(np.log(scale) / np.log(1.2)))
-        return self._at(min(step, 0))
+        return self._at(min(step, 0))  # a larger photo has nothing more to show
 
-    @functools.lru_cache(maxsize=16)  # noqa: B019: lives as long as the photo, which is located in a second
-    def _at(self, step: int) -> Level:
+    def _made(self, step: int) -> Level:
         width, height = (max(8, round(length * 1.2**step)) for length in self.size)
         color = resize_area(self.color, height, width) if step else self.color
         clipped = (resize_area(self._clipped, height, width) if step else self._clipped) > 0

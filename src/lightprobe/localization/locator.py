@@ -1,113 +1,133 @@
-"""One photo of a known object in, the camera that took it and the object's mask out.
-
-    photo -> poses from matches -> refined by the light; if none is good:
-          -> search over sides, places and sizes -> refined, coarse to fine -> the best -> mask, verdict
-
-Every pose, wherever it comes from, is judged by the same two things: how much of the photo light explains on the object
-at that pose, and whether the photo's edges run where the object's outline does (`refinement.Fit`).
-"""
+"""One photo of a known object in; the camera that took it, the object's mask and a verdict on both out."""
 
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
 
-from lightprobe.localization.features import find_features
-from lightprobe.localization.level import Levels
-from lightprobe.localization.matching import matched_poses
-from lightprobe.localization.pose import mean_distance
-from lightprobe.localization.refinement import Fit, refine
-from lightprobe.localization.search import search, sighted_camera
+from lightprobe.core.device import full_precision
+from lightprobe.core.errors import InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.imaging import read_ldr, read_mask, shrink_area
+from lightprobe.localization.focal import focal_ratio
+from lightprobe.localization.located import Located
+from lightprobe.localization.pose_search import Candidate, PoseFinder
+from lightprobe.localization.silhouette import inside_share, silhouette
+from lightprobe.localization.verdict import PoseStatus, PoseVerdict, rival_scores
 from lightprobe.localization.views import KnownViews
-from lightprobe.render.asset import Asset
-from lightprobe.scene.camera import Camera
+from lightprobe.models import Decomposition
+from lightprobe.scene import load_scene
+from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.record import read_record
 
-_FEATURES = 800  # of a photo, the strongest
-_MATCHED = 4  # poses from matches that are looked at
-_SIGHTED = 48  # sightings of a search, of which so many are refined, at first and if nothing good comes out:
-_FIRST, _MORE = 16, 48
-_GOOD = 1.75  # score from which a pose is not doubted; see docs/decisions/locating.md
-_APART = 0.03  # poses that see the object this far apart, in its size, are two
-_FOCALS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.8, 2.4)  # tried, of the training photos', where none is known
-_POINTS = 400  # of the mesh, that poses are compared by
+_SIDE = 1024  # pixels of the longer side at which a photo is located
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A pose and how it fits."""
+class Locator:
+    """Locates photos of one object; holds its asset and views, so that several photos load them once."""
 
-    camera: Camera  # normalised frame
-    fit: Fit
+    def __init__(self, decomposition: Decomposition, views: KnownViews, device: torch.device | None = None):
+        """Move the asset to `device` (default: the CPU)."""
+        where = full_precision(device or torch.device("cpu"))
+        self._decomposition = replace(decomposition, asset=decomposition.asset.to(where))
+        self._finder = PoseFinder(self._decomposition.asset, views)
 
+    @staticmethod
+    def load(run: Path | str, device: torch.device | None = None) -> "Locator":
+        """Return the locator of a run folder whose Phase I has finished.
 
-class PoseFinder:
-    """Finds the poses of one object in photos."""
-
-    def __init__(self, asset: Asset, views: KnownViews):
-        """Take the object's asset and views, both in the normalised frame."""
-        self._asset, self._views = asset, views
-        vertices = asset.mesh.vertices.cpu().double().numpy()
-        self._points = vertices[:: max(1, len(vertices) // _POINTS)]
-
-    def find(self, color: np.ndarray, focal: float | None) -> list[Candidate]:
-        """Return the distinct poses that were followed to the end, best first; none where nothing was found.
-
-        color: linear photo (H, W, 3). focal: in pixels; if None it is found as well.
+        A run that has no views yet gets them from its scene's photos. Raises `InputError` when these are gone or the
+        run has no object, `ConfigError` without OpenCV.
         """
-        levels, free = Levels(color), focal is None
-        width, height = levels.size
-        usual = self._views.focal * max(width, height)
-        focals = [usual * factor for factor in _FOCALS] if focal is None else [focal]
-        features = find_features(color, _FEATURES)
-        poses = matched_poses(features, self._views.landmarks, focals, width, height)
-        starts = self._distinct([pose.camera for pose in poses])[:_MATCHED]
-        found = self._follow(levels, [self._refined(levels, camera, 80, 3, free) for camera in starts], free)
-        if not found or found[0].fit.score < _GOOD:
-            found += self._searched(levels, focal or usual, free)
-            found.sort(key=lambda candidate: -candidate.fit.score)
-        return found
+        folder = RunFolder.open(Path(run))
+        decomposition = Decomposition.load(folder, device or torch.device("cpu"))
+        return Locator(decomposition, stored_views(folder, decomposition), device)
 
-    def _searched(self, levels: Levels, focal: float, free: bool) -> list[Candidate]:
-        """Return poses found by looking everywhere."""
-        sightings = search(levels.color, self._views.templates, _SIGHTED)
-        cameras = [sighted_camera(sighting, self._views.templates, focal, *levels.size) for sighting in sightings]
-        found: list[Candidate] = []
-        for some in (cameras[:_FIRST], cameras[_FIRST:_MORE]):
-            coarse = self._best([self._refined(levels, camera, 40, 3, False) for camera in some], 5)
-            fine = [self._refined(levels, candidate.camera, 80, 5, free) for candidate in coarse]
-            found += self._follow(levels, fine, free)
-            if found and max(candidate.fit.score for candidate in found) >= _GOOD:
-                break
-        return found
+    @torch.no_grad()
+    def locate(self, image: Path | str, *, mask: Path | str | None = None, focal: float | None = None) -> Located:
+        """Return camera and mask of one photo.
 
-    def _follow(self, levels: Levels, candidates: list[Candidate], free: bool) -> list[Candidate]:
-        """Return the best of the candidates, refined until they stand still, and finer the best of these."""
-        found = []
-        for candidate in self._best(candidates, 3):
-            better = self._refined(levels, candidate.camera, 130, 6, free)
-            again = self._refined(levels, better.camera, 130, 6, free)
-            found.append(max(better, again, key=lambda one: one.fit.score))
-        found.sort(key=lambda candidate: -candidate.fit.score)
-        if found:
-            found[0] = self._refined(levels, found[0].camera, 250, 6, free)
-        return found
+        mask: white object on black, if known; it is kept as it is. A photo with transparent parts brings its own.
+        focal: focal length in pixels; by default the EXIF's, or it is found with the pose.
+        Raises `InputError` when the photo cannot be read or the object is not found in it.
+        """
+        begin, image = time.perf_counter(), Path(image)
+        color, given = _read(image, None if mask is None else Path(mask))
+        height, width = color.shape[:2]
+        if focal is None:
+            ratio = focal_ratio(image)
+            focal = None if ratio is None else ratio * max(width, height)
+        seen = color if given is None else color * given[..., None]
+        small = shrink_area(seen, _SIDE)
+        found = self._finder.find(small, None if focal is None else focal * max(small.shape[:2]) / max(width, height))
+        if not found:
+            raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
+        best = found[0]
+        camera = best.camera.resized(width, height)
+        cover = silhouette(self._decomposition.asset, camera)
+        verdict = self._verdict(found, camera)
+        if verdict.status is PoseStatus.REFUSED:
+            raise InputError(f"{image}: {' '.join(verdict.sentences)}")
+        restored = _restored(camera, self._decomposition.similarity)
+        alpha = cover if given is None else given
+        return Located(restored, alpha, verdict, color, time.perf_counter() - begin)
 
-    def _refined(self, levels: Levels, camera: Camera, diameter: float, steps: int, free: bool) -> Candidate:
-        return Candidate(*refine(self._asset, levels, camera, diameter=diameter, steps=steps, focal=free))
+    def _verdict(self, found: list[Candidate], camera: Camera) -> PoseVerdict:
+        best, scores = found[0], [candidate.fit.score for candidate in found]
+        inside = inside_share(self._decomposition.asset, camera)
+        return PoseVerdict(
+            best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores)
+        )  # fmt: skip
 
-    def _best(self, candidates: Iterable[Candidate], count: int) -> list[Candidate]:
-        """Return the `count` best candidates that see the object apart from each other."""
-        ordered = sorted(candidates, key=lambda candidate: -candidate.fit.score)
-        cameras = self._distinct([candidate.camera for candidate in ordered])
-        return [candidate for candidate in ordered if any(candidate.camera is camera for camera in cameras)][:count]
 
-    def _distinct(self, cameras: list[Camera]) -> list[Camera]:
-        """Return the cameras that are not nearly the same as an earlier one."""
-        chosen: list[Camera] = []
-        for camera in cameras:
-            size = 2 * camera.fx / max(float(np.linalg.norm(camera.position)), 1.0)
-            if all(mean_distance(camera, other, self._points) > _APART * size for other in chosen):
-                chosen.append(camera)
-        return chosen
+def locate(run: Path | str, image: Path | str, *, mask: Path | str | None = None) -> Located:
+    """Return camera and mask of one photo of a run's object; of several photos `Locator.load` loads the run once.
+
+    Raises `InputError` when the run or the photo cannot be used or the object is not found in it.
+    """
+    return Locator.load(run).locate(image, mask=mask)
+
+
+def stored_views(run: RunFolder, decomposition: Decomposition) -> KnownViews:
+    """Return the views that a run keeps, made from its scene's photos and kept where it has none yet.
+
+    Raises `InputError` when there are none and the photos are gone.
+    """
+    if run.views_file.is_file():
+        return KnownViews.load(run.views_file)
+    root = read_record(run).root
+    if not root.is_dir():
+        raise InputError(
+            f"{run.path} does not know yet how its object looks in photos, and its photos are no longer in {root}; "
+            "bring them back there, or give the photo's camera with --camera."
+        )
+    views = KnownViews.of(decomposition, load_scene(root))
+    with run.writing():
+        views.save(run.views_file)
+    return views
+
+
+def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return linear colour (H, W, 3) and the object's coverage (H, W), None where it is not known."""
+    color, alpha = read_ldr(image)
+    if mask is not None:
+        alpha = read_mask(mask)
+        if alpha.shape != color.shape[:2]:
+            raise InputError(
+                f"{mask} has {alpha.shape[1]} x {alpha.shape[0]} pixels, but its photo has {color.shape[1]} x "
+                f"{color.shape[0]}; a mask needs the size of its photo."
+            )
+    if alpha is None or float(alpha.min()) > 0.99:
+        return color, None
+    if float(alpha.max()) < 0.5:
+        raise InputError(f"{mask or image} shows no object in its mask; the object must be white or opaque.")
+    return color, alpha
+
+
+def _restored(camera: Camera, similarity: Similarity) -> Camera:
+    """Return a normalised-frame camera in the input frame."""
+    pose = camera.camera_to_world.copy()
+    pose[:3, 3] = similarity.invert(camera.position)
+    return replace(camera, camera_to_world=pose)

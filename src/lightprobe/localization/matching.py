@@ -5,6 +5,7 @@ less so; the training photos, each under another light, are matched one by one. 
 their neighbours: RANSAC over three to four matches each (Fischler & Bolles 1981), for every focal length tried.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -61,7 +62,7 @@ def _pairs(features: Features, landmarks: Landmarks) -> list[tuple[Tensor, Tenso
     bounds = torch.searchsorted(landmarks.photo, torch.arange(len(landmarks.side) + 1, dtype=torch.int32)).tolist()
     own = torch.arange(len(mine))
     pairs = []
-    for first, last in zip(bounds, bounds[1:], strict=False):
+    for first, last in itertools.pairwise(bounds):
         if last - first < _FEWEST_LANDMARKS or len(mine) == 0:
             pairs.append((own[:0], own[:0]))
             continue

@@ -43,7 +43,6 @@ class Fit:
 
     explained: float  # 1 - unexplained over spread, of the object's pixels; at most 1
     edges: float  # mean support of the outline by edges within a pixel, 0 to 1
-    inside: float  # share of the object's pixels within the photo
 
     @property
     def score(self) -> float:
@@ -67,7 +66,7 @@ def refine(
             best = camera, seen.fit
         if step < steps:
             camera = moved(camera, seen.step(focal))
-    return best if best is not None else (camera, Fit(0.0, 0.0, 0.0))
+    return best if best is not None else (camera, Fit(0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def _seen(
     near = support[:, middle - 1 : middle + 2].max(1) if edge else np.zeros(1)
     spread = (weight * (color[inner].T - _mean(color[inner].T, weight)) ** 2).sum()
     left = (weight * residual**2).sum()
-    fit = Fit(1 - float(left / max(spread, 1e-12)), float(near.mean()), 1.0)
+    fit = Fit(1 - float(left / max(spread, 1e-12)), float(near.mean()))
     scale = 1 / max(len(residual[0]), 1)
     robust = weight * scale / (1 + weight * residual**2)
     return _Seen(fit, full[:, inner], robust, residual, change, ridge * scale, along, distance, trust)
