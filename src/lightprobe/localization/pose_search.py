@@ -17,6 +17,7 @@ import torch
 
 from lightprobe.core.device import generator
 from lightprobe.localization.features import find_features
+from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
 from lightprobe.localization.matching import matched_poses
 from lightprobe.localization.pose import PARAMETERS, mean_distance, moved
@@ -52,7 +53,7 @@ class PoseFinder:
 
     def __init__(self, asset: Asset, views: KnownViews):
         """Take the object's asset and views, both in the normalised frame."""
-        self._asset, self._views = asset, views
+        self._known, self._views = KnownObject(asset), views
         vertices = asset.mesh.vertices.cpu().double().numpy()
         self._points = vertices[:: max(1, len(vertices) // _POINTS)]
 
@@ -115,7 +116,7 @@ class PoseFinder:
         return found
 
     def _refined(self, levels: Levels, start: Candidate, diameter: float, steps: int, free: bool) -> Candidate:
-        camera, fit = refine(self._asset, levels, start.camera, diameter=diameter, steps=steps, focal=free)
+        camera, fit = refine(self._known, levels, start.camera, diameter=diameter, steps=steps, focal=free)
         return Candidate(camera, fit, start.inliers)
 
     def _ordered(self, candidates: list[Candidate]) -> list[Candidate]:

@@ -15,18 +15,15 @@ import numpy as np
 import torch
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.light.prefilter import BLOCKS
 from lightprobe.localization.appearance import appearance
 from lightprobe.localization.contour import Outline, edge_support, nearest_edges, outline_of
+from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Level, Levels
 from lightprobe.localization.pose import PARAMETERS, motion, moved
-from lightprobe.render.asset import Asset, asset_gbuffer
-from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.scene.camera import Camera
 
 _PIXELS, _OUTLINE = 600, 160  # that a step looks at
-_SIDE = 4  # texels along a cubemap edge of the light
 _PULL = 0.03  # to a grey light, relative to what the pixels weigh
 _DARK = 0.05  # of the mean colour: darker pixels weigh no more
 _ERROR = 0.15  # relative, of a right pose's pixels; larger ones weigh less
@@ -51,7 +48,7 @@ class Fit:
 
 
 def refine(
-    asset: Asset, levels: Levels, camera: Camera, *, diameter: float, steps: int, focal: bool = False
+    known: KnownObject, levels: Levels, camera: Camera, *, diameter: float, steps: int, focal: bool = False
 ) -> tuple[Camera, Fit]:
     """Return the best of the poses met in `steps` steps from `camera`, normalised frame and the photo's pixels.
 
@@ -59,7 +56,7 @@ def refine(
     """
     best = None
     for step in range(steps + 1):
-        seen = _Seen.of(asset, levels, camera, diameter, step)
+        seen = _Seen.of(known, levels, camera, diameter, step)
         if seen is None:
             break
         if best is None or seen.fit.score > best[1].score:
@@ -84,20 +81,20 @@ class _Seen:
     trust: np.ndarray  # (M,)
 
     @staticmethod
-    def of(asset: Asset, levels: Levels, camera: Camera, diameter: float, turn: int) -> "_Seen | None":
+    def of(known: KnownObject, levels: Levels, camera: Camera, diameter: float, turn: int) -> "_Seen | None":
         """Return what a pose shows, or None where the object is not in the photo."""
         far = float(np.linalg.norm(camera.position))
         if not 1.05 < far < 1e3:
             return None
         level = levels.near(diameter / (2 * camera.fx / far))
         small = camera.resized(*level.size)
-        view = View.of(small, asset.mesh.vertices.device)
-        surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, view)
+        view = View.of(small, known.mesh.vertices.device)
+        surface = visible_surface(known.mesh.vertices, known.mesh.faces, view)
         if len(surface.pixel) < _FEWEST:
             return None
         outline = outline_of(surface.pixel.cpu().numpy(), *level.size, _OUTLINE)
         chosen = _chosen(surface, outline, turn)
-        return _seen(asset, level, small, view, surface.select(chosen), outline, len(surface.pixel))
+        return _seen(known, level, small, view, surface.select(chosen), outline, len(surface.pixel))
 
     def step(self, focal: bool) -> np.ndarray:
         """Return the damped Gauss-Newton step (7,) of the pose."""
@@ -126,13 +123,11 @@ def _chosen(surface: Surface, outline: Outline, turn: int) -> torch.Tensor:
 
 
 def _seen(
-    asset: Asset, level: Level, camera: Camera, view: View, surface: Surface, outline: Outline, count: int
+    known: KnownObject, level: Level, camera: Camera, view: View, surface: Surface, outline: Outline, count: int
 ) -> _Seen:
     """Return the system of the chosen `surface` points, those of the `outline` first."""
     edge = len(outline.row)
-    matrix = CoarseTransport.of(asset_gbuffer(asset, surface, view)).matrix
-    block = BLOCKS // _SIDE
-    full = matrix.unflatten(2, (6, _SIDE, block, _SIDE, block)).sum((4, 6)).flatten(2).double().cpu().numpy()
+    full = known.transport(surface, view).double().cpu().numpy()
     pixel, points = surface.pixel.cpu().numpy(), surface.position.double().cpu().numpy()
     column, row = pixel % level.size[0], pixel // level.size[0]
     color, clipped = level.color[row, column], level.clipped[row, column]
