@@ -12,6 +12,9 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_ldr, read_mask, shrink_area
 from lightprobe.localization.focal import focal_ratio
+from lightprobe.localization.foreground import hidden_share, magnified
+from lightprobe.localization.known_object import KnownObject
+from lightprobe.localization.level import Levels
 from lightprobe.localization.located import Located
 from lightprobe.localization.pose_search import Candidate, PoseFinder
 from lightprobe.localization.silhouette import inside_share, silhouette
@@ -32,7 +35,8 @@ class Locator:
         """Move the asset to `device` (default: the CPU)."""
         where = full_precision(device or torch.device("cpu"))
         self._decomposition = replace(decomposition, asset=decomposition.asset.to(where))
-        self._finder = PoseFinder(self._decomposition.asset, views)
+        self._known = KnownObject(self._decomposition.asset)
+        self._finder = PoseFinder(self._known, views)
 
     @staticmethod
     def load(run: Path | str, device: torch.device | None = None) -> "Locator":
@@ -71,8 +75,9 @@ class Locator:
         if verdict.status is PoseStatus.REFUSED:
             raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         restored = _restored(camera, self._decomposition.similarity)
-        alpha = cover if given is None else given
-        return Located(restored, alpha, verdict, color, time.perf_counter() - begin)
+        if given is None:
+            given = cover * (1 - magnified(hidden_share(self._known, Levels(small), best.camera), cover.shape))
+        return Located(restored, given, verdict, color, time.perf_counter() - begin)
 
     def _verdict(self, found: list[Candidate], camera: Camera) -> PoseVerdict:
         best, scores = found[0], [candidate.fit.score for candidate in found]

@@ -3,6 +3,7 @@
     photo -> poses from matches -> refined by the light; if none is good:
           -> search over sides, places and sizes -> refined, coarse to fine; if none is good:
           -> the best ones moved a little at random, and refined again
+    the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit better, or as well
 
 Every pose, wherever it comes from, is judged by the same two things: how much of the photo light explains on the object
 at that pose, and whether the photo's edges run where the object's outline does (`refinement.Fit`).
@@ -23,9 +24,9 @@ from lightprobe.localization.matching import matched_poses
 from lightprobe.localization.pose import PARAMETERS, mean_distance, moved
 from lightprobe.localization.refinement import Fit, refine
 from lightprobe.localization.search import search, sighted_camera
+from lightprobe.localization.symmetry import symmetric_turns
 from lightprobe.localization.verdict import GOOD_SCORE
 from lightprobe.localization.views import KnownViews
-from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Camera
 
 _FEATURES = 800  # of a photo, the strongest
@@ -33,6 +34,8 @@ _MATCHED = 4  # poses from matches that are looked at
 _BATCHES = (0, 16, 48)  # sightings of a search that are refined at first, and if nothing good comes out
 _SHAKES, _SHAKEN = 8, 2  # random moves of each of so many of the best poses, if nothing good has come out
 _SHAKE = (0.12, 0.12, 0.12, 0.03, 0.03, 0.06, 0.0)  # their size, of `pose.moved`'s steps
+_COPIES = 3  # of a symmetric object's turned poses that are followed to the end
+_HOPELESS = 0.8  # score below which nothing right was ever found further on
 _APART = 0.03  # poses that see the object this far apart, in its size, are two
 _FOCALS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.8, 2.4)  # tried, of the training photos', where none is known
 _POINTS = 400  # of the mesh, that poses are compared by
@@ -51,11 +54,12 @@ class Candidate:
 class PoseFinder:
     """Finds the poses of one object in photos."""
 
-    def __init__(self, asset: Asset, views: KnownViews):
-        """Take the object's asset and views, both in the normalised frame."""
-        self._known, self._views = KnownObject(asset), views
-        vertices = asset.mesh.vertices.cpu().double().numpy()
+    def __init__(self, known: KnownObject, views: KnownViews):
+        """Take the object and its views, both in the normalised frame."""
+        self._known, self._views = known, views
+        vertices = known.mesh.vertices.cpu().double().numpy()
         self._points = vertices[:: max(1, len(vertices) // _POINTS)]
+        self._turns = symmetric_turns(known.mesh)
 
     def find(self, color: np.ndarray, focal: float | None) -> list[Candidate]:
         """Return the distinct poses that were followed to the end, best first; none where nothing was found.
@@ -67,8 +71,10 @@ class PoseFinder:
         found = self._matched(levels, usual, free)
         if not _settled(found):
             found = self._ordered(found + self._searched(levels, usual, free))
-        if found and not _settled(found):
+        if found and not _settled(found) and found[0].fit.score >= _HOPELESS:
             found = self._ordered(found + self._shaken(levels, found[:_SHAKEN], free))
+        if found and self._turns and found[0].fit.score >= _HOPELESS:
+            found = self._ordered(found + self._copied(levels, found[0], free))
         return found
 
     def _matched(self, levels: Levels, focal: float, free: bool) -> list[Candidate]:
@@ -103,15 +109,23 @@ class PoseFinder:
                 tried.append(self._refined(levels, start, _MIDDLE, 4, free))
         return self._followed(levels, tried, free)
 
+    def _copied(self, levels: Levels, best: Candidate, free: bool) -> list[Candidate]:
+        """Return the best copies of a pose by the symmetries of the object's shape, refined."""
+        copies = [replace(best, camera=turn.copy(best.camera)) for turn in self._turns]
+        tried = self._ordered([self._refined(levels, copy, _MIDDLE, 2, free) for copy in copies])
+        return self._followed(levels, tried[:_COPIES], free)
+
     def _followed(self, levels: Levels, candidates: list[Candidate], free: bool) -> list[Candidate]:
         """Return the best of the candidates, refined until they stand still, and finer the best of these."""
         found = []
         for candidate in self._ordered(candidates)[:3]:
             better = self._refined(levels, candidate, _FINE, 6, free)
-            again = self._refined(levels, better, _FINE, 6, free)
-            found.append(max(better, again, key=lambda one: one.fit.score))
+            if better.fit.score >= _HOPELESS:
+                again = self._refined(levels, better, _FINE, 6, free)
+                better = max(better, again, key=lambda one: one.fit.score)
+            found.append(better)
         found = self._ordered(found)
-        if found:
+        if found and found[0].fit.score >= _HOPELESS:
             found[0] = self._refined(levels, found[0], _FINEST, 6, free)
         return found
 

@@ -133,7 +133,7 @@ def _seen(
     color, clipped = level.color[row, column], level.clipped[row, column]
     inner = slice(edge, None)
     moves = motion(camera, points)
-    weight, ridge, light = _light(full[:, inner], color[inner].T, clipped[inner].T)
+    weight, ridge, light = fitted_light(full[:, inner], color[inner].T, clipped[inner].T)
     render = np.einsum("cnt,ct->nc", full, light)
     residual = (render - color)[inner].T
     gradient = level.gradient[row, column][inner]
@@ -157,8 +157,13 @@ def _reach(level: Level, count: int) -> int:
     return int(np.clip(0.1 * np.sqrt(count), 3, 8))
 
 
-def _light(matrix: np.ndarray, color: np.ndarray, clipped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return weights (3, N), pulls (3,) and the light (3, T) of the ridge regression for colours (3, N)."""
+def fitted_light(
+    matrix: np.ndarray, color: np.ndarray, clipped: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return weights (3, N), pulls (3,) and the light (3, T) of the ridge regression for linear colours (3, N).
+
+    matrix: (3, N, T) of `KnownObject.transport`. clipped: (3, N) bool, values that tell nothing.
+    """
     mean = max(float(color.mean()), 1e-6)
     size = color.mean(0) + _DARK * mean
     weight = np.where(clipped, 0.0, 1.0) / (_ERROR**2 * size * max(mean, 1e-6))
