@@ -17,17 +17,22 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lightprobe.distillation import distill
     from lightprobe.evaluation import evaluate, relight
+    from lightprobe.localization import Locator, locate
     from lightprobe.prediction import Predictor
     from lightprobe.reconstruction import decompose
     from lightprobe.runs import train_run as train
     from lightprobe.scene import load_photo, load_scene
 
-__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "relight", "train"]
+__all__ = [
+    "Locator", "Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "locate", "relight",
+    "train",
+]  # fmt: skip
 
 # name -> its package, and its name there where that is another
 _HOME = {
-    "Predictor": "prediction", "decompose": "reconstruction", "distill": "distillation", "evaluate": "evaluation",
-    "load_photo": "scene", "load_scene": "scene", "relight": "evaluation", "train": "runs:train_run",
+    "Locator": "localization", "Predictor": "prediction", "decompose": "reconstruction", "distill": "distillation",
+    "evaluate": "evaluation", "load_photo": "scene", "load_scene": "scene", "locate": "localization",
+    "relight": "evaluation", "train": "runs:train_run",
 }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ COMMANDS = {
     "distill": ("training", "Phase II: the predictor of light"),
     "train": ("training", "both phases"),
     "predict": ("using", "one photo in, the environment map around the object out"),
+    "locate": ("using", "camera and mask of a new photo of the object"),
     "render": ("using", "the object under an environment, from a camera"),
     "relight": ("using", "a turntable and the test views under a new environment"),
     "eval": ("evaluation", "numbers and a report on the test photos"),
@@ -29,7 +30,7 @@ Examples:
   lightprobe inspect photos/cup
   lightprobe train photos/cup -o runs/cup
   lightprobe eval runs/cup
-  lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
+  lightprobe predict runs/cup new.jpg -o light.exr
 """
 
 

@@ -125,6 +125,11 @@ class RunFolder:
         return self.mesh_folder / "asset.safetensors"
 
     @property
+    def views_file(self) -> Path:
+        """How the object looks from many sides: what new photos are located by."""
+        return self.mesh_folder / "views.safetensors"
+
+    @property
     def environment_folder(self) -> Path:
         """Phase I environments, one EXR per training photo."""
         return self.path / "env"

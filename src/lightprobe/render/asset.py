@@ -96,7 +96,7 @@ def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Ten
     n = torch.nn.functional.normalize(surface.interpolate(normals, mesh.normal_index), dim=1, eps=1e-12)
     t = surface.interpolate(tangents, mesh.uv_faces)
     t = torch.nn.functional.normalize(t - (t * n).sum(1, keepdim=True) * n, dim=1, eps=1e-12)
-    b = torch.linalg.cross(n, t) * uv_handedness(mesh)[surface.face][:, None]
+    b = torch.linalg.cross(n, t) * uv_handedness(mesh, surface.face)[:, None]
     bent = mapped[:, :1] * t + mapped[:, 1:2] * b + mapped[:, 2:] * n
     return face_camera(torch.nn.functional.normalize(bent, dim=1, eps=1e-12), surface.view)
 
@@ -110,9 +110,13 @@ def textured_visibility(mesh: Mesh, flat: Tensor) -> VertexVisibility:
     return vertex_visibility(mesh.vertices, mesh.faces, colors.contiguous())
 
 
-def uv_handedness(mesh: Mesh) -> Tensor:
-    """Return +1 or -1 per face (F,): the w of glTF's tangents, whose bitangent points along increasing -v."""
-    t = mesh.uvs[mesh.uv_faces.long()]
+def uv_handedness(mesh: Mesh, face: Tensor | None = None) -> Tensor:
+    """Return +1 or -1 per face (F,), or of the faces `face` (P,): the w of glTF's tangents.
+
+    Their bitangent points along increasing -v.
+    """
+    corners = mesh.uv_faces if face is None else mesh.uv_faces[face]
+    t = mesh.uvs[corners.long()]
     (u1, v1), (u2, v2) = (t[:, 1] - t[:, 0]).unbind(1), (t[:, 2] - t[:, 0]).unbind(1)
     return torch.where(u1 * v2 - u2 * v1 > 0, -1.0, 1.0)
 

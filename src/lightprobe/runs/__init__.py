@@ -12,21 +12,23 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lightprobe.runs.bench import BenchOptions, run_bench, write_pages
     from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
+    from lightprobe.runs.locations import LocationFiles, locate_photos
     from lightprobe.runs.outputs import export_run, relight_run, render_run
     from lightprobe.runs.predictions import PredictionFiles, predict_photos
     from lightprobe.runs.progress import OnProgress
     from lightprobe.runs.training import distill_run, fit_run, train_run
 
 __all__ = [
-    "BenchOptions", "EvaluatedRun", "EvaluationOptions", "OnProgress", "PredictionFiles", "distill_run",
-    "evaluate_run", "export_run", "fit_run", "predict_photos", "relight_run", "render_run", "run_bench", "train_run",
-    "write_pages",
+    "BenchOptions", "EvaluatedRun", "EvaluationOptions", "LocationFiles", "OnProgress", "PredictionFiles",
+    "distill_run", "evaluate_run", "export_run", "fit_run", "locate_photos", "predict_photos", "relight_run",
+    "render_run", "run_bench", "train_run", "write_pages",
 ]  # fmt: skip
 
 _HOME = {
-    "BenchOptions": "bench", "EvaluatedRun": "evaluation", "EvaluationOptions": "evaluation", "OnProgress": "progress",
-    "PredictionFiles": "predictions", "distill_run": "training", "evaluate_run": "evaluation", "export_run": "outputs",
-    "fit_run": "training", "predict_photos": "predictions", "relight_run": "outputs", "render_run": "outputs",
+    "BenchOptions": "bench", "EvaluatedRun": "evaluation", "EvaluationOptions": "evaluation",
+    "LocationFiles": "locations", "OnProgress": "progress", "PredictionFiles": "predictions",
+    "distill_run": "training", "evaluate_run": "evaluation", "export_run": "outputs", "fit_run": "training",
+    "locate_photos": "locations", "predict_photos": "predictions", "relight_run": "outputs", "render_run": "outputs",
     "run_bench": "bench", "train_run": "training", "write_pages": "bench",
 }  # fmt: skip
 

@@ -15,6 +15,7 @@ from lightprobe.distillation import distill
 from lightprobe.distillation.training import stages
 from lightprobe.export import write_run_outputs
 from lightprobe.light.environment import Environment, load_environments
+from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.reconstruction import decompose
 from lightprobe.runs.progress import OnProgress
@@ -23,6 +24,7 @@ from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record
 
+_SMALLEST_LOCATED = 64  # pixels: smaller photos have no features; views of such objects are made if asked for
 MAP_RESOLUTION = 32  # texels along each cubemap edge of the maps of --hdri
 
 
@@ -108,6 +110,22 @@ def run_distill(
     model.save(run.model_folder)
     recorder.finish()
     return model
+
+
+def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_progress: OnProgress) -> None:
+    """Keep what new photos are located by, so that it needs the training photos no more.
+
+    Without OpenCV nothing is kept: a training must not fail for it, and `lightprobe locate` says what is missing.
+    """
+    largest = max(max(photo.camera.width, photo.camera.height) for photo in scene.train)
+    if run.views_file.exists() or largest < _SMALLEST_LOCATED:
+        return
+    try:
+        views = KnownViews.of(decomposition, scene, lambda done, total: on_progress("views", done, total))
+    except ConfigError as error:
+        run.log(f"New photos cannot be located yet. {error}")
+        return
+    views.save(run.views_file)
 
 
 def restart_decompose(run: RunFolder) -> None:

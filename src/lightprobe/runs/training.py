@@ -13,6 +13,7 @@ from lightprobe.models import Decomposition
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.runs.stages import (
     UserMaps,
+    keep_views,
     open_scene,
     restart_decompose,
     restart_distill,
@@ -49,6 +50,7 @@ def train_run(
         found = run_decompose(run, scene, first, where, seed, on_progress)
         prediction = predict or settings(preset).predict
         run_distill(run, found, lambda: scene, second, where, seed, on_progress, maps, prediction)
+        keep_views(run, found, scene, on_progress)
     return run
 
 

@@ -1,0 +1,109 @@
+"""What stands in front of the object: where its silhouette is, but the photo does not look like it under any light.
+
+Of the object's pixels each is either the object's or something else's. The labels minimise
+
+    sum_object cost(p) + sum_other _OTHER + _SMOOTH |boundary between labels|
+
+cost(p): squared differences of appearance between the photo and the object under the light found with the labels so
+far, in usual errors of a right pose. A photo brighter than the object costs less than a darker one: highlights that a
+coarse light cannot draw are the object's. The minimum is a minimum cut (Greig, Porteous & Seheult 1989).
+"""
+
+import numpy as np
+import scipy
+import torch
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from lightprobe.localization.appearance import appearance
+from lightprobe.localization.known_object import KnownObject
+from lightprobe.localization.level import Levels
+from lightprobe.localization.refinement import fitted_light
+from lightprobe.render.surface import View, visible_surface
+from lightprobe.scene.camera import Camera
+
+_DIAMETER = 90  # pixels of the object's sphere that labels are found at
+_DARKER, _BRIGHTER, _TINT = 0.7, 2.0, 0.45  # usual errors of the appearance
+_OTHER, _SMOOTH = 3.0, 2.5  # costs
+_MOST = 8.0  # cost of a pixel
+_ROUNDS = 3  # of light and labels
+_LEAST = 0.02  # of the object's pixels: smaller regions are errors of the asset
+_UNITS = 1000  # capacities are integers
+
+
+def hidden_share(known: KnownObject, levels: Levels, camera: Camera) -> np.ndarray:
+    """Return which share of each pixel of the photo something hides the object in, (H, W) float32 in [0, 1].
+
+    camera: normalised frame, in the photo's pixels. 0 outside of the object.
+    """
+    far = float(np.linalg.norm(camera.position))
+    level = levels.near(_DIAMETER / (2 * camera.fx / far))
+    view = View.of(camera.resized(*level.size), known.mesh.vertices.device)
+    surface = visible_surface(known.mesh.vertices, known.mesh.faces, view)
+    pixel = surface.pixel.cpu().numpy()
+    width, height = level.size
+    whole = np.zeros((levels.size[1], levels.size[0]), np.float32)
+    if len(pixel) < 2:
+        return whole
+    row, column = np.divmod(pixel, width)
+    matrix = known.transport(surface, view).double().cpu().numpy()
+    color, clipped = level.color[row, column].T, level.clipped[row, column].T
+    other = np.zeros(len(pixel), bool)
+    for _ in range(_ROUNDS):
+        light = fitted_light(matrix[:, ~other], color[:, ~other], clipped[:, ~other])[2]
+        cost = _cost(np.einsum("cnt,ct->nc", matrix, light), level.appearance[row, column])
+        other = _large(_labels(cost, pixel, width), row, column, (height, width))
+        if other.mean() > 0.5 or not other.any():  # more is a wrong pose, which the verdict tells
+            break
+    if not 0 < other.mean() <= 0.5:
+        return whole
+    small = np.zeros((height, width), np.float32)
+    small[row, column] = other
+    return magnified(small, whole.shape)
+
+
+def _cost(render: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the cost (N,) of being the object's for renders (N, 3), linear, and the photo's appearance (N, 3)."""
+    difference = seen - appearance(torch.from_numpy(render)).numpy()
+    luma = np.where(difference[:, 0] > 0, difference[:, 0] / _BRIGHTER, difference[:, 0] / _DARKER)
+    return np.minimum(luma**2 + (difference[:, 1:] ** 2).sum(1) / _TINT**2, _MOST)
+
+
+def _labels(cost: np.ndarray, pixel: np.ndarray, width: int) -> np.ndarray:
+    """Return which of the row-major pixels (N,), ascending, are something else's, (N,) bool."""
+    count = len(pixel)
+    pairs = []
+    for step in (1, width):
+        at = np.searchsorted(pixel, pixel + step).clip(max=count - 1)
+        beside = (pixel[at] == pixel + step) & ((step > 1) | (pixel % width < width - 1))
+        pairs.append(np.stack([np.flatnonzero(beside), at[beside]]))
+    one, two = np.concatenate(pairs, 1)
+    source, sink, every = count, count + 1, np.arange(count)
+    # an object's pixel stays with the sink: cutting source -> pixel costs what being the object's costs
+    start = np.concatenate([np.full(count, source), every, one, two])
+    end = np.concatenate([every, np.full(count, sink), two, one])
+    weight = np.concatenate([cost, np.full(count, _OTHER), np.full(2 * len(one), _SMOOTH)])
+    capacity = np.rint(_UNITS * weight).astype(np.int32)
+    graph = coo_matrix((capacity, (start, end)), shape=(count + 2, count + 2)).tocsr()
+    left = graph - maximum_flow(graph, source, sink).flow
+    left.eliminate_zeros()
+    reached = breadth_first_order(left, source, return_predecessors=False)
+    other = np.zeros(count + 2, bool)
+    other[reached] = True
+    return other[:count]
+
+
+def _large(other: np.ndarray, row: np.ndarray, column: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return the labels (N,) without regions that are too small to be anything."""
+    picture = np.zeros(size, bool)
+    picture[row, column] = other
+    region, count = scipy.ndimage.label(picture)
+    sizes = np.bincount(region.ravel(), minlength=count + 1)
+    return other & (sizes[region[row, column]] >= _LEAST * len(other))
+
+
+def magnified(small: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return a picture (h, w) bilinearly enlarged to `size` (H, W), float32."""
+    where = [(np.arange(n) + 0.5) * s / n - 0.5 for n, s in zip(size, small.shape, strict=True)]
+    grid = np.meshgrid(*where, indexing="ij")
+    return scipy.ndimage.map_coordinates(small, grid, order=1, mode="nearest").astype(np.float32)

@@ -1,0 +1,53 @@
+"""What locating a photo gives: camera, mask and verdict, and the files they go to."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy
+from PIL import Image
+
+from lightprobe.core.files import atomic_path, write_json
+from lightprobe.imaging import shrink_area, srgb_encode, write_png
+from lightprobe.localization.verdict import PoseVerdict
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.overlay import HULL_COLOR
+from lightprobe.scene.photo import Pixels
+
+_OVERLAY_SIDE = 1024  # pixels of the overlay's longer side, at most
+
+
+@dataclass(frozen=True)
+class Located:
+    """A photo of the object with the camera that took it."""
+
+    camera: Camera  # input frame, pixels of the photo
+    mask: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object
+    verdict: PoseVerdict
+    color: np.ndarray  # (H, W, 3) float32 the photo, linear, background included
+    seconds: float
+
+    @property
+    def pixels(self) -> Pixels:
+        """The photo as `Predictor.predict` takes it: linear colour (H, W, 3), black outside of the mask."""
+        return Pixels.of(self.color * (self.mask[..., None] > 0), self.mask)
+
+    def save_camera(self, path: Path) -> None:
+        """Write the camera as the JSON that `--camera` reads, with the verdict beside it."""
+        write_json(Path(path), {**self.camera.to_json(), "verdict": self.verdict.to_json()})
+
+    def save_mask(self, path: Path) -> None:
+        """Write the mask as PNG, white object on black."""
+        write_png(Path(path), np.repeat(self.mask[..., None], 3, 2), srgb=False)
+
+    def save_overlay(self, path: Path) -> None:
+        """Write the photo with the outline of the mask over it, as PNG of at most 1024 pixels."""
+        picture = srgb_encode(np.clip(shrink_area(self.color, _OVERLAY_SIDE), 0, 1))
+        shown = np.rint(255 * picture).astype(np.uint8)
+        inside = shrink_area(self.mask, _OVERLAY_SIDE) >= 0.5
+        outline = scipy.ndimage.binary_dilation(inside) & ~inside
+        if max(inside.shape) >= _OVERLAY_SIDE // 2:
+            outline = scipy.ndimage.binary_dilation(outline)  # as thick as in small pictures
+        shown[outline] = HULL_COLOR
+        with atomic_path(Path(path)) as temporary:
+            Image.fromarray(shown).save(temporary, format="PNG")

@@ -1,0 +1,138 @@
+"""One photo of a known object in; the camera that took it, the object's mask and a verdict on both out."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lightprobe.core.device import full_precision
+from lightprobe.core.errors import InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.imaging import read_ldr, read_mask, shrink_area
+from lightprobe.localization.focal import focal_ratio
+from lightprobe.localization.foreground import hidden_share, magnified
+from lightprobe.localization.known_object import KnownObject
+from lightprobe.localization.level import Levels
+from lightprobe.localization.located import Located
+from lightprobe.localization.pose_search import Candidate, PoseFinder
+from lightprobe.localization.silhouette import inside_share, silhouette
+from lightprobe.localization.verdict import PoseStatus, PoseVerdict, rival_scores
+from lightprobe.localization.views import KnownViews
+from lightprobe.models import Decomposition
+from lightprobe.scene import load_scene
+from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.record import read_record
+
+_SIDE = 1024  # pixels of the longer side at which a photo is located
+
+
+class Locator:
+    """Locates photos of one object; holds its asset and views, so that several photos load them once."""
+
+    def __init__(self, decomposition: Decomposition, views: KnownViews, device: torch.device | None = None):
+        """Move the asset to `device` (default: the CPU)."""
+        where = full_precision(device or torch.device("cpu"))
+        self._decomposition = replace(decomposition, asset=decomposition.asset.to(where))
+        self._known = KnownObject(self._decomposition.asset)
+        self._finder = PoseFinder(self._known, views)
+
+    @staticmethod
+    def load(run: Path | str, device: torch.device | None = None) -> "Locator":
+        """Return the locator of a run folder whose Phase I has finished.
+
+        A run that has no views yet gets them from its scene's photos. Raises `InputError` when these are gone or the
+        run has no object, `ConfigError` without OpenCV.
+        """
+        folder = RunFolder.open(Path(run))
+        decomposition = Decomposition.load(folder, device or torch.device("cpu"))
+        return Locator(decomposition, stored_views(folder, decomposition), device)
+
+    @torch.no_grad()
+    def locate(self, image: Path | str, *, mask: Path | str | None = None, focal: float | None = None) -> Located:
+        """Return camera and mask of one photo.
+
+        mask: white object on black, if known; it is kept as it is. A photo with transparent parts brings its own.
+        focal: focal length in pixels; by default the EXIF's, or it is found with the pose.
+        Raises `InputError` when the photo cannot be read or the object is not found in it.
+        """
+        begin, image = time.perf_counter(), Path(image)
+        color, given = _read(image, None if mask is None else Path(mask))
+        height, width = color.shape[:2]
+        if focal is None:
+            ratio = focal_ratio(image)
+            focal = None if ratio is None else ratio * max(width, height)
+        seen = color if given is None else color * given[..., None]
+        small = shrink_area(seen, _SIDE)
+        found = self._finder.find(small, None if focal is None else focal * max(small.shape[:2]) / max(width, height))
+        if not found:
+            raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
+        best = found[0]
+        camera = best.camera.resized(width, height)
+        cover = silhouette(self._decomposition.asset, camera)
+        verdict = self._verdict(found, camera)
+        if verdict.status is PoseStatus.REFUSED:
+            raise InputError(f"{image}: {' '.join(verdict.sentences)}")
+        restored = _restored(camera, self._decomposition.similarity)
+        if given is None:
+            given = cover * (1 - magnified(hidden_share(self._known, Levels(small), best.camera), cover.shape))
+        return Located(restored, given, verdict, color, time.perf_counter() - begin)
+
+    def _verdict(self, found: list[Candidate], camera: Camera) -> PoseVerdict:
+        best, scores = found[0], [candidate.fit.score for candidate in found]
+        inside = inside_share(self._decomposition.asset, camera)
+        return PoseVerdict(
+            best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores)
+        )  # fmt: skip
+
+
+def locate(run: Path | str, image: Path | str, *, mask: Path | str | None = None) -> Located:
+    """Return camera and mask of one photo of a run's object; of several photos `Locator.load` loads the run once.
+
+    Raises `InputError` when the run or the photo cannot be used or the object is not found in it.
+    """
+    return Locator.load(run).locate(image, mask=mask)
+
+
+def stored_views(run: RunFolder, decomposition: Decomposition) -> KnownViews:
+    """Return the views that a run keeps, made from its scene's photos and kept where it has none yet.
+
+    Raises `InputError` when there are none and the photos are gone.
+    """
+    if run.views_file.is_file():
+        return KnownViews.load(run.views_file)
+    root = read_record(run).root
+    if not root.is_dir():
+        raise InputError(
+            f"{run.path} does not know yet how its object looks in photos, and its photos are no longer in {root}; "
+            "bring them back there, or give the photo's camera with --camera."
+        )
+    views = KnownViews.of(decomposition, load_scene(root))
+    with run.writing():
+        views.save(run.views_file)
+    return views
+
+
+def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return linear colour (H, W, 3) and the object's coverage (H, W), None where it is not known."""
+    color, alpha = read_ldr(image)
+    if mask is not None:
+        alpha = read_mask(mask)
+        if alpha.shape != color.shape[:2]:
+            raise InputError(
+                f"{mask} has {alpha.shape[1]} x {alpha.shape[0]} pixels, but its photo has {color.shape[1]} x "
+                f"{color.shape[0]}; a mask needs the size of its photo."
+            )
+    if alpha is None or float(alpha.min()) > 0.99:
+        return color, None
+    if float(alpha.max()) < 0.5:
+        raise InputError(f"{mask or image} shows no object in its mask; the object must be white or opaque.")
+    return color, alpha
+
+
+def _restored(camera: Camera, similarity: Similarity) -> Camera:
+    """Return a normalised-frame camera in the input frame."""
+    pose = camera.camera_to_world.copy()
+    pose[:3, 3] = similarity.invert(camera.position)
+    return replace(camera, camera_to_world=pose)

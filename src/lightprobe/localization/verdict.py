@@ -1,0 +1,88 @@
+"""Whether a pose found in a photo can be relied on: what was measured, and what follows from it.
+
+A photo without the object has a best pose, too. It is told by the two things that poses are chosen by: how much of what
+the photo shows there light can explain on the object, and whether the photo's edges follow its outline. Their limits
+come from right and wrong poses in photos with the object and from photos without it (docs/decisions/locating.md).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+GOOD_SCORE = 1.75  # right poses: 1.62 and more; the best wrong ones, in photos of anything: 1.46
+_NOTHING = 1.0  # below lie most photos without the object, and no right pose
+_RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
+_INSIDE = 0.5  # share of the object in the photo, below which its pose rests on little
+_INLIERS = 12  # matches that agree about a pose: by chance up to 10 do
+
+
+class PoseStatus(StrEnum):
+    """What to do with a pose."""
+
+    GOOD = "good"
+    AMBIGUOUS = "ambiguous"
+    DOUBTFUL = "doubtful"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True)
+class PoseVerdict:
+    """What was measured on a photo at the pose found in it, and what follows."""
+
+    score: float  # of the pose, `refinement.Fit.score`
+    explained: float  # share of what the photo shows on the object that light explains, at most 1
+    edges: float  # 0 to 1, how well edges of the photo follow the outline
+    inside: float  # share of the object within the photo
+    inliers: int  # matched features that agree about the pose
+    rivals: int  # other poses that score about as well
+
+    @property
+    def status(self) -> PoseStatus:
+        """The worst of what was found."""
+        found = {status for status, _ in self._findings()}
+        order = (PoseStatus.REFUSED, PoseStatus.DOUBTFUL, PoseStatus.AMBIGUOUS)
+        return next((status for status in order if status in found), PoseStatus.GOOD)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What made the status, and what to do about it; none for a good pose."""
+        return tuple(sentence for status, sentence in self._findings() if status is self.status)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON value: the measures, the status and the sentences."""
+        return {**vars(self), "status": self.status.value, "sentences": list(self.sentences)}
+
+    def _findings(self) -> Iterator[tuple[PoseStatus, str]]:
+        measured = f"light explains {100 * max(self.explained, 0):.0f} % of it there, and "
+        measured += f"{100 * self.edges:.0f} % of the object's outline lies on edges"
+        if self.score < _NOTHING:
+            yield (
+                PoseStatus.REFUSED,
+                f"The object was not found in this photo (at the best place {measured}); give its camera, or take a "
+                "photo that shows the object whole and sharp, from a side that the training photos show.",
+            )
+        elif self.score < GOOD_SCORE:
+            yield (
+                PoseStatus.DOUBTFUL,
+                f"The object may not stand where it was found in this photo ({measured}); look at the overlay before "
+                "using the map.",
+            )
+        if self.inside < _INSIDE:
+            yield (
+                PoseStatus.DOUBTFUL,
+                f"Only {100 * self.inside:.0f} % of the object lie within this photo where it was found; look at the "
+                "overlay before using the map.",
+            )
+        if self.rivals:
+            others = "another pose explains" if self.rivals == 1 else f"{self.rivals} other poses explain"
+            yield (
+                PoseStatus.AMBIGUOUS,
+                f"The object looks alike from several sides, and {others} this photo about as well: the map may be "
+                "turned about the object; look at the overlay, or give the photo's camera.",
+            )
+
+
+def rival_scores(scores: list[float]) -> int:
+    """Return how many of the scores after the first, the best, are about as good."""
+    return sum(score >= scores[0] - _RIVAL for score in scores[1:])
