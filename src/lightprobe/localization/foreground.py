@@ -11,11 +11,9 @@ coarse light cannot draw are the object's. The minimum is a minimum cut (Greig, 
 
 import numpy as np
 import scipy
-import torch
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from lightprobe.localization.appearance import appearance
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
 from lightprobe.localization.refinement import fitted_light
@@ -23,8 +21,10 @@ from lightprobe.render.surface import View, visible_surface
 from lightprobe.scene.camera import Camera
 
 _DIAMETER = 90  # pixels of the object's sphere that labels are found at
-_DARKER, _BRIGHTER, _TINT = 0.7, 2.0, 0.45  # usual errors of the appearance
+_DARKER, _BRIGHTER, _TINT = 0.7, 2.0, 0.1  # usual errors of the appearance
 _OTHER, _SMOOTH = 3.0, 2.5  # costs
+_LUMA = np.full(3, 1 / 3)  # of red, green and blue
+_FLOOR = 0.02  # added to linear values: what is darker has no colour
 _MOST = 8.0  # cost of a pixel
 _ROUNDS = 3  # of light and labels
 _LEAST = 0.02  # of the object's pixels: smaller regions are errors of the asset
@@ -51,7 +51,7 @@ def hidden_share(known: KnownObject, levels: Levels, camera: Camera) -> np.ndarr
     other = np.zeros(len(pixel), bool)
     for _ in range(_ROUNDS):
         light = fitted_light(matrix[:, ~other], color[:, ~other], clipped[:, ~other])[2]
-        cost = _cost(np.einsum("cnt,ct->nc", matrix, light), level.appearance[row, column])
+        cost = _cost(np.einsum("cnt,ct->nc", matrix, light), color.T)
         other = _large(_labels(cost, pixel, width), row, column, (height, width))
         if other.mean() > 0.5 or not other.any():  # more is a wrong pose, which the verdict tells
             break
@@ -63,10 +63,12 @@ def hidden_share(known: KnownObject, levels: Levels, camera: Camera) -> np.ndarr
 
 
 def _cost(render: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the cost (N,) of being the object's for renders (N, 3), linear, and the photo's appearance (N, 3)."""
-    difference = seen - appearance(torch.from_numpy(render)).numpy()
-    luma = np.where(difference[:, 0] > 0, difference[:, 0] / _BRIGHTER, difference[:, 0] / _DARKER)
-    return np.minimum(luma**2 + (difference[:, 1:] ** 2).sum(1) / _TINT**2, _MOST)
+    """Return the cost (N,) of being the object's for linear colours (N, 3) of the render and of the photo."""
+    logs = (np.log(np.maximum(color, 0) @ _LUMA + _FLOOR) for color in (seen, render))
+    brighter = next(logs) - next(logs)
+    tints = [color / (color.sum(1, keepdims=True) + 3 * _FLOOR) for color in (seen, np.maximum(render, 0))]
+    luma = np.where(brighter > 0, brighter / _BRIGHTER, brighter / _DARKER)
+    return np.minimum(luma**2 + ((tints[0] - tints[1]) ** 2).sum(1) / _TINT**2, _MOST)
 
 
 def _labels(cost: np.ndarray, pixel: np.ndarray, width: int) -> np.ndarray:
