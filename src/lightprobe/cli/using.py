@@ -1,17 +1,29 @@
 """predict, locate, render, relight, export: the commands that use what was learnt."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import FlagCreatePairsOff, Positional
 
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
-from lightprobe.core.config.prediction import UNCHANGED, Method
+from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.imaging import is_video
+from lightprobe.prediction import BackgroundUse
+from lightprobe.prediction import Prediction as PredictionResult
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, locate_photos
 from lightprobe.runs.outputs import export_run, relight_run, render_run
-from lightprobe.runs.predictions import PredictedPhoto, PredictionFiles, predict_photos
+from lightprobe.runs.predictions import (
+    JointPrediction,
+    PredictedPhoto,
+    PredictionFiles,
+    predict_one_light,
+    predict_photos,
+)
+from lightprobe.runs.videos import predict_video, predict_video_light
 
 _PhotosArg = Annotated[
     Positional[tuple[Path, ...]], option(metavar="IMAGE...", help="Photos of the object (at least one).")
@@ -47,13 +59,24 @@ _ConfidenceArg = Annotated[
 ]
 
 
+_OneLightArg = Annotated[
+    FlagCreatePairsOff[bool],
+    option(help="All photos, or frames, were taken under one light: predict it from them together."),
+]
+_BackgroundArg = Annotated[
+    bool, option(help="Use what photos show around the object; not for photos close to a wall or a table.")
+]
+_EveryArg = Annotated[int, option(metavar="N", help="Predict from every Nth frame of a video.")]
+
+
 def predict(
     run: RunArg, images: _PhotosArg, *, camera: _NewCameraArg = None, output: _MapArg = None, mask: _MaskArg = None,
     method: _MethodArg = None, confidence: _ConfidenceArg = None, save_camera: _SaveCameraArg = None,
-    save_mask: _SaveMaskArg = None, save_overlay: _SaveOverlayArg = None, settings: Prediction = UNCHANGED,
+    save_mask: _SaveMaskArg = None, save_overlay: _SaveOverlayArg = None, one_light: _OneLightArg = False,
+    background: _BackgroundArg = True, every: _EveryArg = 10, settings: Prediction = UNCHANGED,
     device: Device = "auto",
 ) -> None:  # fmt: skip
-    """Predict the environment around the object from one photo, or from several one by one.
+    """Predict the environment around the object from one photo, from several one by one or together, or from a video.
 
     Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions. Without --camera the
     object is found in the photo first, as by `lightprobe locate`; photos of the run's own scene have their cameras in
@@ -61,29 +84,88 @@ def predict(
 
     Examples:
       lightprobe predict runs/cup new.jpg
+      lightprobe predict runs/cup left.jpg right.jpg --one-light -o light.exr
+      lightprobe predict runs/cup clip.mp4 --every 10 -o lights
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
       lightprobe predict runs/cup test/r_003.png --camera transforms_test.json
       lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o light.exr
       lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
-    location = LocationFiles(save_camera, save_mask, save_overlay)
-    files = PredictionFiles(camera, mask, output, confidence, location)
-    predictions = predict_photos(run, images, files, method=method, settings=settings, device=device)
-    if not predictions.trained and method is None:
+    files = PredictionFiles(camera, mask, output, confidence, LocationFiles(save_camera, save_mask, save_overlay))
+    how = _How(method, settings, background, device)
+    video = next((image for image in images if is_video(image)), None)
+    if video is not None and len(images) > 1:
+        raise ConfigError(f"{video} is a video; predict from it alone, or from photos.")
+    if video is not None:
+        _predict_video(run, video, files, how, every, one_light)
+    elif one_light:
+        _tell_joint(predict_one_light(run, images, files, **vars(how)), run, method)
+    else:
+        predictions = predict_photos(run, images, files, **vars(how))
+        _tell_untrained(predictions.trained, run, method)
+        for predicted in predictions:
+            _tell(predicted)
+
+
+@dataclass(frozen=True)
+class _How:
+    """What all ways of predicting take."""
+
+    method: Method | None
+    settings: PredictionOptions
+    background: bool
+    device: str
+
+
+def _predict_video(run: Path, video: Path, files: PredictionFiles, how: _How, every: int, one_light: bool) -> None:
+    if one_light:
+        _tell_joint(predict_video_light(run, video, files, every=every, **vars(how)), run, how.method)
+        return
+    found = predict_video(run, video, files, every=every, on_photo=_tell, **vars(how))
+    before, after = found.flicker
+    print(f"{len(found.photos)} maps in {found.photos[0].output.parent}; from one to the next ln radiance changes by")
+    print(f"{after:.3f} root mean square, {before:.3f} before they were steadied.")
+    if found.failures is not None:
+        raise InputError(found.failures)
+
+
+def _tell_untrained(trained: bool, run: Path, method: Method | None) -> None:
+    if not trained and method is None:
         print(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
-    for predicted in predictions:
-        _tell(predicted)
 
 
 def _tell(predicted: PredictedPhoto) -> None:
     """Print where a map is, what it cost and what its photo's verdict is; doubts go to standard error."""
     if predicted.location is not None:
         _tell_location(predicted.location)
-    verdict, seconds = predicted.prediction.verdict, predicted.prediction.seconds
+    _tell_map(predicted.output, predicted.method, predicted.prediction, "photo", str(predicted.image))
+
+
+def _tell_joint(joint: JointPrediction, run: Path, method: Method | None) -> None:
+    """Print the same of a map of several photos, their exposures, and which of them did not serve.
+
+    Raises `InputError` when some did not.
+    """
+    _tell_untrained(joint.trained, run, method)
+    for location in joint.locations:
+        _tell_location(location)
+    _tell_map(joint.output, joint.method, joint.prediction, "photos", "the photos together")
+    source = "from EXIF" if joint.measured else "found with the light, as not every photo's EXIF tells it"
+    factors = ", ".join(
+        f"{image.name} {value:.2f}" for image, value in zip(joint.images, joint.exposures.tolist(), strict=True)
+    )
+    print(f"Exposures relative to the first, {source}: {factors}")
+    if joint.left_out:
+        raise InputError("\n".join(f"{image} is not in the map. {reason}" for image, reason in joint.left_out.items()))
+
+
+def _tell_map(output: Path, method: Method, prediction: PredictionResult, of: str, source: str) -> None:
+    verdict, seconds = prediction.verdict, prediction.seconds
     parts = ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items())
-    print(f"Environment: {predicted.output} ({predicted.method.value}; {parts}; photo {verdict.status.value})")
+    around = "" if prediction.background is BackgroundUse.ABSENT else f"; background {prediction.background.value}"
+    print(f"Environment: {output} ({method.value}; {parts}; {of} {verdict.status.value}{around})")
     for sentence in verdict.sentences:
-        print(f"lightprobe: warning: {predicted.image}: {sentence}", file=sys.stderr)
+        print(f"lightprobe: warning: {source}: {sentence}", file=sys.stderr)
 
 
 def locate(

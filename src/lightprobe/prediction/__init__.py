@@ -1,11 +1,12 @@
 """One photo, camera and mask in, an environment map with a confidence for every direction out."""
 
 from lightprobe.core.config.prediction import Method, PredictConfig
+from lightprobe.prediction.background import BackgroundUse
 from lightprobe.prediction.prediction import Prediction, check_names
 from lightprobe.prediction.predictor import Predictor, methods_for, recorded_config
 from lightprobe.prediction.verdict import Status, Verdict
 
 __all__ = [
-    "Method", "PredictConfig", "Prediction", "Predictor", "Status", "Verdict", "check_names", "methods_for",
-    "recorded_config",
+    "BackgroundUse", "Method", "PredictConfig", "Prediction", "Predictor", "Status", "Verdict", "check_names",
+    "methods_for", "recorded_config",
 ]  # fmt: skip

@@ -117,13 +117,13 @@ class Predictor:
     @torch.no_grad()
     def predict_together(
         self, photos: Sequence[tuple[Pixels, Camera]], method: Method | None = None, *,
-        exposures: Sequence[float] | None = None, backgrounds: Sequence[Background] = (), refuse: bool = True,
+        exposures: Sequence[float] | None = None, backgrounds: Sequence[Background | None] = (), refuse: bool = True,
     ) -> tuple[Prediction, Tensor]:  # fmt: skip
         """Return the one light that all `photos` were taken under, in the exposure of the first, and their exposures.
 
         What the photos tell singly is averaged, and then fitted to all of them together. The exposures (N,) are
-        relative to the first photo's; they are found with the light unless they are given. backgrounds: none, or of all
-        photos. The rest as in `predict`. Raises `ConfigError` without photos.
+        relative to the first photo's; they are found with the light unless they are given. backgrounds: of each photo
+        that has one, else None; or none at all. The rest as in `predict`. Raises `ConfigError` without photos.
         """
         if not photos:
             raise ConfigError("No photo to predict the light from.")
@@ -134,8 +134,8 @@ class Predictor:
             found = relative_exposures(seen, self.seed) if exposures is None else torch.tensor(exposures).float()
             relative = (found / found[0]).to(self.device)
             seen = [exposed(one, exposure) for one, exposure in zip(seen, relative, strict=True)]
-            around = [self._seen(background) for background in backgrounds]
-            behind = SeenLight.joined(around, relative) if around else None
+            around = {number: self._seen(part) for number, part in enumerate(backgrounds) if part is not None}
+            behind = SeenLight.joined(list(around.values()), relative[list(around)]) if around else None
         return self._fitted(seen, joined(seen), behind, method, clock, refuse), relative
 
     def _seen(self, background: Background) -> SeenLight:

@@ -1,4 +1,4 @@
-"""The light of new photos from a run, one photo after the other, and the files it goes to.
+"""The light of new photos from a run, and the files it goes to: one map a photo, or one of several photos together.
 
 A photo without a camera is located first (`localization`); camera, mask and overlay go beside its map.
 """
@@ -6,24 +6,20 @@ A photo without a camera is located first (`localization`); camera, mask and ove
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import torch
+from torch import Tensor
 
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
-from lightprobe.imaging import image_size
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for, recorded_config
-from lightprobe.runs.locations import LocatedPhoto, LocationFiles, is_own_photo, locate_photo, photo_mask
-from lightprobe.scene import Photo, load_pixels, new_photo
+from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
+from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.frame import cut_name
 from lightprobe.scene.record import read_record
-
-if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
-    from lightprobe.localization import Locator
 
 _STEM_BYTES = 255 - len(".confidence.exr")  # of a photo's name that the names of its maps can hold
 
@@ -57,108 +53,17 @@ class PredictedPhoto:
 
 
 @dataclass(frozen=True)
-class PhotoPredictions:
-    """Photos ready to be predicted from: everything is read and checked that can be before any work."""
+class MapFiles:
+    """Where a map goes."""
 
-    method: Method
-    trained: bool  # whether the run has a model; without one the light is only solved for
-    _predictor: Predictor
-    _jobs: list["_Job"]
-    _photos: list[Photo | None]  # None: to be located
-    _locator: "Locator | None"
-
-    def __iter__(self) -> Iterator[PredictedPhoto]:
-        """Predict and write photo by photo.
-
-        Raises `InputError` at the end when photos got no map: one that cannot serve must not cost those of the others.
-        """
-        failures: list[str] = []
-        for job, photo in zip(self._jobs, self._photos, strict=True):
-            location = None
-            try:
-                if photo is None:
-                    location = self._located(job)
-                    pixels, camera = location.located.pixels, location.located.camera
-                else:
-                    pixels, camera = load_pixels(photo)
-                prediction = self._predictor.predict(pixels, camera, self.method)
-            except InputError as error:
-                failures.append(f"{job.image} gets no map. {error}")
-                continue
-            job.write(prediction)
-            yield PredictedPhoto(job.image, job.output, self.method, prediction, location)
-        if failures:
-            raise InputError("\n".join(failures))
-
-    def _located(self, job: "_Job") -> LocatedPhoto:
-        if self._locator is None:
-            raise ValueError("Loaded with the photos that need it.")
-        return locate_photo(self._locator, job.image, job.mask, job.location)
-
-
-def predict_photos(
-    run_folder: Path | str, images: Sequence[Path], files: PredictionFiles | None = None, *,
-    method: Method | None = None, settings: PredictionOptions = UNCHANGED, device: str | torch.device = "auto",
-) -> PhotoPredictions:  # fmt: skip
-    """Return the predictions from photos of a run's object, which are made and written as they are iterated over.
-
-    method: by default the run's own, or the best it has a model for. settings: what changes of how the run predicts.
-    Raises `InputError` for a run, photo, mask or camera that cannot be used, `ConfigError` for names of files that
-    cannot be written or mean two maps.
-    """
-    run, files = RunFolder.open(Path(run_folder)), files or PredictionFiles()
-    if not images:
-        raise ConfigError("No photo is named: lightprobe predict RUN IMAGE.")
-    if files.camera is None:
-        read_record(run)  # it has the cameras
-    files.location.check(len(images))
-    jobs = [
-        _Job.of(run, image, len(images) > 1, files.mask, method, files.output, files.confidence, files.location)
-        for image in images
-    ]
-    if len({job.output for job in jobs}) < len(jobs):
-        raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
-    photos = [_photo(run, job, files.camera) for job in jobs]
-    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
-    chosen = method or methods_for(predictor.model, predictor.config)[0]
-    locator = _locator(run, predictor) if None in photos else None
-    return PhotoPredictions(chosen, predictor.model is not None, predictor, jobs, photos, locator)
-
-
-def _photo(run: RunFolder, job: "_Job", camera: Path | None) -> Photo | None:
-    """Return a photo with the camera that is known of it, or None where it has to be located."""
-    image_size(job.image)  # a file that is no photo is told before any work
-    if camera is None and not is_own_photo(run, job.image):
-        return None
-    return new_photo(job.image, camera or run.scene_file, job.mask)
-
-
-def _locator(run: RunFolder, predictor: Predictor) -> "Locator":
-    from lightprobe.localization import Locator, stored_views
-
-    views = stored_views(run, predictor.decomposition)
-    return Locator(predictor.decomposition, views, predictor.device)
-
-
-@dataclass(frozen=True)
-class _Job:
-    """One photo of a call, and where its results go."""
-
-    image: Path
-    mask: Path | None
     output: Path
     confidence: Path | None
     kept: bool  # in the run, with a picture and the confidence beside it
-    location: LocationFiles
 
     @staticmethod
-    def of(
-        run: RunFolder, image: Path, several: bool, mask: Path | None, method: Method | None, output: Path | None,
-        confidence: Path | None, location: LocationFiles | None = None,
-    ) -> "_Job":  # fmt: skip
-        """Refuse what could not be written, before any work."""
-        mask = photo_mask(image, mask)
-        stem = cut_name(image.stem, _STEM_BYTES)
+    def of(run: RunFolder, image: Path, several: bool, method: Method | None, files: PredictionFiles) -> "MapFiles":
+        """Refuse what could not be written, before any work; `image` names the map where nothing else does."""
+        output, confidence, stem = files.output, files.confidence, cut_name(image.stem, _STEM_BYTES)
         if several:
             for place in (output, confidence):
                 if place is not None and (place.suffix.lower() in (".exr", ".hdr") or place.is_file()):
@@ -166,17 +71,162 @@ class _Job:
             output = None if output is None else output / f"{stem}.exr"
             confidence = None if confidence is None else confidence / f"{stem}.confidence.exr"
         check_names(output, confidence)
-        kept = output is None
         stored = run.prediction_file(stem, ".exr", method.value if method else None)
-        target = output or stored
-        return _Job(
-            image, mask, target, confidence, kept, (location or LocationFiles()).within(target.parent, image)
-        )  # fmt: skip
+        return MapFiles(output or stored, confidence, output is None)
 
     def write(self, prediction: Prediction) -> None:
+        """Write the map and what goes with it."""
         if self.kept:
             write_prediction(prediction, self.output)
             if self.confidence is not None:
                 prediction.save_confidence(self.confidence)
         else:
             prediction.save(self.output, self.confidence)
+
+
+@dataclass(frozen=True)
+class PhotoPredictions:
+    """Photos ready to be predicted from: everything is read and checked that can be before any work."""
+
+    method: Method
+    trained: bool  # whether the run has a model; without one the light is only solved for
+    _predictor: Predictor
+    _images: Sequence[Path]
+    _maps: Sequence[MapFiles]
+    _photos: NewPhotos
+
+    def __iter__(self) -> Iterator[PredictedPhoto]:
+        """Predict and write photo by photo; errors as in `unwritten`."""
+        for files, predicted in self.unwritten():
+            files.write(predicted.prediction)
+            yield predicted
+
+    def unwritten(self) -> Iterator[tuple[MapFiles, PredictedPhoto]]:
+        """Predict photo by photo, with where each map is meant to go.
+
+        Raises `InputError` at the end when photos got no map: one that cannot serve must not cost those of the others.
+        """
+        failures: list[str] = []
+        for index, (image, files) in enumerate(zip(self._images, self._maps, strict=True)):
+            try:
+                photo = self._photos.read(index)
+                prediction = self._predictor.predict(
+                    photo.pixels, photo.camera, self.method, background=photo.background
+                )
+            except InputError as error:
+                failures.append(f"{image} gets no map. {error}")
+                continue
+            yield files, PredictedPhoto(image, files.output, self.method, prediction, photo.location)
+        if failures:
+            raise InputError("\n".join(failures))
+
+
+def predict_photos(
+    run_folder: Path | str, images: Sequence[Path], files: PredictionFiles | None = None, *,
+    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
+    device: str | torch.device = "auto",
+) -> PhotoPredictions:  # fmt: skip
+    """Return the predictions from photos of a run's object, which are made and written as they are iterated over.
+
+    method: by default the run's own, or the best it has a model for. settings: what changes of how the run predicts.
+    background: whether what opaque photos show around the object is used.
+    Raises `InputError` for a run, photo, mask or camera that cannot be used, `ConfigError` for names of files that
+    cannot be written or mean two maps.
+    """
+    run, files = _checked(run_folder, images, files)
+    maps = [MapFiles.of(run, image, len(images) > 1, method, files) for image in images]
+    if len({one.output for one in maps}) < len(maps):
+        raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
+    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
+    folders = [one.output.parent for one in maps]
+    photos = NewPhotos(run, _photo_files(images, files, folders), predictor, files.camera, background)
+    chosen = method or methods_for(predictor.model, predictor.config)[0]
+    return PhotoPredictions(chosen, predictor.model is not None, predictor, images, maps, photos)
+
+
+@dataclass(frozen=True)
+class JointPrediction:
+    """The one light of several photos, in the exposure of the first of them that serves."""
+
+    images: tuple[Path, ...]  # that serve
+    output: Path
+    method: Method
+    trained: bool
+    prediction: Prediction
+    exposures: Tensor  # (N,) relative to the first
+    measured: bool  # whether the exposures are the photos' EXIF's; else they were found with the light
+    locations: tuple[LocatedPhoto, ...]
+    left_out: dict[Path, str]  # photos that cannot serve, and why
+
+
+def predict_one_light(
+    run_folder: Path | str, images: Sequence[Path], files: PredictionFiles | None = None, *,
+    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
+    device: str | torch.device = "auto",
+) -> JointPrediction:  # fmt: skip
+    """Predict and write the one light that all photos of a run's object were taken under.
+
+    The map is named after the first photo. The rest as in `predict_photos`. Photos that cannot serve are left out;
+    raises `InputError` when none is left.
+    """
+    run, files = _checked(run_folder, images, files)
+    target = MapFiles.of(run, images[0], False, method, files)
+    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
+    folders = [target.output.parent] * len(images)
+    photos = NewPhotos(run, _photo_files(images, files, folders), predictor, files.camera, background)
+    chosen = method or methods_for(predictor.model, predictor.config)[0]
+    read, left_out = _readable(photos, images)
+    if not read:
+        raise InputError("\n".join(f"{image} gets no map. {reason}" for image, reason in left_out.items()))
+    seen = list(read.values())
+    given = _exif_exposures(seen)
+    prediction, exposures = predictor.predict_together(
+        [(photo.pixels, photo.camera) for photo in seen], chosen, exposures=given,
+        backgrounds=[photo.background for photo in seen],
+    )  # fmt: skip
+    target.write(prediction)
+    return JointPrediction(
+        tuple(read), target.output, chosen, predictor.model is not None, prediction, exposures, given is not None,
+        tuple(photo.location for photo in seen if photo.location is not None), left_out,
+    )  # fmt: skip
+
+
+def _checked(
+    run_folder: Path | str, images: Sequence[Path], files: PredictionFiles | None
+) -> tuple[RunFolder, PredictionFiles]:
+    """Return the run and the files; raise `InputError` or `ConfigError` where there is nothing to predict from."""
+    run, files = RunFolder.open(Path(run_folder)), files or PredictionFiles()
+    if not images:
+        raise ConfigError("No photo is named: lightprobe predict RUN IMAGE.")
+    if files.camera is None:
+        read_record(run)  # it has the cameras
+    files.location.check(len(images))
+    return run, files
+
+
+def _photo_files(images: Sequence[Path], files: PredictionFiles, folders: Sequence[Path]) -> list[PhotoFiles]:
+    return [
+        PhotoFiles(image, photo_mask(image, files.mask), files.location.within(folder, image))
+        for image, folder in zip(images, folders, strict=True)
+    ]
+
+
+def _readable(photos: NewPhotos, images: Sequence[Path]) -> tuple[dict[Path, NewPhoto], dict[Path, str]]:
+    """Return the photos that serve, and why the others do not."""
+    read: dict[Path, NewPhoto] = {}
+    left_out: dict[Path, str] = {}
+    for index, image in enumerate(images):
+        try:
+            read[image] = photos.read(index)
+        except InputError as error:
+            left_out[image] = str(error)
+    return read, left_out
+
+
+def _exif_exposures(photos: Sequence[NewPhoto]) -> list[float] | None:
+    """Return the exposures that EXIF gives, relative to the first photo's, or None unless all photos have them.
+
+    A camera's values are radiance times 2^-EV100, up to what all its photos share.
+    """
+    values = [photo.ev100 for photo in photos if photo.ev100 is not None]
+    return [2.0 ** (values[0] - value) for value in values] if len(values) == len(photos) else None

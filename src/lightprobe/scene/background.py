@@ -1,13 +1,14 @@
 """What an opaque photo shows around the object: part of the light itself, seen directly."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
-from lightprobe.imaging import read_alpha
+from lightprobe.imaging import CLIPPED, read_alpha, shrink_area
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import CLIPPED, Photo, has_white
+from lightprobe.scene.photo import Photo, has_white
 from lightprobe.scene.pixels import load_thumbnail
 
 _SIDE = 256  # pixels of the longer side: finer than the texels of any predicted map
@@ -23,16 +24,28 @@ class Background:
     clipped: np.ndarray  # (H, W, 3) bool: the photo's white hides how bright it is there
     camera: Camera  # of this picture, in the input frame
 
+    @staticmethod
+    def of(color: np.ndarray, alpha: np.ndarray, camera: Camera) -> "Background":
+        """Return the background of an opaque photo at 256 pixels.
+
+        color (H, W, 3) linear, what lies around the object included; alpha (H, W) the object's coverage in [0, 1].
+        Pixels without any light are not counted: they lie beyond what a lens showed.
+        """
+        small, cover = shrink_area(color, _SIDE), shrink_area(alpha, _SIDE)
+        seen = ~ndimage.binary_dilation(cover > 0, iterations=_MARGIN) & (small > 0).any(-1)
+        clipped = (small >= CLIPPED) & has_white(color)
+        height, width = cover.shape
+        return Background(small, seen, clipped, replace(camera.resized(width, height), lens=None))
+
 
 def load_background(photo: Photo) -> Background | None:
-    """Return what a photo shows around the object, at 256 pixels, or None for a photo that is cut out.
-
-    That is one whose mask is its own alpha channel, or whose pixels around the mask have one. Errors as `load_pixels`.
-    """
-    if photo.mask_path is None or read_alpha(photo.image_path) is not None:
+    """Return what a photo shows around the object, or None for a photo that is cut out; errors as `load_pixels`."""
+    if photo.mask_path is None or not is_opaque(photo.image_path):
         return None
-    color, alpha = load_thumbnail(photo, _SIDE)
-    seen = ~ndimage.binary_dilation(alpha > 0, iterations=_MARGIN)
-    clipped = (color >= CLIPPED) & has_white(color)
-    height, width = alpha.shape
-    return Background(color, seen, clipped, photo.camera.resized(width, height))
+    return Background.of(*load_thumbnail(photo, _SIDE), photo.camera)
+
+
+def is_opaque(image: Path) -> bool:
+    """Return whether a photo shows what is around the object: it has no alpha channel, or one without holes."""
+    alpha = read_alpha(image)
+    return alpha is None or bool(alpha.min() == 1)

@@ -1,0 +1,51 @@
+"""Maps of a video's frames, freed from flicker.
+
+Each frame's map errs in its own way, and played one after the other they flicker. The light itself moves slowly or, at
+a switch, at once. So ln radiance is averaged over neighbouring frames, each direction weighted by its confidence; and
+a frame counts the less, the more its map differs from the one in question, measured by how much neighbours usually do
+(a bilateral filter; Tomasi and Manduchi, ICCV 1998): what comes on at once stays sharp in time.
+"""
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+from lightprobe.light import cubemap
+
+_FRAMES = 2.0  # standard deviation of the average, in predicted frames
+_REACH = 6  # frames to each side that count at all: three deviations
+_LIKENESS = 2.0  # difference that makes a frame count e^-1/2, in that of usual neighbours
+_FLOOR = 0.01  # of the mean radiance: darker is all alike
+
+
+def steadied(lights: Tensor, confidences: Tensor) -> Tensor:
+    """Return the maps (N, 6, R, R, 3) of consecutive frames without their flicker; confidences (N, 6, R, R)."""
+    floor = _FLOOR * torch.stack([cubemap.sphere_mean(light).mean() for light in lights]).mean()
+    folds = (lights + floor).log()
+    angle = cubemap.solid_angles(lights.shape[2], lights.device)
+    usual = torch.stack([_difference(a, b, angle) for a, b in pairwise(folds)] or [angle.sum() * 0])
+    spread = _LIKENESS * usual.median().clamp_min(1e-6)
+    found = []
+    for number in range(len(folds)):
+        near = torch.arange(max(0, number - _REACH), min(len(folds), number + _REACH + 1), device=lights.device)
+        apart = torch.stack([_difference(folds[number], folds[other], angle) for other in near])
+        weight = torch.exp(-0.5 * (((near - number) / _FRAMES) ** 2 + (apart / spread) ** 2))
+        share = weight[:, None, None, None] * confidences[near]
+        mean = (share[..., None] * folds[near]).sum(0) / share.sum(0).clamp_min(1e-12)[..., None]
+        found.append((mean.exp() - floor).clamp(min=0))
+    return torch.stack(found)
+
+
+def flicker(lights: Tensor) -> float:
+    """Return the root mean square change of ln radiance from one map (N, 6, R, R, 3) to the next, over the sphere."""
+    floor = _FLOOR * torch.stack([cubemap.sphere_mean(light).mean() for light in lights]).mean()
+    folds = (lights + floor).log()
+    angle = cubemap.solid_angles(lights.shape[2], lights.device)
+    changes = [_difference(a, b, angle).square() for a, b in pairwise(folds)]
+    return float(torch.stack(changes).mean().sqrt()) if changes else 0.0
+
+
+def _difference(first: Tensor, second: Tensor, angle: Tensor) -> Tensor:
+    """Return the root mean square difference () of two maps (6, R, R, 3) by solid angle."""
+    return (((first - second).square().mean(-1) * angle).sum() / angle.sum()).sqrt()

@@ -1,0 +1,84 @@
+"""Photos from outside a run's scene, as predictions take them: with cameras, given or found, and backgrounds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lightprobe.core.run import RunFolder
+from lightprobe.imaging import image_size, read_exif_ev100
+from lightprobe.prediction import Predictor
+from lightprobe.runs.locations import LocatedPhoto, LocationFiles, is_own_photo, locate_photo
+from lightprobe.scene import Photo, load_pixels, new_photo
+from lightprobe.scene.background import Background, is_opaque, load_background
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Pixels
+
+if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
+    from lightprobe.localization import Locator
+
+
+@dataclass(frozen=True)
+class PhotoFiles:
+    """A photo, its mask, and where camera and mask go if they have to be found."""
+
+    image: Path
+    mask: Path | None
+    location: LocationFiles  # all of them
+
+
+@dataclass(frozen=True)
+class NewPhoto:
+    """What a prediction is made from."""
+
+    pixels: Pixels
+    camera: Camera  # input frame
+    background: Background | None  # None: not wanted, or the photo is cut out
+    ev100: float | None  # exposure value from EXIF, if complete
+    location: LocatedPhoto | None  # None: the camera was given
+
+
+class NewPhotos:
+    """Photos that are read one by one when they are asked for; cameras are looked for only where none is known."""
+
+    def __init__(
+        self, run: RunFolder, files: Sequence[PhotoFiles], predictor: Predictor, camera: Path | None, background: bool
+    ):
+        """Check all that can be before any work.
+
+        camera: a file of cameras, by default the run's own photos'. background: whether backgrounds are wanted.
+        Raises `InputError` for a photo, mask or camera that cannot be used.
+        """
+        self._files, self._background = files, background
+        self._photos = [_photo(run, one, camera) for one in files]
+        self._locator = _locator(run, predictor) if None in self._photos else None
+
+    def read(self, index: int) -> NewPhoto:
+        """Return one photo; raises `InputError` when it cannot be decoded or the object is not found in it."""
+        files, photo = self._files[index], self._photos[index]
+        ev100 = read_exif_ev100(files.image)
+        if photo is not None:
+            pixels, camera = load_pixels(photo)
+            return NewPhoto(pixels, camera, load_background(photo) if self._background else None, ev100, None)
+        if self._locator is None:
+            raise ValueError("Loaded with the photos that need it.")
+        found = locate_photo(self._locator, files.image, files.mask, files.location)
+        located, background = found.located, None
+        if self._background and is_opaque(files.image):
+            background = Background.of(located.color, located.mask, located.camera)
+        return NewPhoto(located.pixels, located.camera, background, ev100, found)
+
+
+def _photo(run: RunFolder, files: PhotoFiles, camera: Path | None) -> Photo | None:
+    """Return a photo with the camera that is known of it, or None where it has to be located."""
+    image_size(files.image)  # a file that is no photo is told before any work
+    if camera is None and not is_own_photo(run, files.image):
+        return None
+    return new_photo(files.image, camera or run.scene_file, files.mask)
+
+
+def _locator(run: RunFolder, predictor: Predictor) -> "Locator":
+    from lightprobe.localization import Locator, stored_views
+
+    views = stored_views(run, predictor.decomposition)
+    return Locator(predictor.decomposition, views, predictor.device)

@@ -1,0 +1,107 @@
+"""The light in a video: a map for every few frames, steadied, or one for all of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.imaging import write_png
+from lightprobe.imaging.video import frames
+from lightprobe.light.environment import Environment
+from lightprobe.prediction.sequence import flicker, steadied
+from lightprobe.runs.predictions import (
+    JointPrediction,
+    PredictedPhoto,
+    PredictionFiles,
+    predict_one_light,
+    predict_photos,
+)
+from lightprobe.scene.frame import cut_name
+
+_NAME_BYTES = 200  # of a video's name that the name of its folder can hold
+
+
+@dataclass(frozen=True)
+class PredictedVideo:
+    """The maps of a video's frames."""
+
+    photos: tuple[PredictedPhoto, ...]  # in order, their maps steadied
+    flicker: tuple[float, float]  # before and after, see `prediction.sequence.flicker`
+    failures: str | None  # why frames got no map
+
+
+def video_frames(run: Path | str, video: Path, output: Path | None, every: int) -> list[Path]:
+    """Write every `every`-th frame of a video as PNG and return their paths.
+
+    They go to the folder `output`/frames, by default to RUN/predictions/NAME/frames. Raises `InputError` for a video
+    that cannot be read, `ConfigError` for an `every` below 1 or an output named like one map.
+    """
+    if every < 1:
+        raise ConfigError(f"--every must be at least 1, not {every}.")
+    folder = video_folder(run, video, output) / "frames"
+    paths = []
+    for frame in frames(video, every):
+        paths.append(folder / f"frame_{frame.index:06d}.png")
+        write_png(paths[-1], frame.color)
+    return paths
+
+
+def video_folder(run: Path | str, video: Path, output: Path | None) -> Path:
+    """Return where the maps of a video go; raise `ConfigError` when `output` is no name of a folder."""
+    if output is not None and (output.suffix.lower() in (".exr", ".hdr") or output.is_file()):
+        raise ConfigError(f"The maps of a video need a folder, and {output} is named like one map.")
+    return output or RunFolder.open(Path(run)).path / "predictions" / cut_name(video.stem, _NAME_BYTES)
+
+
+def predict_video(
+    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = 10,
+    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
+    device: str | torch.device = "auto", on_photo: Callable[[PredictedPhoto], None] | None = None,
+) -> PredictedVideo:  # fmt: skip
+    """Predict the light of every `every`-th frame of a video, and write the maps without their flicker.
+
+    on_photo: called with each frame's prediction as it is made, before the maps are steadied. The rest as in
+    `predict_photos`; frames in which the object is not found get no map. Raises `InputError` when none gets one.
+    """
+    files = files or PredictionFiles()
+    folder = video_folder(run, video, files.output)
+    images = video_frames(run, video, files.output, every)
+    where = replace(files, output=folder if len(images) > 1 else folder / f"{images[0].stem}.exr")
+    predictions = predict_photos(
+        run, images, where, method=method, settings=settings, background=background, device=device
+    )
+    made, failures = [], None
+    try:
+        for target, predicted in predictions.unwritten():
+            made.append((target, predicted))
+            if on_photo is not None:
+                on_photo(predicted)
+    except InputError as error:
+        failures = str(error)
+    if not made:
+        raise InputError(failures or f"{video} has no frames.")
+    lights = torch.stack([one.prediction.environment.texels for _, one in made])
+    steady = steadied(lights, torch.stack([one.prediction.confidence for _, one in made]))
+    photos = []
+    for (target, predicted), light in zip(made, steady, strict=True):
+        prediction = replace(predicted.prediction, environment=Environment(light))
+        target.write(prediction)
+        photos.append(replace(predicted, prediction=prediction))
+    return PredictedVideo(tuple(photos), (flicker(lights), flicker(steady)), failures)
+
+
+def predict_video_light(
+    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = 10,
+    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
+    device: str | torch.device = "auto",
+) -> JointPrediction:  # fmt: skip
+    """Predict the one light of a video's frames; as `predict_video` and `predict_one_light`."""
+    files = files or PredictionFiles()
+    folder = video_folder(run, video, None)
+    images = video_frames(run, video, None, every)
+    where = replace(files, output=files.output or folder / f"{folder.name}.exr")
+    return predict_one_light(run, images, where, method=method, settings=settings, background=background, device=device)

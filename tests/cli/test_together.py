@@ -1,0 +1,114 @@
+"""predict on photos of one light, on opaque photos with their background, and on a video."""
+
+import json
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+from lightprobe.cli.main import main
+from lightprobe.imaging import read_hdr, read_ldr, srgb_encode, write_png
+from tests.cli.commands import fails, succeed
+
+_EXIF_FOLDER, _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x8769, 0x829A, 0x829D, 0x8827
+
+
+@pytest.fixture(scope="module")
+def opaque(trained, tmp_path_factory):
+    """Test photos over a grey wall, with masks in a folder of their own, and their cameras."""
+    scene, folder = trained[0], tmp_path_factory.mktemp("opaque")
+    for path in sorted((scene / "test").glob("*.png"))[:2]:
+        color, alpha = read_ldr(path)
+        write_png(folder / "masks" / path.name, np.repeat(alpha[..., None], 3, 2), srgb=False)
+        write_png(folder / path.name, color * alpha[..., None] + 0.3 * (1 - alpha[..., None]))
+    return sorted(folder.glob("*.png")), folder / "masks", scene / "transforms_test.json"
+
+
+def given(opaque):
+    return ["--camera", opaque[2], "--mask", opaque[1]]
+
+
+def test_photos_of_one_light_give_one_map(trained, opaque, tmp_path, capsys):
+    images, _, _ = opaque
+    out = tmp_path / "light.exr"
+    succeed("predict", trained[1].path, *images, *given(opaque), "--one-light", "-o", out)
+    printed = capsys.readouterr().out
+    assert "Exposures relative to the first, found with the light" in printed
+    assert f"{images[1].name} " in printed
+    both = read_hdr(out)
+    succeed("predict", trained[1].path, images[0], *given(opaque), "-o", tmp_path / "alone.exr")
+    assert both.shape == read_hdr(tmp_path / "alone.exr").shape
+    assert not np.allclose(both, read_hdr(tmp_path / "alone.exr"), rtol=0.05)
+
+
+def test_exposures_come_from_exif_where_all_photos_tell_them(trained, opaque, tmp_path, capsys):
+    images = []
+    for path, seconds in zip(opaque[0], (0.01, 0.02), strict=True):
+        exif = Image.Exif()
+        exif.get_ifd(_EXIF_FOLDER).update({_EXPOSURE_TIME: seconds, _F_NUMBER: 4.0, _ISO: 100})
+        images.append(tmp_path / f"{path.stem}.jpg")
+        Image.open(path).save(images[-1], exif=exif, quality=95)
+    succeed("predict", trained[1].path, *images, *given(opaque), "--one-light", "-o", tmp_path / "light.exr")
+    assert f"from EXIF: {images[0].name} 1.00, {images[1].name} 2.00" in capsys.readouterr().out
+
+
+def test_a_photo_that_cannot_serve_is_left_out_and_named(trained, opaque, tmp_path, capsys):
+    images, masks, _ = opaque
+    empty = tmp_path / "masks"
+    for mask in masks.iterdir():
+        write_png(empty / mask.name, read_ldr(mask, srgb=False)[0] * (mask.stem != images[1].stem), srgb=False)
+    out = tmp_path / "light.exr"
+    arguments = ["predict", trained[1].path, *images, "--camera", opaque[2], "--mask", empty, "--one-light", "-o", out]
+    assert main([str(argument) for argument in arguments]) == 2
+    assert f"{images[1]} is not in the map. " in capsys.readouterr().err
+    assert out.is_file()
+
+
+def test_the_background_is_used_unless_told_otherwise(trained, opaque, tmp_path, capsys):
+    image = opaque[0][0]
+    succeed("predict", trained[1].path, image, *given(opaque), "-o", tmp_path / "with.exr")
+    assert "; background " in capsys.readouterr().out
+    succeed("predict", trained[1].path, image, *given(opaque), "--no-background", "-o", tmp_path / "without.exr")
+    assert "; background " not in capsys.readouterr().out
+
+
+def test_a_video_gives_a_map_for_every_few_frames_or_one_for_all(trained, opaque, tmp_path, capsys):
+    clip = tmp_path / "clip.mp4"
+    write_clip(clip, opaque[0][0], frames=7)
+    mask = opaque[1] / opaque[0][0].name
+    # One camera for the whole clip: that of a tripod.
+    camera = tmp_path / "camera.json"
+    camera.write_text(_camera_of(trained, opaque[0][0].stem))
+    common = ["--camera", camera, "--mask", mask]
+    out = tmp_path / "lights"
+    succeed("predict", trained[1].path, clip, *common, "--every", "3", "-o", out)
+    assert sorted(path.name for path in out.glob("*.exr")) == [f"frame_00000{index}.exr" for index in (0, 3, 6)]
+    assert "3 maps in" in capsys.readouterr().out
+    succeed("predict", trained[1].path, clip, *common, "--every", "3", "--one-light", "-o", tmp_path / "one.exr")
+    assert read_hdr(tmp_path / "one.exr").shape == read_hdr(out / "frame_000000.exr").shape
+
+
+def test_what_cannot_be_predicted_from_together_is_refused(trained, opaque, tmp_path, capsys):
+    clip = tmp_path / "clip.mp4"
+    write_clip(clip, opaque[0][0], frames=2)
+    fails(["predict", trained[1].path, clip, opaque[0][0]], capsys, ["is a video; predict from it alone"])
+    fails(["predict", trained[1].path, clip, "--every", "0"], capsys, ["--every must be at least 1"])
+    fails(["predict", trained[1].path, clip, "-o", tmp_path / "one.exr"], capsys, ["need a folder"])
+    assert not (tmp_path / "one.exr").exists()
+
+
+def write_clip(path, picture, frames):
+    """Write a clip of one picture that slowly grows brighter."""
+    color = read_ldr(picture)[0]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.height, stream.width, stream.pix_fmt, stream.bit_rate = *color.shape[:2], "yuv420p", 4_000_000
+        for index in range(frames):
+            shown = np.rint(255 * srgb_encode(np.clip(color * (0.7 + 0.03 * index), 0, 1))).astype(np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(shown, format="rgb24")))
+        container.mux(stream.encode())
+
+
+def _camera_of(trained, name):
+    return json.dumps(trained[1].scene()["photos"]["test"][name]["camera"])
