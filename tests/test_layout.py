@@ -4,7 +4,13 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parent
-MIRRORED = ("material", "prediction", "reconstruction", "render")  # every module of these has a file of tests
+MIRRORED = (
+    "localization",
+    "material",
+    "prediction",
+    "reconstruction",
+    "render",
+)  # every module of these has a file of tests
 
 
 def imported(path: Path) -> set[str]:

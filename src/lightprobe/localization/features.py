@@ -15,9 +15,7 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import shrink_area
 from lightprobe.localization.appearance import appearance
 
-SIDE = (
-    640  # pixels along the longer side at which points are looked for; smaller photos are magnified, for finer points
-)
+SIDE = 640  # pixels of the longer side that points are looked for at; smaller photos are magnified for finer points
 _MAGNIFY = 2.0  # at most: beyond, there is nothing new
 _CONTRAST = 0.04  # of SIFT's points, its usual value: fainter ones drown in the noise of dark photos
 _LOW, _HIGH = -4.0, 0.1  # range of log luma that is shown

@@ -25,7 +25,7 @@ from lightprobe.localization.pose import PARAMETERS, mean_distance, moved
 from lightprobe.localization.refinement import Fit, refine
 from lightprobe.localization.search import search, sighted_camera
 from lightprobe.localization.symmetry import symmetric_turns
-from lightprobe.localization.verdict import GOOD_SCORE
+from lightprobe.localization.verdict import GOOD_SCORE, RIVAL
 from lightprobe.localization.views import KnownViews
 from lightprobe.scene.camera import Camera
 
@@ -75,7 +75,7 @@ class PoseFinder:
             found = self._ordered(found + self._shaken(levels, found[:_SHAKEN], free))
         if found and self._turns and found[0].fit.score >= _HOPELESS:
             found = self._ordered(found + self._copied(levels, found[0], free))
-        return found
+        return self._compared(levels, found, free)
 
     def _matched(self, levels: Levels, focal: float, free: bool) -> list[Candidate]:
         """Return poses that matched features agree about, refined."""
@@ -114,6 +114,14 @@ class PoseFinder:
         copies = [replace(best, camera=turn.copy(best.camera)) for turn in self._turns]
         tried = self._ordered([self._refined(levels, copy, _MIDDLE, 2, free) for copy in copies])
         return self._followed(levels, tried[:_COPIES], free)
+
+    def _compared(self, levels: Levels, found: list[Candidate], free: bool) -> list[Candidate]:
+        """Return the poses with those that come near the best one refined as finely as it is, best first."""
+        near = [one for one in found if one.fit.score >= max(found[0].fit.score - RIVAL, _HOPELESS)]
+        if len(near) < 2:
+            return found
+        finest = [self._refined(levels, one, _FINEST, 4, free) for one in near[: _COPIES + 1]]
+        return self._ordered(finest + found[len(finest) :])
 
     def _followed(self, levels: Levels, candidates: list[Candidate], free: bool) -> list[Candidate]:
         """Return the best of the candidates, refined until they stand still, and finer the best of these."""

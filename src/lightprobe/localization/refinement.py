@@ -23,7 +23,7 @@ from lightprobe.localization.pose import PARAMETERS, motion, moved
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.scene.camera import Camera
 
-_PIXELS, _OUTLINE = 600, 160  # that a step looks at
+_PIXELS, _OUTLINE = 600, 160  # that a step looks at, of an object of 80 pixels and more; fewer of a smaller one
 _PULL = 0.03  # to a grey light, relative to what the pixels weigh
 _DARK = 0.05  # of the mean colour: darker pixels weigh no more
 _ERROR = 0.15  # relative, of a right pose's pixels; larger ones weigh less
@@ -92,8 +92,9 @@ class _Seen:
         surface = visible_surface(known.mesh.vertices, known.mesh.faces, view)
         if len(surface.pixel) < _FEWEST:
             return None
-        outline = outline_of(surface.pixel.cpu().numpy(), *level.size, _OUTLINE)
-        chosen = _chosen(surface, outline, turn)
+        share = min(1.0, diameter / 80)
+        outline = outline_of(surface.pixel.cpu().numpy(), *level.size, round(_OUTLINE * share))
+        chosen = _chosen(surface, outline, round(_PIXELS * share), turn)
         return _seen(known, level, small, view, surface.select(chosen), outline, len(surface.pixel))
 
     def step(self, focal: bool) -> np.ndarray:
@@ -115,10 +116,10 @@ class _Seen:
         return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
 
 
-def _chosen(surface: Surface, outline: Outline, turn: int) -> torch.Tensor:
+def _chosen(surface: Surface, outline: Outline, count: int, turn: int) -> torch.Tensor:
     """Return the rows of the pixels to look at: the outline's, then some of all."""
     every = torch.arange(len(surface.pixel))
-    some = draw_rows(every, _PIXELS, generator(0, "locate-pixels", turn))
+    some = draw_rows(every, count, generator(0, "locate-pixels", turn))
     return torch.cat([torch.from_numpy(outline.row), some]).to(surface.pixel.device)
 
 

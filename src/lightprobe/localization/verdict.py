@@ -12,7 +12,7 @@ from typing import Any
 
 GOOD_SCORE = 1.75  # right poses: 1.62 and more; the best wrong ones, in photos of anything: 1.46
 _NOTHING = 1.0  # below lie most photos without the object, and no right pose
-_RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
+RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
 _INSIDE = 0.5  # share of the object in the photo, below which its pose rests on little
 _INLIERS = 12  # matches that agree about a pose: by chance up to 10 do
 
@@ -85,4 +85,4 @@ class PoseVerdict:
 
 def rival_scores(scores: list[float]) -> int:
     """Return how many of the scores after the first, the best, are about as good."""
-    return sum(score >= scores[0] - _RIVAL for score in scores[1:])
+    return sum(score >= scores[0] - RIVAL for score in scores[1:])

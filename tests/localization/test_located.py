@@ -1,0 +1,45 @@
+"""The files of a located photo."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lightprobe.imaging import read_ldr, read_mask
+from lightprobe.localization.located import Located
+from lightprobe.localization.verdict import PoseVerdict
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.new_photo import read_camera
+from lightprobe.scene.overlay import HULL_COLOR
+
+
+@pytest.fixture
+def located(camera, photo):
+    return Located(camera, photo[1], PoseVerdict(2.5, 0.9, 0.7, 1.0, 30, 0), photo[0], 0.5)
+
+
+def test_the_camera_is_one_that_other_commands_read(located, tmp_path):
+    located.save_camera(tmp_path / "a.camera.json")
+    back = read_camera(tmp_path / "a.camera.json")
+    assert isinstance(back, Camera)
+    assert np.allclose(back.camera_to_world, located.camera.camera_to_world)
+    assert json.loads((tmp_path / "a.camera.json").read_text())["verdict"]["status"] == "good"
+
+
+def test_the_mask_is_one_that_other_commands_read(located, tmp_path):
+    located.save_mask(tmp_path / "a.mask.png")
+    assert np.abs(read_mask(tmp_path / "a.mask.png") - located.mask).max() < 0.003
+
+
+def test_the_overlay_shows_the_outline(located, tmp_path):
+    located.save_overlay(tmp_path / "a.overlay.png")
+    shown = np.rint(255 * read_ldr(tmp_path / "a.overlay.png", srgb=False)[0])
+    marked = (shown == HULL_COLOR).all(2)
+    assert 80 < marked.sum() < 800
+    assert not marked[located.mask >= 0.5].any()
+
+
+def test_its_pixels_are_black_outside_of_the_mask(located):
+    pixels = located.pixels
+    assert (pixels.color[located.mask == 0] == 0).all()
+    assert pixels.alpha is located.mask

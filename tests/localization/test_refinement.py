@@ -1,0 +1,59 @@
+"""A pose refined by the light, whatever the light is."""
+
+import numpy as np
+import pytest
+
+from lightprobe.localization.level import Levels
+from lightprobe.localization.pose import mean_distance, moved
+from lightprobe.localization.refinement import fitted_light, refine
+from tests.painted_object import photo_of
+
+AWAY = np.array([0.03, -0.03, 0.04, 0.015, -0.02, 0.02, 0.0])
+
+
+@pytest.mark.parametrize("seed", [20, 21])
+def test_a_pose_comes_back_under_any_light(known, camera, seed):
+    levels = Levels(photo_of(known.asset, camera, seed)[0])
+    points = known.mesh.vertices[::20].double().numpy()
+    start = moved(camera, AWAY)
+    near, _ = refine(known, levels, start, diameter=80, steps=8)
+    found, fit = refine(known, levels, near, diameter=120, steps=16)
+    assert mean_distance(start, camera, points) > 3
+    assert mean_distance(found, camera, points) < 0.6
+    assert fit.score > refine(known, levels, start, diameter=60, steps=0)[1].score + 0.5
+
+
+def test_a_free_focal_length_is_found_as_well(known, camera, levels):
+    points = known.mesh.vertices[::20].double().numpy()
+    start = moved(camera, np.array([0, 0, 0, 0, 0, 0, 0.3]))
+    found, _ = refine(known, levels, start, diameter=120, steps=12, focal=True)
+    assert abs(np.log(found.fx / camera.fx)) < 0.1
+    assert mean_distance(found, camera, points) < 0.6
+    assert refine(known, levels, start, diameter=120, steps=3)[0].fx == pytest.approx(start.fx)
+
+
+def test_exposure_changes_nothing(known, camera, photo):
+    fits = [refine(known, Levels(f * photo[0]), camera, diameter=80, steps=0)[1] for f in (1.0, 0.5)]
+    assert fits[0].explained == pytest.approx(fits[1].explained, abs=0.02)
+
+
+def test_an_object_behind_the_camera_is_nothing(known, camera, levels):
+    turned = moved(camera, np.array([0, 0, 0, 0, 0, 2.0, 0]))  # the object now lies behind
+    assert refine(known, levels, turned, diameter=60, steps=2)[1].score < 0.1
+
+
+def test_the_light_is_the_ridge_regression():
+    random = np.random.default_rng(0)
+    matrix, light = random.random((3, 200, 6)), random.random((3, 6)) + 0.5
+    color = np.einsum("cnt,ct->cn", matrix, light)
+    weight, ridge, found = fitted_light(matrix, color, np.zeros((3, 200), bool))
+    for c in range(3):
+        left = matrix[c].T @ (weight[c] * (color[c] - matrix[c] @ found[c]))
+        level = ((found[c] - left / ridge[c]) if ridge[c] else found[c]).mean()
+        assert np.allclose(left, ridge[c] * (found[c] - level), rtol=1e-5, atol=1e-6 * np.abs(ridge[c]))
+    spoilt = color.copy()
+    spoilt[:, :20] = 0
+    clipped = np.zeros((3, 200), bool)
+    clipped[:, :20] = True
+    kept = fitted_light(matrix[:, 20:], color[:, 20:], clipped[:, 20:])[2]
+    assert np.abs(fitted_light(matrix, spoilt, clipped)[2] - kept).max() < 0.1 * np.abs(kept).max()
