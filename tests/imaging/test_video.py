@@ -1,46 +1,14 @@
 """Frames of videos that the tests encode themselves."""
 
-from fractions import Fraction
-
 import av
 import numpy as np
 import pytest
-import scipy
 from PIL import Image
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_ldr, srgb_decode
 from lightprobe.imaging.video import choose_frames, extract_frames, frames, is_video, measure_frames
-
-RNG = np.random.default_rng(4)
-WIDE = np.kron(RNG.integers(0, 256, (24, 80, 1)), np.ones((5, 5, 3)))  # a panorama that a camera pans over
-
-
-def write_video(path, pictures, *, codec="mpeg4", pixels="yuv420p", rate=10, **settings):
-    """Encode uint8 pictures (H, W, 3), or uint16 ones for deep pixel formats."""
-    with av.open(str(path), "w") as video:
-        stream = video.add_stream(codec, rate=rate)
-        stream.height, stream.width = pictures[0].shape[:2]
-        stream.pix_fmt = pixels
-        stream.bit_rate = 8_000_000
-        for key, value in settings.items():
-            setattr(stream.codec_context, key, value)
-        for index, picture in enumerate(pictures):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24" if picture.dtype == np.uint8 else "rgb48le")
-            frame.pts, frame.time_base = index, Fraction(1, rate)
-            video.mux(stream.encode(frame))
-        video.mux(stream.encode())
-    return path
-
-
-def pan(count, blurred=(), still=()):
-    """Pictures of a camera that pans by 4 pixels a frame, some of them blurred, some without moving on."""
-    place, found = 0, []
-    for index in range(count):
-        place += 0 if index in still else 4
-        picture = WIDE[:, place : place + 160]
-        found.append(scipy.ndimage.gaussian_filter(picture, (0, 6, 0)) if index in blurred else picture)
-    return [picture.astype(np.uint8) for picture in found]
+from tests.imaging.videos import pan, write_video
 
 
 def test_the_sharp_frames_are_chosen_all_along(tmp_path):

@@ -36,9 +36,7 @@ def decode(path: Path) -> Samples:
         if values.dtype == np.uint16:
             bits = min(int(image.info.get("bit_depth", _STORED_BITS)), _STORED_BITS)
             values, levels = values >> (_STORED_BITS - bits), 2**bits - 1
-        if encoding.profile is not None:
-            return samples_to_srgb(values, levels, encoding)
-        return Samples(values, encoding, levels)
+        return samples_to_srgb(values, levels, encoding)
 
 
 def _opened(path: Path) -> Any:

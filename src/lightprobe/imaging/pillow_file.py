@@ -2,16 +2,19 @@
 
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from lightprobe.imaging import png16
 from lightprobe.imaging.encodings import SRGB, Encoding
 from lightprobe.imaging.header import Header, Samples
 from lightprobe.imaging.opening import decode_errors, open_image
-from lightprobe.imaging.profiles import icc_encoding, png_encoding, to_srgb
+from lightprobe.imaging.profiles import icc_encoding, png_encoding, samples_to_srgb, to_srgb
 from lightprobe.imaging.tags import loaded_exif, orientation
 
 _MODES = {"1": "L", "L": "L", "LA": "LA", "RGB": "RGB", "RGBA": "RGBA"}
+
+_SPACES = {b"CMYK": "CMYK", b"Lab ": "LAB"}  # colour space of a profile -> Pillow's mode of it, that is not RGB or grey
 
 
 def read_header(path: Path) -> Header:
@@ -28,7 +31,7 @@ def decode(path: Path) -> Samples:
     with open_image(path) as image, decode_errors(path):
         encoding = _encoding(path, image)
         if image.format == "PNG" and png16.is_sixteen_bit(path):
-            return Samples(png16.decode(path), encoding, 65535)
+            return samples_to_srgb(png16.decode(path), 65535, encoding)
         return eight_bits(image, encoding)
 
 
@@ -37,15 +40,13 @@ def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
     transparent = "transparency" in image.info or image.mode in ("LA", "PA", "La", "RGBa")
     mode = "RGBA" if transparent and image.mode != "LA" else _MODES.get(image.mode, "RGB")
     image.load()
-    if encoding.profile is not None and image.mode == encoding_mode(encoding):
+    if encoding.profile is not None and _SPACES.get(encoding.profile[16:20]) == image.mode:
         return Samples(to_srgb(image, encoding.profile), SRGB)
-    return Samples(image if image.mode == mode else image.convert(mode), encoding)
-
-
-def encoding_mode(encoding: Encoding) -> str | None:
-    """Return Pillow's mode of the colours that a profile is for, None where Pillow has none."""
-    space = (encoding.profile or b"")[16:20]
-    return {b"RGB ": "RGB", b"CMYK": "CMYK", b"GRAY": "L", b"Lab ": "LAB"}.get(space)
+    converted = image if image.mode == mode else image.convert(mode)
+    if encoding.profile is None:
+        return Samples(converted, encoding)
+    values = np.asarray(converted)
+    return samples_to_srgb(values.reshape(*values.shape[:2], -1), 255, encoding)
 
 
 def _encoding(path: Path, image: Image.Image) -> Encoding:

@@ -63,9 +63,10 @@ def png_encoding(info: dict, code_points: bytes | None) -> Encoding:
     matrix = _chromaticities(info.get("chromaticity"))
     if abs(gamma - _USUAL_GAMMA) <= _GAMMA_STEP and matrix is None:
         return SRGB
-    usual = abs(gamma - 1) <= _GAMMA_STEP
     name = f"PNG gamma {gamma:.4g}" + (" with primaries of its own" if matrix is not None else "")
-    return Encoding(name, (linear if usual else power(1 / gamma),), matrix)
+    if abs(gamma - _USUAL_GAMMA) <= _GAMMA_STEP:
+        return Encoding(name, matrix=matrix)
+    return Encoding(name, (linear if abs(gamma - 1) <= _GAMMA_STEP else power(1 / gamma),), matrix)
 
 
 def _chromaticities(values: tuple | None) -> np.ndarray | None:
@@ -91,12 +92,10 @@ def _patches(*, grey: bool) -> np.ndarray:
 
 def samples_to_srgb(values: np.ndarray, levels: int, encoding: Encoding) -> Samples:
     """Return samples (H, W, 1 | 2 | 3 | 4) of a profile of look-up tables in sRGB, with 8 bits, as the module has."""
-    mode = {b"RGB ": 3, b"GRAY": 1}.get((encoding.profile or b"")[16:20])
     colors = values.shape[2] - (values.shape[2] in (2, 4))
-    if mode != colors or encoding.profile is None:
+    if encoding.profile is None or {b"RGB ": 3, b"GRAY": 1}.get(encoding.profile[16:20]) != colors:
         return Samples(values, encoding, levels)
-    eight = (values.astype(np.uint32) * 255 + levels // 2) // levels
-    image = Image.fromarray(eight[..., :colors].astype(np.uint8).squeeze(axis=2) if colors == 1 else
-                            eight[..., :colors].astype(np.uint8))  # fmt: skip
-    shown = np.asarray(to_srgb(image, encoding.profile))
-    return Samples(np.concatenate([shown, eight[..., colors:].astype(np.uint8)], axis=2), SRGB)
+    eight = ((values.astype(np.uint32) * 255 + levels // 2) // levels).astype(np.uint8)
+    picture = eight[..., 0] if colors == 1 else eight[..., :3]
+    shown = np.asarray(to_srgb(Image.fromarray(np.ascontiguousarray(picture)), encoding.profile))
+    return Samples(np.concatenate([shown, eight[..., colors:]], axis=2), SRGB)

@@ -65,7 +65,7 @@ def decode(path: Path) -> Samples:
     values = _deep(path, premultiplied=premultiplied)
     if kind == "f" or values.dtype.kind == "f":
         return Samples(values.astype(np.float32), LINEAR)
-    return samples_to_srgb(values, 65535, encoding) if encoding.profile else Samples(values, encoding, 65535)
+    return samples_to_srgb(values, 65535, encoding)
 
 
 def _opened(path: Path) -> Any:

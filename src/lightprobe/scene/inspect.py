@@ -12,6 +12,7 @@ from lightprobe.imaging import srgb_encode
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.consistency import better_turn, diagnose, fitted_hull, look_inverted, overlap, silhouette
 from lightprobe.scene.encoding import converted_encodings, encoding_sentences
+from lightprobe.scene.findings import exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, Split
 from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
 from lightprobe.scene.masks import no_background_sentence, without_background
@@ -21,7 +22,6 @@ from lightprobe.scene.pixels import load_thumbnail
 
 _SIDE = 192  # longer side of the thumbnails everything is measured on
 _RESOLUTION = 128  # voxels along an edge of the hull that masks are compared with
-_SHOWN = 20  # problems printed
 _LOW_MEDIAN, _FAR_BELOW_MEDIAN, _CLEARLY_BETTER = 0.75, 0.2, 0.1  # IoU
 
 
@@ -68,10 +68,11 @@ class Inspection:
 
     def _lines(self) -> list[str]:
         if self.format is None:
-            return [f"scene    {self.root}", *_numbered("problem", self.problems)]
+            return [f"scene    {self.root}", *numbered("problem", self.problems)]
         facts = [f"scene    {self.root} ({self.format} layout)", f"photos   {_counts(self.photos)}"]
         if self.photos:
-            facts += [_sizes(self.photos), _exposure(self.photos), _coverage(self.photos)]
+            facts.append(sizes([(photo.width, photo.height) for photo in self.photos]))
+            facts += [exposures([photo.ev100 for photo in self.photos]), _coverage(self.photos)]
         if self.encodings:
             facts.append(f"colours  converted to sRGB: {self.encodings}")
         if self.similarity is not None:
@@ -79,7 +80,7 @@ class Inspection:
             facts.append(f"object   centre ({center}), radius {self.similarity.scale:.4g} in the scene's units")
         if self.mean_iou is not None:
             facts.append(_agreement(self.photos, self.mean_iou))
-        return [*facts, *_numbered("problem", self.problems), *_numbered("hint", self.hints)]
+        return [*facts, *numbered("problem", self.problems), *numbered("hint", self.hints)]
 
 
 def inspect(path: Path) -> Inspection:
@@ -196,31 +197,9 @@ def _outlier(report: PhotoReport, median: float) -> str | None:
     return f"{report.name}: mask or pose disagrees with the other photos (IoU {report.iou:.2f}, median {median:.2f})."
 
 
-def _numbered(kind: str, messages: Sequence[str]) -> list[str]:
-    """Return a headline with the count and the first messages, or nothing for hints that are not there."""
-    if not messages:
-        return [f"no {kind}s"] if kind == "problem" else []
-    head = f"{len(messages)} {kind}{'s' if len(messages) > 1 else ''}"
-    head += f", the first {_SHOWN}:" if len(messages) > _SHOWN else ":"
-    return [head, *(f"  {message}" for message in messages[:_SHOWN])]
-
-
 def _counts(photos: Sequence[PhotoReport]) -> str:
     counts = Counter(photo.split for photo in photos)
     return ", ".join(f"{counts[split]} {split.value}" for split in Split)
-
-
-def _sizes(photos: Sequence[PhotoReport]) -> str:
-    sizes = Counter((photo.width, photo.height) for photo in photos).most_common()
-    listed = ", ".join(f"{width} x {height} ({count})" for (width, height), count in sizes[:3])
-    return f"sizes    {listed}" + (f" and {len(sizes) - 3} more" if len(sizes) > 3 else "")
-
-
-def _exposure(photos: Sequence[PhotoReport]) -> str:
-    known = [photo.ev100 for photo in photos if photo.ev100 is not None]
-    if not known:
-        return "exposure not in the files"
-    return f"exposure EV100 {min(known):.2f} to {max(known):.2f} ({len(known)} of {len(photos)} photos)"
 
 
 def _coverage(photos: Sequence[PhotoReport]) -> str:

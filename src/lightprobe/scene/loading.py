@@ -127,6 +127,12 @@ def unposed_images(reading: Reading) -> list[Path]:
     return [path for path in list_images(folder) if path not in reading.files] if folder.is_dir() else []
 
 
+def has_cameras(root: Path) -> bool:
+    """Return whether a folder holds the cameras of one of the layouts that are read."""
+    names = (transforms.TRAIN, transforms.SINGLE, nerd.POSES)
+    return any((root / name).is_file() for name in names) or colmap.find_model(root) is not None
+
+
 def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]]:
     """Return (scene folder, layout, frames) by the camera files present; `InputError` lists the layouts if none is."""
     if any((root / name).is_file() for name in (transforms.TRAIN, transforms.SINGLE)):

@@ -1,0 +1,32 @@
+"""inspect, as typed."""
+
+from tests.cli.commands import fails, succeed
+from tests.scene.plain_world import take
+from tests.scene.worlds import views, write_nerd
+
+
+def test_plain_photos_are_reported_and_nothing_is_written(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    succeed("inspect", take(tmp_path / "photos", 10))
+    out = capsys.readouterr().out
+    assert "photos (no cameras yet)" in out
+    assert "no problems" in out
+    assert "next     about 15 more photos" in out
+    assert [path.name for path in tmp_path.iterdir()] == ["photos"]
+
+
+def test_too_few_plain_photos_fail(tmp_path, capsys):
+    code = fails(["inspect", take(tmp_path / "photos", 3)], capsys, ["photos cannot be used as it is", "1 problem(s)"])
+    assert code == 2
+
+
+def test_a_sheet_needs_cameras(tmp_path, capsys):
+    photos = take(tmp_path / "photos", 10)
+    assert fails(["inspect", photos, "-o", tmp_path / "s.png"], capsys, ["no cameras", "--output"]) == 3
+    assert not (tmp_path / "s.png").exists()
+
+
+def test_a_scene_with_cameras_gets_its_sheet(tmp_path, capsys):
+    succeed("inspect", write_nerd(tmp_path / "scene", views(18)), "-o", tmp_path / "s.png")
+    assert (tmp_path / "s.png").exists()
+    assert "no problems" in capsys.readouterr().out

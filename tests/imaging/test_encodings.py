@@ -1,0 +1,157 @@
+"""Encodings against published numbers, against a colour management module, and in files."""
+
+import io
+import struct
+import zlib
+
+import numpy as np
+import pillow_heif
+import pytest
+import tifffile
+from PIL import Image, ImageCms
+
+from lightprobe.imaging import foreign_encoding, read_ldr, srgb_decode, write_png
+from lightprobe.imaging.encodings import SRGB, camera_matrix, coded, hlg, pq, primaries_matrix
+from lightprobe.imaging.icc import matrix_encoding
+from lightprobe.imaging.profiles import icc_encoding
+from tests.imaging.icc_profiles import P3_PRIMARIES, fixed, icc, profile_of
+
+RNG = np.random.default_rng(2)
+ADOBE = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))  # XYZ under D50
+PROPHOTO = ((0.79767, 0.28804, 0.0), (0.13519, 0.71188, 0.0), (0.03134, 0.00009, 0.82491))
+
+
+def test_primaries_as_css_color_4_prints_them():
+    p3 = primaries_matrix((0.680, 0.320), (0.265, 0.690), (0.150, 0.060), (0.3127, 0.3290))
+    expected = [[1.22494, -0.22494, 0], [-0.04206, 1.04206, 0], [-0.01964, -0.07864, 1.09827]]
+    np.testing.assert_allclose(p3, expected, atol=1e-4)
+    wide = coded(9, 13).matrix
+    expected = [[1.66049, -0.58764, -0.07285], [-0.12455, 1.13290, -0.00835], [-0.01815, -0.10058, 1.11873]]
+    np.testing.assert_allclose(wide, expected, atol=1e-4)
+
+
+def test_white_stays_white_whatever_the_white_point():
+    matrix = primaries_matrix((0.734, 0.266), (0.160, 0.840), (0.037, 0.0001), (0.3457, 0.3585))  # ProPhoto, D50
+    np.testing.assert_allclose(matrix @ np.ones(3), 1, atol=2e-3)
+    from_xyz = RNG.uniform(0.1, 1, (3, 3)) + np.eye(3)
+    np.testing.assert_allclose(camera_matrix(from_xyz) @ np.ones(3), 1, atol=1e-12)
+
+
+def test_high_dynamic_range_curves():
+    """BT.2408: reference white is 58 % of PQ and 75 % of HLG; PQ's code 1 is 10000 cd/m2, HLG's 1 is 1 / .265."""
+    assert float(pq(np.array(0.5807))) == pytest.approx(1, abs=0.002)
+    assert float(pq(np.array(1.0))) == pytest.approx(10000 / 203)
+    assert float(hlg(np.array(0.75))) == pytest.approx(1)
+    assert float(hlg(np.array(1.0))) == pytest.approx(1 / 0.2650, rel=1e-3)
+    assert float(hlg(np.array(0.5))) == pytest.approx((1 / 12) / 0.2650, rel=1e-3)
+
+
+def test_code_points_of_srgb_and_television_are_srgb():
+    for primaries, transfer in ((1, 13), (2, 2), (1, 1), (1, 6), (0, 255)):
+        assert coded(primaries, transfer) is SRGB
+
+
+def managed(samples, profile):
+    """What the colour management module makes of 8-bit samples, linear."""
+    source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
+    shown = ImageCms.profileToProfile(Image.fromarray(samples), source, target, ImageCms.Intent.RELATIVE_COLORIMETRIC)
+    return srgb_decode(np.asarray(shown) / 255)
+
+
+PARAMETRIC = b"para" + bytes(4) + struct.pack(">HH", 3, 0) + fixed(2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
+TABLE = b"curv" + bytes(4) + struct.pack(">I", 64) + (np.linspace(0, 1, 64) ** 1.8 * 65535).astype(">u2").tobytes()
+
+
+@pytest.mark.parametrize("primaries", [P3_PRIMARIES, ADOBE, PROPHOTO])
+@pytest.mark.parametrize("curve", [None, PARAMETRIC, TABLE])
+def test_profiles_do_what_a_colour_management_module_does(tmp_path, primaries, curve):
+    """Within its rounding to 8 bits, for colours within sRGB; a photo of a phone has the parametric curve."""
+    profile = icc("Some Thing", primaries, 2.2, curve)
+    samples = RNG.integers(90, 170, (20, 30, 3), dtype=np.uint8)
+    Image.fromarray(samples).save(tmp_path / "a.png", icc_profile=profile)
+    expected = managed(samples, profile)
+    inside = ((expected > 0) & (expected < 1)).all(axis=2)
+    assert inside.mean() > 0.5
+    found = read_ldr(tmp_path / "a.png")[0]
+    np.testing.assert_allclose(found[inside], expected[inside], atol=0.006)
+    assert foreign_encoding(tmp_path / "a.png") == "ICC profile Some Thing"
+
+
+@pytest.mark.parametrize("kind", range(5))
+def test_parametric_curves_of_every_kind(kind):
+    """The formulas of ICC.1:2022, table 68, written out."""
+    g, a, b, c, d, e, f = 2.2, 0.9, 0.1, 0.3, 0.2, 0.05, 0.02
+    values = {0: (g,), 1: (g, a, b), 2: (g, a, b, c), 3: (g, a, b, c, d), 4: (g, a, b, c, d, e, f)}[kind]
+    content = b"para" + bytes(4) + struct.pack(">HH", kind, 0) + fixed(*values)
+    x = np.linspace(0, 1, 101)
+    power = (a * x + b) ** g
+    expected = [x**g, power, power + c, np.where(x >= d, power, c * x), np.where(x >= d, power + e, c * x + f)][kind]
+    encoding = matrix_encoding(icc("x", P3_PRIMARIES, 1.0, content), "x")
+    np.testing.assert_allclose(encoding.curves[0](x), expected, atol=1e-4)
+
+
+def swapped():
+    """A profile whose table swaps red and blue, which no curves and matrix could say."""
+    grid = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    srgb = np.array([[0.4360, 0.3851, 0.1431], [0.2225, 0.7169, 0.0606], [0.0139, 0.0971, 0.7141]])
+    xyz = np.clip(grid[:, ::-1] @ srgb.T / (1 + 32767 / 32768), 0, 1)
+    head = b"mft2" + bytes(4) + bytes([3, 3, 2, 0]) + fixed(1, 0, 0, 0, 1, 0, 0, 0, 1) + struct.pack(">HH", 2, 2)
+    ramp = np.array([0, 65535] * 3, ">u2").tobytes()
+    return profile_of("Swapped", b"RGB ", {b"A2B0": head + ramp + (xyz * 65535).astype(">u2").tobytes() + ramp})
+
+
+@pytest.mark.parametrize("kind", ["png", "alpha.png", "tif", "deep.tif", "deep.png", "heic"])
+def test_profiles_of_tables_are_converted_too(tmp_path, kind):
+    profile = swapped()
+    assert icc_encoding(profile).profile == profile
+    path = tmp_path / f"a.{kind}"
+    red = np.zeros((16, 16, 4 if kind == "alpha.png" else 3), np.uint8)
+    red[..., 0] = red[..., 3:] = 255
+    if kind == "deep.tif":
+        tifffile.imwrite(path, red.astype(np.uint16) * 257, photometric="rgb", iccprofile=profile)
+    elif kind == "heic":
+        pillow_heif.from_pillow(Image.fromarray(red)).save(path, quality=100, chroma=444, icc_profile=profile)
+    elif kind == "deep.png":
+        write_png(path, red / 255, bits=16)
+        name = b"x\0\0" + zlib.compress(profile)
+        chunk = struct.pack(">I", len(name)) + b"iCCP" + name + struct.pack(">I", zlib.crc32(b"iCCP" + name))
+        path.write_bytes(path.read_bytes()[:33] + chunk + path.read_bytes()[33:])
+    else:
+        Image.fromarray(red).save(path, icc_profile=profile)
+    color, alpha = read_ldr(path)
+    assert color[4, 4, 2] > 0.9
+    assert color[4, 4, 0] < 0.1
+    assert (alpha is not None) == (kind == "alpha.png")
+
+
+def png_with(path, samples, *chunks):
+    buffer = io.BytesIO()
+    Image.fromarray(samples).save(buffer, "PNG")
+    data = buffer.getvalue()
+    for kind, content in chunks:
+        chunk = struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        data = data[:33] + chunk + data[33:]
+    path.write_bytes(data)
+    return path
+
+
+def test_png_gamma_chromaticities_and_code_points(tmp_path):
+    samples = RNG.integers(60, 200, (8, 8, 3), dtype=np.uint8)
+    linear = png_with(tmp_path / "a.png", samples, (b"gAMA", struct.pack(">I", 100000)))
+    np.testing.assert_allclose(read_ldr(linear)[0], samples / 255, atol=1e-6)
+    steep = png_with(tmp_path / "b.png", samples, (b"gAMA", struct.pack(">I", 55556)))
+    np.testing.assert_allclose(read_ldr(steep)[0], (samples / 255) ** 1.8, atol=1e-4)
+    p3 = struct.pack(">8I", 31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000)
+    wide = png_with(tmp_path / "c.png", samples, (b"cHRM", p3), (b"gAMA", struct.pack(">I", 45455)))
+    matrix = coded(12, 13).matrix
+    expected = np.maximum(srgb_decode(samples / 255) @ matrix.T, 0)
+    np.testing.assert_allclose(read_ldr(wide)[0], expected, atol=1e-3)
+    points = png_with(tmp_path / "d.png", samples, (b"cICP", bytes([12, 13, 0, 1])))
+    np.testing.assert_allclose(read_ldr(points)[0], expected, atol=1e-5)
+    assert foreign_encoding(points) == "Display P3"
+
+
+def test_cmyk_with_a_broken_profile_is_still_read(tmp_path):
+    Image.new("CMYK", (8, 8), (0, 0, 0, 0)).save(tmp_path / "a.jpg", icc_profile=b"nonsense" * 40)
+    np.testing.assert_allclose(read_ldr(tmp_path / "a.jpg")[0], 1, atol=0.01)
+    assert foreign_encoding(tmp_path / "a.jpg") == "ICC profile that cannot be read"
