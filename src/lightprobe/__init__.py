@@ -19,15 +19,17 @@ if TYPE_CHECKING:
     from lightprobe.evaluation import evaluate, relight
     from lightprobe.prediction import Predictor
     from lightprobe.reconstruction import decompose
+    from lightprobe.runs import prepare_scene as prepare
     from lightprobe.runs import train_run as train
     from lightprobe.scene import load_photo, load_scene
 
-__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "relight", "train"]
+__all__ = ["Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "prepare", "relight", "train"]
 
 # name -> its package, and its name there where that is another
 _HOME = {
     "Predictor": "prediction", "decompose": "reconstruction", "distill": "distillation", "evaluate": "evaluation",
-    "load_photo": "scene", "load_scene": "scene", "relight": "evaluation", "train": "runs:train_run",
+    "load_photo": "scene", "load_scene": "scene", "prepare": "runs:prepare_scene", "relight": "evaluation",
+    "train": "runs:train_run",
 }  # fmt: skip
 
 

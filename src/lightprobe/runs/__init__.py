@@ -14,20 +14,21 @@ if TYPE_CHECKING:
     from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
     from lightprobe.runs.outputs import export_run, relight_run, render_run
     from lightprobe.runs.predictions import PredictionFiles, predict_photos
+    from lightprobe.runs.preparing import prepare_scene
     from lightprobe.runs.progress import OnProgress
     from lightprobe.runs.training import distill_run, fit_run, train_run
 
 __all__ = [
     "BenchOptions", "EvaluatedRun", "EvaluationOptions", "OnProgress", "PredictionFiles", "distill_run",
-    "evaluate_run", "export_run", "fit_run", "predict_photos", "relight_run", "render_run", "run_bench", "train_run",
-    "write_pages",
+    "evaluate_run", "export_run", "fit_run", "predict_photos", "prepare_scene", "relight_run", "render_run",
+    "run_bench", "train_run", "write_pages",
 ]  # fmt: skip
 
 _HOME = {
     "BenchOptions": "bench", "EvaluatedRun": "evaluation", "EvaluationOptions": "evaluation", "OnProgress": "progress",
     "PredictionFiles": "predictions", "distill_run": "training", "evaluate_run": "evaluation", "export_run": "outputs",
-    "fit_run": "training", "predict_photos": "predictions", "relight_run": "outputs", "render_run": "outputs",
-    "run_bench": "bench", "train_run": "training", "write_pages": "bench",
+    "fit_run": "training", "predict_photos": "predictions", "prepare_scene": "preparing", "relight_run": "outputs",
+    "render_run": "outputs", "run_bench": "bench", "train_run": "training", "write_pages": "bench",
 }  # fmt: skip
 
 
