@@ -20,18 +20,20 @@ if TYPE_CHECKING:
     from lightprobe.localization import Locator, locate
     from lightprobe.prediction import Predictor
     from lightprobe.reconstruction import decompose
+    from lightprobe.runs import prepare_scene as prepare
     from lightprobe.runs import train_run as train
     from lightprobe.scene import load_photo, load_scene
 
 __all__ = [
-    "Locator", "Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "locate", "relight",
-    "train",
+    "Locator", "Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "locate", "prepare",
+    "relight", "train",
 ]  # fmt: skip
 
 # name -> its package, and its name there where that is another
 _HOME = {
     "Locator": "localization", "Predictor": "prediction", "decompose": "reconstruction", "distill": "distillation",
     "evaluate": "evaluation", "load_photo": "scene", "load_scene": "scene", "locate": "localization",
+    "prepare": "runs:prepare_scene",
     "relight": "evaluation", "train": "runs:train_run",
 }  # fmt: skip
 

@@ -11,6 +11,7 @@ from lightprobe.core.errors import LightprobeError
 # command -> (module, what it does); only the module of the command in use is imported
 COMMANDS = {
     "demo": ("training", "learn the bundled object and write a report, in minutes"),
+    "prepare": ("preparing", "find cameras and masks for a plain folder of photos"),
     "inspect": ("inspection", "show what was found in a folder of photos, and what is wrong with it"),
     "fit": ("training", "Phase I: mesh, materials and one environment per photo"),
     "distill": ("training", "Phase II: the predictor of light"),
@@ -27,6 +28,7 @@ COMMANDS = {
 _EXAMPLES = """\
 Examples:
   lightprobe demo
+  lightprobe prepare photos/cup -o scenes/cup
   lightprobe inspect photos/cup
   lightprobe train photos/cup -o runs/cup
   lightprobe eval runs/cup

@@ -14,21 +14,24 @@ if TYPE_CHECKING:
     from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
     from lightprobe.runs.locations import LocationFiles, locate_photos
     from lightprobe.runs.outputs import export_run, relight_run, render_run
-    from lightprobe.runs.predictions import PredictionFiles, predict_photos
+    from lightprobe.runs.predictions import PredictionFiles, predict_one_light, predict_photos
+    from lightprobe.runs.preparing import prepare_scene
     from lightprobe.runs.progress import OnProgress
     from lightprobe.runs.training import distill_run, fit_run, train_run
+    from lightprobe.runs.videos import predict_video
 
 __all__ = [
     "BenchOptions", "EvaluatedRun", "EvaluationOptions", "LocationFiles", "OnProgress", "PredictionFiles",
-    "distill_run", "evaluate_run", "export_run", "fit_run", "locate_photos", "predict_photos", "relight_run",
-    "render_run", "run_bench", "train_run", "write_pages",
+    "distill_run", "evaluate_run", "export_run", "fit_run", "locate_photos", "predict_one_light", "predict_photos",
+    "predict_video", "prepare_scene", "relight_run", "render_run", "run_bench", "train_run", "write_pages",
 ]  # fmt: skip
 
 _HOME = {
     "BenchOptions": "bench", "EvaluatedRun": "evaluation", "EvaluationOptions": "evaluation",
     "LocationFiles": "locations", "OnProgress": "progress", "PredictionFiles": "predictions",
     "distill_run": "training", "evaluate_run": "evaluation", "export_run": "outputs", "fit_run": "training",
-    "locate_photos": "locations", "predict_photos": "predictions", "relight_run": "outputs", "render_run": "outputs",
+    "locate_photos": "locations", "predict_one_light": "predictions", "predict_photos": "predictions",
+    "predict_video": "videos", "prepare_scene": "preparing", "relight_run": "outputs", "render_run": "outputs",
     "run_bench": "bench", "train_run": "training", "write_pages": "bench",
 }  # fmt: skip
 

@@ -10,6 +10,8 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.failures import writing
 from lightprobe.core.run import RunFolder
 from lightprobe.models import Decomposition
+from lightprobe.preparation import is_bare
+from lightprobe.runs.preparing import prepared_in
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.runs.stages import (
     UserMaps,
@@ -31,6 +33,7 @@ def train_run(
 ) -> RunFolder:  # fmt: skip
     """Train both phases on a folder of photos into the run folder `output`, and return the run.
 
+    scene_folder: a scene, or plain photos, of which a scene is then made in the run as by `prepare_scene`.
     decompose, distill, predict: the configurations of Phase I, Phase II and of predictions; by default the preset's.
     device: `auto`, `cpu`, `cuda`, or a device. seed: equal seeds give equal bits on a CPU.
     hdri: folder of .exr or .hdr environments, z up, that Phase II trains under as well.
@@ -41,11 +44,12 @@ def train_run(
     """
     second = distill or settings(preset).distill
     where, maps = resolve_device(device), UserMaps.read(None if hdri is None else Path(hdri), second)
-    scene = load_scene(Path(scene_folder))
+    scene = None if is_bare(Path(scene_folder)) else load_scene(Path(scene_folder))
     run = RunFolder.create(Path(output))
     with writing(run):
         if restart:
             restart_decompose(run)
+        scene = scene or load_scene(prepared_in(run, Path(scene_folder), on_progress))
         first = decompose or settings(preset).decompose
         found = run_decompose(run, scene, first, where, seed, on_progress)
         prediction = predict or settings(preset).predict
@@ -60,11 +64,12 @@ def fit_run(
     restart: bool = False, on_progress: OnProgress = silent,
 ) -> RunFolder:  # fmt: skip
     """Train Phase I alone; the rest as in `train_run`."""
-    where, scene = resolve_device(device), load_scene(Path(scene_folder))
+    where, scene = resolve_device(device), None if is_bare(Path(scene_folder)) else load_scene(Path(scene_folder))
     run = RunFolder.create(Path(output))
     with writing(run):
         if restart:
             restart_decompose(run)
+        scene = scene or load_scene(prepared_in(run, Path(scene_folder), on_progress))
         run_decompose(run, scene, decompose or settings(preset).decompose, where, seed, on_progress)
     return run
 

@@ -1,0 +1,54 @@
+"""What is worked out is kept beside the scene, so that the same command goes on: one file a step, each with its key.
+
+A key is the checksum of all that a step depends on. A file is written whole or not at all, and one of another key is
+as good as none.
+"""
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightprobe.core.files import named_file, write_bytes
+
+_VERSION = 1  # of all steps: raised when what they keep, or how they find it, changes
+
+
+def key_of(*parts: Any) -> str:
+    """Return the checksum of JSON values."""
+    text = json.dumps([_VERSION, *parts], sort_keys=True, default=str)
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+class Cache:
+    """The kept steps of a scene, in a folder of their own."""
+
+    def __init__(self, folder: Path):
+        self.folder = Path(folder)
+
+    def arrays(self, name: str, key: str, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        """Return the arrays, of any shape, of step `name`: those kept under `key`, or those that `make` returns."""
+        path = named_file(self.folder, name, ".npz")
+        found = _read(path, key)
+        if found is not None:
+            return found
+        values = dict(make())
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **{**values, "key": np.array(key)})  # type: ignore[arg-type]
+        write_bytes(path, buffer.getvalue())
+        return values
+
+
+def _read(path: Path, key: str) -> dict[str, np.ndarray] | None:
+    """Return the arrays (of any shape) of a file, None when there is none, it is damaged or it has another key."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            if str(stored["key"]) != key:
+                return None
+            return {name: stored[name] for name in stored.files if name != "key"}
+    except (OSError, ValueError, KeyError, EOFError):
+        return None

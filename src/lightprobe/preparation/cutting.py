@@ -1,0 +1,58 @@
+"""The object cut out of one photo: graph cut with colour models of this photo, between what is known for sure.
+
+A trimap holds one of four labels for each pixel, OpenCV's: surely or probably background or object.
+"""
+
+import numpy as np
+import scipy
+
+from lightprobe.preparation.libraries import library
+
+BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = 0, 1, 2, 3  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
+_ROUNDS = 3  # of fitting colours and cutting
+_SMALLEST = 0.02  # of the largest piece's pixels: smaller pieces and holes are noise
+
+
+def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Return the object (h, w) bool in a photo (h, w, 3) uint8, by a trimap (h, w) uint8.
+
+    Where the trimap has no object or no background at all, it is the answer. Raises `ConfigError` without OpenCV.
+    """
+    cv2 = library("cv2")
+    box = _box(trimap != BACKGROUND)
+    if box is None:
+        return np.zeros(trimap.shape, bool)
+    labels = np.ascontiguousarray(trimap[box])
+    if (labels != BACKGROUND).all() or not (labels & 1).any():
+        return (trimap & 1).astype(bool)
+    cv2.setRNGSeed(seed)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    picture = np.ascontiguousarray(color[box][..., ::-1])
+    cv2.grabCut(picture, labels, None, *models, _ROUNDS, cv2.GC_INIT_WITH_MASK)
+    mask = np.zeros(trimap.shape, bool)
+    mask[box] = (labels & 1).astype(bool)
+    return tidy(mask)
+
+
+def tidy(mask: np.ndarray) -> np.ndarray:
+    """Return a mask (h, w) bool without specks and pinholes."""
+    for value in (True, False):
+        pieces, count = scipy.ndimage.label(mask == value)
+        if count > 1:
+            sizes = np.bincount(pieces.ravel())
+            sizes[0] = 0
+            largest = max(sizes.max(), mask.sum())
+            small = (sizes < _SMALLEST * largest) & (sizes > 0)
+            mask = np.where(small[pieces], not value, mask)
+    return mask
+
+
+def _box(chosen: np.ndarray) -> tuple[slice, slice] | None:
+    """Return the rows and columns around the chosen pixels (h, w) with a margin for a model of the background."""
+    if not chosen.any():
+        return None
+    rows, columns = np.flatnonzero(chosen.any(axis=1)), np.flatnonzero(chosen.any(axis=0))
+    margin = max(4, int(0.25 * max(np.ptp(rows), np.ptp(columns))))  # as wide as a quarter of the object
+    return slice(max(rows[0] - margin, 0), rows[-1] + margin + 1), slice(
+        max(columns[0] - margin, 0), columns[-1] + margin + 1
+    )

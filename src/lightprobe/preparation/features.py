@@ -1,0 +1,118 @@
+"""Features of photos under changing light: SIFT by COLMAP on pictures of even contrast, and which of two photos match.
+
+Descriptors are compared by their scalar product, as COLMAP stores them: 128 bytes each, of nearly equal length.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from lightprobe.preparation.libraries import library
+
+MOST = 2500  # features of a photo: twice as many take four times as long to match and registered no photo more
+_PEAK = 0.003  # contrast from which a blob is a feature, half of COLMAP's: objects are smoother than houses
+_RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
+_FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
+_FEW = 300  # features of a photo that are compared to find out which photos match at all
+PARTNERS = 24  # photos that each photo is matched with; all others, where there are few
+STILL = 0.004  # of the longer side: what moves less between two photos stands still in them
+
+
+@dataclass(frozen=True)
+class Features:
+    """The features of one photo, those of the largest blobs first."""
+
+    points: np.ndarray  # (N, 2) float32, pixels of the working picture: x, y
+    descriptors: np.ndarray  # (N, 128) uint8
+    width: int  # of the working picture
+    height: int
+
+    def select(self, chosen: np.ndarray) -> "Features":
+        """Return the features at `chosen` (N,) bool or (K,) int."""
+        return Features(self.points[chosen], self.descriptors[chosen], self.width, self.height)
+
+
+def find_features(grey: np.ndarray) -> Features:
+    """Return the features of a picture (H, W) uint8; raises `ConfigError` without pycolmap."""
+    pycolmap = library("pycolmap")
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = 1
+    options.sift.max_num_features = MOST
+    options.sift.peak_threshold = _PEAK
+    extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
+    found, descriptors = extractor.extract(pycolmap.Bitmap.from_array(np.ascontiguousarray(grey)))
+    rows = np.asarray(pycolmap.keypoints_to_matrix(found), np.float32).reshape(len(found), -1)
+    size = np.hypot(rows[:, 2], rows[:, 3]) if rows.shape[1] == 4 else np.hypot(rows[:, 2], rows[:, 4])
+    order = np.argsort(-size, kind="stable")[:MOST]
+    data = np.asarray(descriptors.data, np.uint8).reshape(len(found), 128)
+    return Features(rows[order, :2].copy(), data[order], grey.shape[1], grey.shape[0])
+
+
+def match(a: Features, b: Features) -> np.ndarray:
+    """Return the matches (M, 2) uint32 of two photos: features that are each other's nearest by a clear margin."""
+    if min(len(a.points), len(b.points)) < 2:
+        return np.zeros((0, 2), np.uint32)
+    scores = _unit(a.descriptors) @ _unit(b.descriptors).T
+    best, column = scores.max(dim=1)
+    back = scores.argmax(dim=0)
+    rows = torch.arange(len(best))
+    scores[rows, column] = -1.0
+    second = scores.max(dim=1).values
+    angle, runner_up = best.clamp(-1, 1).acos(), second.clamp(-1, 1).acos()
+    sure = (angle < _RATIO * runner_up) & (angle < _FURTHEST) & (back[column] == rows)
+    return torch.stack([rows[sure], column[sure]], 1).numpy().astype(np.uint32)
+
+
+def match_photos(photos: Sequence[Features], allowed: Sequence[np.ndarray] | None = None,
+                 on_pair: Callable[[int, int], None] = lambda done, total: None,
+                 ) -> dict[tuple[int, int], np.ndarray]:  # fmt: skip
+    """Return the matches (M, 2) uint32 of all pairs worth it, by the features' indices.
+
+    allowed: the features (N,) bool of each photo that may be matched; what is left out cannot take a match from others.
+    """
+    rows = [np.arange(len(f.points)) if allowed is None else np.flatnonzero(allowed[i]) for i, f in enumerate(photos)]
+    chosen = [features.select(kept) for features, kept in zip(photos, rows, strict=True)]
+    pairs, found = likely_pairs(chosen), {}
+    for done, (i, j) in enumerate(pairs):
+        matches = match(chosen[i], chosen[j])
+        found[i, j] = np.stack([rows[i][matches[:, 0]], rows[j][matches[:, 1]]], 1).astype(np.uint32)
+        on_pair(done + 1, len(pairs))
+    return found
+
+
+def moved(a: Features, b: Features, matches: np.ndarray) -> np.ndarray:
+    """Return which matches (M, 2) are at another place in the second photo, (M,) bool."""
+    shift = np.abs(_relative(a)[matches[:, 0]] - _relative(b)[matches[:, 1]])
+    return shift.max(axis=1, initial=0.0) > STILL
+
+
+def _relative(features: Features) -> np.ndarray:
+    return features.points / max(features.width, features.height)
+
+
+def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
+    """Return the pairs (i, j), i < j, that are worth matching: all, or where photos are many each one's best partners.
+
+    Found by matching the largest features alone; what stands still counts little, as between photos from one tripod it
+    would drown what does not.
+    """
+    count = len(photos)
+    everything = [(i, j) for i in range(count) for j in range(i + 1, count)]
+    if count <= 2 * PARTNERS:
+        return everything
+    small = [features.select(np.arange(min(_FEW, len(features.points)))) for features in photos]
+    scores = np.zeros((count, count))
+    for i, j in everything:
+        found = match(small[i], small[j])
+        away = moved(small[i], small[j], found).sum()
+        scores[i, j] = scores[j, i] = away + 0.1 * (len(found) - away)
+    near = np.argsort(-scores, axis=1, kind="stable")[:, :PARTNERS]
+    chosen = {(min(i, int(j)), max(i, int(j))) for i in range(count) for j in near[i] if scores[i, j] > 0}
+    return sorted(chosen)
+
+
+def _unit(descriptors: np.ndarray) -> torch.Tensor:
+    rows = torch.from_numpy(descriptors).float()
+    return rows / rows.norm(dim=1, keepdim=True).clamp_min(1e-6)

@@ -1,0 +1,147 @@
+"""Structure from motion by COLMAP from features and matches that are already found."""
+
+import os
+import tempfile
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightprobe.preparation.features import Features
+from lightprobe.preparation.libraries import library
+from lightprobe.preparation.solution import Solution
+
+Pair = tuple[int, int]
+Matches = Mapping[Pair, np.ndarray]
+
+FEWEST_MATCHES = 15  # of a pair that may count
+_FALLBACK_FOCAL = 1.2  # in the longer side, where nothing tells: COLMAP's
+_LARGEST_BEND = 0.6  # k beyond which no lens with a name is; what goes there has come apart
+_STOP = 1e-6  # relative change of the error that ends an adjustment
+_INIT_INLIERS, _INIT_DEGREES = 60, 8.0  # of the first pair: objects have fewer features than houses
+_POSE_INLIERS, _POSE_SHARE = 20, 0.2  # of a photo that is added
+_TRIALS = 1500  # of a pair's geometry: 10000, COLMAP's, take three times as long and found no match more
+
+
+class Lenses(StrEnum):
+    """Which photos are taken to have one focal length and lens."""
+
+    AS_TOLD = "as the files tell"
+    """Those of equal size and focal length, which is what EXIF says."""
+    BY_SIZE = "one for each size of photo"
+    EACH_ITS_OWN = "one for each photo"
+
+
+def reconstruct(photos: Sequence[Features], matches: Matches, focal: Sequence[float | None], lenses: Lenses,
+                seed: int = 0) -> list[Solution]:  # fmt: skip
+    """Return the models that COLMAP makes of matches (M, 2), the one with most photos first; empty when there is none.
+
+    focal: focal length over the longer side of each photo, None where unknown. One thread, so that equal seeds give
+    equal models. Raises `ConfigError` without pycolmap.
+    """
+    pycolmap = library("pycolmap")
+    with tempfile.TemporaryDirectory() as folder:
+        database = Path(folder) / "database.db"
+        pycolmap.set_random_seed(seed)
+        _write(pycolmap, database, photos, matches, focal, lenses)
+        verifier, geometry = pycolmap.GeometricVerifierOptions(), pycolmap.TwoViewGeometryOptions()
+        verifier.num_threads = os.cpu_count() or 1  # each pair is seeded for itself
+        geometry.ransac.random_seed, geometry.ransac.max_num_trials = seed, _TRIALS
+        pycolmap.geometric_verification(database, verifier, two_view_geometry_options=geometry)
+        if lenses is not Lenses.AS_TOLD or not any(focal):
+            calibration = pycolmap.ViewGraphCalibrationOptions()
+            calibration.random_seed = seed
+            pycolmap.calibrate_view_graph(database, calibration)
+        models = pycolmap.incremental_mapping(database, folder, folder, _options(pycolmap, lenses, seed))
+        found = [_solution(model) for model in models.values()]
+    return sorted(found, key=lambda model: -len(model.photo))
+
+
+def _options(pycolmap: Any, lenses: Lenses, seed: int) -> Any:
+    """Return COLMAP's settings; a lens that photos merely are thought to share, or that few tell of, is straight."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed, options.extract_colors = 1, seed, False
+    options.min_model_size, options.max_num_models = 4, 6
+    options.ba_global_function_tolerance = options.ba_local_function_tolerance = _STOP
+    options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = lenses is Lenses.AS_TOLD
+    options.max_extra_param = _LARGEST_BEND
+    options.mapper.max_extra_param = options.triangulation.max_extra_param = _LARGEST_BEND
+    options.mapper.init_min_num_inliers, options.mapper.init_min_tri_angle = _INIT_INLIERS, _INIT_DEGREES
+    options.mapper.abs_pose_min_num_inliers, options.mapper.abs_pose_min_inlier_ratio = _POSE_INLIERS, _POSE_SHARE
+    return options
+
+
+def _write(pycolmap: Any, path: Path, photos: Sequence[Features], matches: Matches, focal: Sequence[float | None],
+           lenses: Lenses) -> None:  # fmt: skip
+    """Write the database that COLMAP works on; the photo of index i is image i + 1."""
+    groups: dict[Any, int] = {}
+    database = pycolmap.Database.open(path)
+    for index, features in enumerate(photos):
+        size, told = (features.width, features.height), focal[index]
+        key = {
+            Lenses.AS_TOLD: (size, None if told is None else round(told, 3)),
+            Lenses.BY_SIZE: size,
+            Lenses.EACH_ITS_OWN: index,
+        }[lenses]
+        if key not in groups:
+            groups[key] = _write_camera(pycolmap, database, size, told if lenses is Lenses.AS_TOLD else None)
+        image = pycolmap.Image(name=f"{index}", camera_id=groups[key], image_id=index + 1)
+        database.write_image(image, use_image_id=True)
+        frame = pycolmap.Frame()
+        frame.rig_id, frame.frame_id = groups[key], index + 1
+        frame.add_data_id(image.data_id)
+        database.write_frame(frame, use_frame_id=True)
+        database.write_keypoints(index + 1, features.points)
+    for (i, j), rows in matches.items():
+        if len(rows) >= FEWEST_MATCHES:
+            database.write_matches(i + 1, j + 1, rows)
+    database.close()
+
+
+def _write_camera(pycolmap: Any, database: Any, size: tuple[int, int], told: float | None) -> int:
+    """Write a camera, and the rig that COLMAP wants around it; return their number."""
+    focal = (told or _FALLBACK_FOCAL) * max(size)
+    camera = pycolmap.Camera.create_from_model_id(0, pycolmap.CameraModelId.SIMPLE_RADIAL, focal, *size)
+    camera.has_prior_focal_length = told is not None
+    camera.camera_id = database.write_camera(camera)
+    rig = pycolmap.Rig()
+    rig.rig_id = camera.camera_id
+    rig.add_ref_sensor(camera.sensor_id)
+    database.write_rig(rig, use_rig_id=True)
+    return camera.camera_id
+
+
+def _solution(model: Any) -> Solution:
+    """Return COLMAP's model with OpenGL's axes."""
+    images = sorted((model.image(number) for number in model.reg_image_ids()), key=lambda image: int(image.name))
+    poses, lens, sizes = [], [], []
+    for image in images:
+        to_camera = np.eye(4)
+        to_camera[:3] = image.cam_from_world().matrix()
+        poses.append(np.linalg.inv(to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0]))
+        lens.append(image.camera.params)
+        sizes.append((image.camera.width, image.camera.height))
+    index = {number: int(model.image(number).name) for number in model.reg_image_ids()}
+    points = [model.points3D[number] for number in sorted(model.points3D)]
+    sightings = [
+        (index[element.image_id], element.point2D_idx, row)
+        for row, point in enumerate(points) for element in point.track.elements
+    ]  # fmt: skip
+    table = np.array(sightings, np.int64).reshape(-1, 3)
+    return Solution(
+        np.array([int(image.name) for image in images], np.int64), np.array(poses), np.array(lens),
+        np.array(sizes, np.int64), np.array([point.xyz for point in points]).reshape(-1, 3),
+        np.array([point.error for point in points]), table[:, 0], table[:, 1], table[:, 2],
+    )  # fmt: skip
+
+
+def match_counts(matches: Matches) -> dict[int, int]:
+    """Return by the index of a photo how many matches (M, 2) it has with its best partner."""
+    best: dict[int, int] = defaultdict(int)
+    for pair, rows in matches.items():
+        for photo in pair:
+            best[photo] = max(best[photo], len(rows))
+    return dict(best)

@@ -1,0 +1,225 @@
+"""Masks of all photos from their cameras, the sparse points, and what is known of the object in one photo or none.
+
+First the points are told apart: those of the object mark it in every photo, as no point of it shows beside it; those
+of the background mark the photos that see them. Graph cuts between these marks give first masks. Then the masks carve
+a visual hull, which says where in each photo the others have the object, and every photo is cut anew near the hull's
+outline, closer in each round.
+
+All pictures are as through a pinhole; masks (h, w) bool have the pictures' size.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from lightprobe.core.errors import InputError
+from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut
+from lightprobe.preparation.solution import Solution
+from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.consistency import fitted_hull, overlap, silhouette
+from lightprobe.scene.hull import Hull
+from lightprobe.scene.normalise import find_similarity
+
+MARGINS = (0.08, 0.05, 0.03)  # of the object's size: how far from the hull's outline each round looks
+_RESOLUTION = 96  # voxels along an edge of the hull
+_DEEP = 1.5  # margins inside the hull from which a pixel is surely the object
+_DOT = 0.012  # of the longer side: radius around a point that has its label
+_REACH = 1.35  # radii of the object's points within which it may reach
+_BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
+_FEWEST = 12  # points from which the object's place is known
+_SHARP_POINT = 2.0  # pixels of mean error up to which a point is trusted
+
+
+@dataclass(frozen=True)
+class View:
+    """One photo to cut."""
+
+    camera: Camera  # of the small picture
+    color: np.ndarray  # (h, w, 3) uint8 sRGB
+    given: np.ndarray | None  # (h, w) bool: the mask where it is known
+    fixed: bool  # the given mask stays as it is; otherwise it is a hint like any other
+
+
+@dataclass(frozen=True)
+class Cutout:
+    """Masks and what the hull says to them."""
+
+    masks: dict[int, np.ndarray]  # (h, w) bool by photo
+    agreement: dict[int, float]  # IoU of mask and hull
+    similarity: Similarity | None
+    hull: Hull | None
+
+
+def object_points(solution: Solution, views: Mapping[int, View], everything: bool) -> np.ndarray:
+    """Return +1 for points on the object, -1 for points off it, 0 for unknown ones, (P,) int8.
+
+    everything: all points belong to the object, as in what moves before a still background. With masks given, what
+    shows outside of one is off the object; without, the object is what the cameras look at.
+    Raises `InputError` where no point is left for the object.
+    """
+    sharp = solution.errors <= _SHARP_POINT
+    hinted = {index: view for index, view in views.items() if view.given is not None}
+    inside = np.zeros(len(solution.points), int)
+    outside = np.zeros(len(solution.points), bool)
+    for view in hinted.values():
+        visible, shown = _at(view.camera, view.given, solution.points)
+        inside += visible & shown
+        outside |= visible & ~shown
+    candidate = sharp & ~outside & ((inside > 0) | (len(hinted) == 0))
+    if not hinted and not everything:
+        center, radius = _looked_at(views)
+        candidate &= np.linalg.norm(solution.points - center, axis=1) < radius
+    elif hinted and not everything:
+        candidate &= _seen_inside(solution, hinted, candidate)
+    if candidate.sum() < _FEWEST:
+        raise InputError(
+            "No points of the object were found: give a mask or a box of it in one photo that shows it well, "
+            "with --hint PHOTO=MASK.png or --hint PHOTO=x0,y0,x1,y1."
+        )
+    return _within_reach(solution.points, candidate, outside, everything)
+
+
+def _seen_inside(solution: Solution, hinted: Mapping[int, View], candidate: np.ndarray) -> np.ndarray:
+    """Return which candidate points lie near those that a hinted photo itself saw inside its mask, (P,) bool.
+
+    Others merely lie behind or before the object in that photo.
+    """
+    own = np.zeros(len(solution.points), bool)
+    for photo in hinted:
+        own[solution.seen[solution.seen_by == photo]] = True
+    own &= candidate
+    if own.sum() < _FEWEST:
+        return candidate
+    center = np.median(solution.points[own], axis=0)
+    radius = np.quantile(np.linalg.norm(solution.points[own] - center, axis=1), 0.9)
+    return np.linalg.norm(solution.points - center, axis=1) < 2 * radius  # its back lies behind what the photo saw
+
+
+def _within_reach(points: np.ndarray, candidate: np.ndarray, outside: np.ndarray, everything: bool) -> np.ndarray:
+    """Return labels (P,) int8: candidates in their own bulk are the object, what is far from it is not."""
+    center = np.median(points[candidate], axis=0)
+    distance = np.linalg.norm(points - center, axis=1)
+    radius = _REACH * np.quantile(distance[candidate], 0.9)
+    labels = np.where(candidate & (distance < radius), 1, 0).astype(np.int8)
+    if not everything:
+        labels[(distance > _REACH * radius) | outside] = -1
+    return labels
+
+
+def _looked_at(views: Mapping[int, View]) -> tuple[np.ndarray, float]:
+    """Return the point (3,) nearest to all optical axes, and the radius of the ball around it that photos show."""
+    places = np.stack([view.camera.position for view in views.values()])
+    axes = np.stack([-view.camera.camera_to_world[:3, 2] for view in views.values()])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    center = np.linalg.lstsq(across.sum(0), (across @ places[:, :, None]).sum(0)[:, 0], rcond=None)[0]
+    radii = []
+    for view in views.values():
+        camera = view.camera
+        x, y, depth = camera.project(center[None])[0]
+        if depth > 0:
+            radii.append(min(x, camera.width - x, y, camera.height - y) * depth / camera.fx)
+    return center, _BALL * max(float(np.median(radii)) if radii else 0.0, 0.0)
+
+
+def _at(camera: Camera, mask: np.ndarray | None, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which points (P, 3) lie in the frame of a camera, and which of all show inside its mask, (P,) bool."""
+    x, y, depth = camera.project(points).T
+    visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+    shown = np.zeros(len(points), bool)
+    if mask is not None:
+        shown[visible] = mask[y[visible].astype(int), x[visible].astype(int)]
+    return visible, shown
+
+
+def first_trimap(view: View, solution: Solution, labels: np.ndarray, photo: int) -> np.ndarray:
+    """Return the trimap (h, w) uint8 of a photo by the points' labels (P,)."""
+    camera = view.camera
+    shape = (camera.height, camera.width)
+    dot = max(1.0, _DOT * max(shape))
+    mine = np.zeros(len(labels), bool)
+    mine[solution.seen[solution.seen_by == photo]] = True
+    on = _dots(camera, solution.points[labels == 1], shape)
+    off = _dots(camera, solution.points[(labels == -1) & mine], shape)
+    reach = _reach(camera, solution.points[labels == 1], shape)
+    near = scipy.ndimage.distance_transform_edt(~on) if on.any() else np.full(shape, np.inf)
+    trimap = np.where(reach, MAYBE_BACKGROUND, BACKGROUND).astype(np.uint8)
+    trimap[reach & (near < 5 * dot)] = MAYBE_OBJECT
+    if off.any():
+        trimap[scipy.ndimage.distance_transform_edt(~off) < dot] = BACKGROUND
+    trimap[near < dot] = OBJECT
+    return trimap
+
+
+def _dots(camera: Camera, points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Return a picture (h, w) bool of the pixels that points (P, 3) fall on."""
+    x, y, depth = camera.project(points).T
+    visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
+    picture = np.zeros(shape, bool)
+    picture[y[visible].astype(int), x[visible].astype(int)] = True
+    return picture
+
+
+def _reach(camera: Camera, points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Return where the object may show, (h, w) bool: within a ball around its points (P, 3)."""
+    center = (np.quantile(points, 0.02, axis=0) + np.quantile(points, 0.98, axis=0)) / 2
+    radius = _REACH * np.quantile(np.linalg.norm(points - center, axis=1), 0.98)
+    x, y, depth = camera.project(center[None])[0]
+    if depth <= radius:
+        return np.ones(shape, bool)
+    rows, columns = np.mgrid[: shape[0], : shape[1]] + 0.5
+    return (columns - x) ** 2 + (rows - y) ** 2 < (camera.fx * radius / np.sqrt(depth**2 - radius**2)) ** 2
+
+
+def cut_all(views: Mapping[int, View], solution: Solution, labels: np.ndarray) -> dict[int, np.ndarray]:
+    """Return the first masks (h, w) bool by the points' labels (P,)."""
+    return {
+        photo: view.given if view.fixed and view.given is not None
+        else cut(view.color, first_trimap(view, solution, labels, photo))
+        for photo, view in views.items()
+    }  # fmt: skip
+
+
+def carve(views: Mapping[int, View], masks: Mapping[int, np.ndarray]) -> Cutout:
+    """Return the hull of the masks (h, w) bool and its agreement with each; no hull where they do not fit together."""
+    photos = [photo for photo in masks if masks[photo].any()]
+    cameras, alphas = [views[photo].camera for photo in photos], [masks[photo].astype(np.float32) for photo in photos]
+    try:
+        similarity = find_similarity(cameras, alphas)
+    except InputError:
+        return Cutout(dict(masks), {}, None, None)
+    hull = fitted_hull(cameras, alphas, similarity, _RESOLUTION, agreement=None if len(photos) < 10 else 0.9)
+    agreement = {
+        photo: overlap(mask, silhouette(hull, views[photo].camera, similarity, mask.shape))
+        for photo, mask in masks.items()
+    }
+    return Cutout(dict(masks), agreement, similarity, hull)
+
+
+def silhouette_of(cutout: Cutout, view: View) -> np.ndarray:
+    """Return the hull's picture (h, w) bool in a photo; nothing where there is no hull."""
+    shape = (view.camera.height, view.camera.width)
+    if cutout.hull is None or cutout.similarity is None:
+        return np.zeros(shape, bool)
+    return silhouette(cutout.hull, view.camera, cutout.similarity, shape)
+
+
+def cut_near_hull(view: View, shape: np.ndarray, mask: np.ndarray, margin: float) -> np.ndarray:
+    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h, w)."""
+    if view.fixed and view.given is not None:
+        return view.given
+    if not shape.any():
+        return mask
+    size = np.sqrt(shape.sum())
+    width = max(2.0, margin * size)
+    within = scipy.ndimage.distance_transform_edt(np.pad(shape, 1, mode="edge"))[1:-1, 1:-1]
+    beyond = scipy.ndimage.distance_transform_edt(~shape)
+    trimap = np.where(mask, MAYBE_OBJECT, MAYBE_BACKGROUND).astype(np.uint8)
+    trimap[within > width] = MAYBE_OBJECT
+    trimap[within > _DEEP * width] = OBJECT
+    trimap[beyond > width] = BACKGROUND
+    if view.given is not None:  # a hint that may be coarse: surely where it and the hull agree
+        trimap[view.given & shape] = OBJECT
+        trimap[~view.given] = BACKGROUND
+    return cut(view.color, trimap)

@@ -1,0 +1,192 @@
+"""What a preparation leaves: the scene's files, and prepare.json, which says how they came about."""
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import checksum, named_file, read_json, remove, write_bytes, write_json
+from lightprobe.imaging import read_alpha, resize_area
+from lightprobe.preparation.contact import LOW_AGREEMENT, lost_cell, photo_cell
+from lightprobe.preparation.hints import find_photo
+from lightprobe.preparation.libraries import library
+from lightprobe.preparation.looking import Seen, reason_lost
+from lightprobe.preparation.mapping import Matches, match_counts
+from lightprobe.preparation.options import PrepareOptions
+from lightprobe.preparation.photos import SourcePhoto, copies, given_mask
+from lightprobe.preparation.rounds import WRITTEN, Cutting
+from lightprobe.preparation.solution import Solution
+from lightprobe.preparation.upright import (
+    Up,
+    extent_along,
+    parse_up,
+    rotation_to_z,
+    up_of_level_cameras,
+    up_of_photo,
+)
+from lightprobe.preparation.writing import full_size, straight, write_images, write_masks, write_sheet, write_transforms
+from lightprobe.scene.camera import Camera
+
+_FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
+_DOUBTFUL_HULL = 0.85  # mean IoU of masks and hull, likewise
+_FEWEST = 3  # photos with cameras that make a scene
+
+
+def write_scene(output: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches, cutting: Cutting,
+                options: PrepareOptions, on_progress: Callable[[str, int, int], None]) -> dict[str, Any]:  # fmt: skip
+    """Write images/, masks/, contact.png, prepare.json and at last transforms.json; return what prepare.json holds.
+
+    matches (M, 2) by pair. Raises `InputError` where too few photos have cameras.
+    """
+    if len(cutting.views) < _FEWEST:
+        raise InputError(
+            f"Only {len(cutting.views)} of {len(photos)} photos fit together; take more photos that overlap, sharp and "
+            "with less than 20 degrees between neighbours."
+        )
+    solution, up, scale = _upright(photos, cutting, options)
+    full = {i: full_size(camera, photos[i]) for i, camera in solution.cameras().items()}
+    remove(output / "transforms.json")  # what is not finished is no scene
+    bends = solution.distortion()
+    files = write_images({photos[i].name: (photos[i], full[i], bends[i]) for i in full}, output / "images")
+    _write_masks(output, photos, cutting, full, bends)
+    on_progress("scene", 1, 2)
+    lost = _lost(photos, seen, matches, cutting)
+    report = _report(photos, cutting, up, scale, lost)
+    _write_sheet(output / "contact.png", photos, seen, cutting, lost)
+    write_json(output / "prepare.json", report)
+    write_transforms(output / "transforms.json", {photos[i].name: camera for i, camera in full.items()}, files)
+    on_progress("scene", 2, 2)
+    return report
+
+
+def _upright(photos: Sequence[SourcePhoto], cutting: Cutting, options: PrepareOptions) -> tuple[Solution, Up, dict]:
+    """Return the solution with z up and in the user's unit, which way was up, and what is said of the scale."""
+    solution = cutting.choice.kept.solution
+    up = _find_up(photos, solution, options)
+    points = solution.points[cutting.labels == 1]
+    if cutting.cutout.hull is not None and cutting.cutout.similarity is not None:
+        hull = cutting.cutout.hull
+        points = cutting.cutout.similarity.invert(hull.centers(hull.occupancy))
+    factor, words = 1.0, "arbitrary: no photo tells how large things are; give --height"
+    if options.height is not None:
+        extent = extent_along(points, up.direction)
+        if extent <= 0:
+            raise InputError("--height cannot be used: the object's own height was not found in the photos.")
+        factor, words = options.height / extent, f"the object is {options.height:g} high"
+    rotation = rotation_to_z(up.direction, solution.pose)
+    return solution.mapped(rotation, factor), up, {"scale": words, "scale_factor": factor}
+
+
+def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: PrepareOptions) -> Up:
+    """Return which way is up, as told or from the cameras."""
+    if options.up_photo is None and options.up is None:
+        return up_of_level_cameras(solution.pose)
+    index = find_photo(photos, options.up_photo, "--up-photo") if options.up_photo else int(solution.photo[0])
+    rows = np.flatnonzero(solution.photo == index)
+    if not len(rows):
+        raise InputError(f"--up-photo {photos[index].path.name} has no camera; name a photo that was registered.")
+    pose = solution.pose[rows[0]]
+    if options.up is None:
+        return up_of_photo(pose, photos[index].path.name)
+    return Up(pose[:3, :3] @ parse_up(options.up), f"--up {options.up} in the axes of {photos[index].path.name}")
+
+
+def _write_masks(output: Path, photos: Sequence[SourcePhoto], cutting: Cutting, cameras: Mapping[int, Camera],
+                 bends: Mapping[int, float]) -> None:  # fmt: skip
+    """Write the masks at full size, those that the user corrected as they are, and what they were written as."""
+    corrected, folder = output / ".prepare" / "corrected", output / "masks"
+    record = output / ".prepare" / WRITTEN
+    masks = {}
+    for index, mask in cutting.masks.items():
+        photo = photos[index]
+        own = named_file(folder, photo.name, ".png")
+        kept = named_file(corrected, photo.name, ".png")
+        if photo.name in cutting.own and own.is_file() and not _as_written(own, record, photo.name):
+            write_bytes(kept, own.read_bytes())
+        masks[photo.name] = _full_mask(photo, mask, cameras[index], bends[index])
+    write_masks(masks, folder)
+    for name in cutting.own:
+        kept = named_file(corrected, name, ".png")
+        if kept.is_file():
+            shutil.copyfile(kept, named_file(folder, name, ".png"))
+    write_json(record, {name: checksum(named_file(folder, name, ".png")) for name in masks})
+
+
+def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -> np.ndarray:
+    """Return the mask (H, W) float32 of a photo at its full size: the user's own, or the small one (h, w) enlarged."""
+    given = given_mask(photo, read_alpha(photo.path) if photo.cutout else None)
+    if given is not None:
+        return straight(np.ascontiguousarray(given), camera, k)
+    return enlarged(mask.astype(np.float32), photo.height, photo.width)
+
+
+def _as_written(path: Path, record: Path, name: str) -> bool:
+    return record.is_file() and read_json(record).get(name) == checksum(path)
+
+
+def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Return a mask (h, w) at another size, (H, W) float32, with smooth outlines where it grows."""
+    if mask.shape[0] >= height:
+        return resize_area(mask, height, width)
+    cv2 = library("cv2")
+    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.7)  # as wide as a pixel: it rounds the steps
+    large = cv2.resize(soft, (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.clip((large - 0.5) * height / mask.shape[0] + 0.5, 0, 1).astype(np.float32)
+
+
+def _lost(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches, cutting: Cutting) -> dict[str, str]:
+    """Return why each photo without a camera has none."""
+    counts, again = match_counts(matches), copies(photos)
+    middle = float(np.median([each.sharpness for each in seen]))
+    return {
+        photo.name: reason_lost(photo, seen[index], counts.get(index, 0), middle, again.get(photo.name))
+        for index, photo in enumerate(photos)
+        if index not in cutting.views
+    }
+
+
+def _report(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapping[str, Any],
+            lost: Mapping[str, str]) -> dict[str, Any]:  # fmt: skip
+    agreement = {photos[i].name: round(value, 4) for i, value in cutting.cutout.agreement.items()}
+    mean = float(np.mean(list(agreement.values()))) if agreement else None
+    kept = cutting.choice.kept
+    return {
+        "registered": len(cutting.views), "total": len(photos), "without_camera": dict(lost),
+        "kept": kept.to_json(), "why": cutting.choice.why, "trap": cutting.choice.trap,
+        "tried": [candidate.to_json() for candidate in cutting.choice.tried],
+        "reprojection_error_px": float(kept.solution.errors.mean()) if len(kept.solution.errors) else None,
+        "mask_hull_iou_mean": mean, "mask_hull_iou": agreement,
+        "up": up.source, **scale, "masks_corrected": sorted(cutting.own),
+        "warnings": _warnings(photos, cutting, up, mean),
+    }  # fmt: skip
+
+
+def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: float | None) -> list[str]:
+    """Return the sentences about what may be wrong."""
+    found = [sentence for sentence in (cutting.choice.trap, up.doubt) if sentence]
+    if len(cutting.views) < _FEW_REGISTERED * len(photos):
+        found.append(
+            f"Only {len(cutting.views)} of {len(photos)} photos have cameras; prepare.json says why others have none."
+        )
+    if mean is None:
+        found.append("The masks do not fit together in space; look at contact.png and give a --hint.")
+    elif mean < _DOUBTFUL_HULL:
+        found.append(f"Masks and visual hull agree at IoU {mean:.2f} only; look at contact.png before training.")
+    low = [photos[i].name for i, value in cutting.cutout.agreement.items() if value < LOW_AGREEMENT]
+    if low and mean is not None:
+        found.append(f"{len(low)} masks disagree with the others, such as that of {low[0]}; correct them in masks/.")
+    return found
+
+
+def _write_sheet(path: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], cutting: Cutting,
+                 lost: Mapping[str, str]) -> None:  # fmt: skip
+    cells = [
+        photo_cell(photos[i].name, view.color, cutting.masks[i], cutting.cutout.agreement.get(i))
+        for i, view in cutting.views.items()
+    ]
+    by_name = {photo.name: index for index, photo in enumerate(photos)}
+    cells += [lost_cell(name, seen[by_name[name]].color, reason) for name, reason in lost.items()]
+    write_sheet(path, cells)

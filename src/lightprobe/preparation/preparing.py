@@ -1,0 +1,120 @@
+"""Plain photos in, a scene folder out: the steps in their order, each kept, and what they say in prepare.json."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.core.file_lock import locked_file
+from lightprobe.core.files import disk_errors
+from lightprobe.preparation.cache import Cache, key_of
+from lightprobe.preparation.candidates import choose, within_masks
+from lightprobe.preparation.hints import find_photo, read_hint
+from lightprobe.preparation.judging import inside_masks, moving_features, spread
+from lightprobe.preparation.keeping import kept_choice
+from lightprobe.preparation.looking import Seen, look_at, match_all, refuse_copies
+from lightprobe.preparation.options import PrepareOptions
+from lightprobe.preparation.output import write_scene
+from lightprobe.preparation.photos import FEWEST, SourcePhoto, list_photos
+from lightprobe.preparation.rounds import Cutting, cut_rounds, features_inside, own_masks
+
+OnProgress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What `prepare` made."""
+
+    folder: Path
+    report: dict[str, Any]  # the content of prepare.json
+
+    @property
+    def warnings(self) -> list[str]:
+        """Return the sentences about what may be wrong."""
+        return list(self.report["warnings"])
+
+
+def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions(),  # noqa: B008
+            on_progress: OnProgress = lambda stage, done, total: None) -> Prepared:  # fmt: skip
+    """Find cameras, masks and an upright frame for the photos in `folder`, and write a scene into `output`.
+
+    The scene has images/, masks/, transforms.json, prepare.json and contact.png; hidden in it lies what is worked out,
+    so that the same call goes on after an interruption, or with masks that were corrected in masks/.
+    Raises `InputError` for photos from which no scene can be made, `ConfigError` for options that cannot be used,
+    `ResourceError` when another process writes `output`.
+    """
+    photos = list_photos(Path(folder))
+    refuse_copies(photos, FEWEST)
+    hints = {} if options.hint is None else dict([read_hint(options.hint, photos)])
+    if options.up_photo is not None:
+        find_photo(photos, options.up_photo, "--up-photo")
+    output = Path(output)
+    _check_output(output)
+    with disk_errors(output):
+        (output / ".prepare").mkdir(parents=True, exist_ok=True)
+    with locked_file(
+        output / ".prepare" / "lock", f"{output} is being prepared by another process; wait for it to end."
+    ):
+        cache = Cache(output / ".prepare")
+        seen = []
+        for index, photo in enumerate(photos):
+            seen.append(look_at(photo, cache))
+            on_progress("features", index + 1, len(photos))
+        matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
+        cutting = _solve(photos, seen, matches, hints, options, cache, output, on_progress)
+        report = write_scene(output, photos, seen, matches, cutting, options, on_progress)
+    return Prepared(output, report)
+
+
+def _check_output(output: Path) -> None:
+    """Raise `ConfigError` for an output that is a file or a folder with something else in it."""
+    if output.exists() and not output.is_dir():
+        raise ConfigError(f"{output} is a file; choose another folder with -o.")
+    if (
+        output.is_dir()
+        and not (output / ".prepare").is_dir()
+        and any(not path.name.startswith(".") for path in output.iterdir())
+    ):
+        raise ConfigError(f"{output} is not empty and was not made by prepare; choose another folder with -o.")
+
+
+def _solve(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Mapping, hints: Mapping[int, np.ndarray],
+           options: PrepareOptions, cache: Cache, output: Path, on_progress: OnProgress) -> Cutting:  # fmt: skip
+    """Return cameras and masks: a reconstruction, masks by it, and a second one within masks where the first failed."""
+    features = [each.features for each in seen]
+    given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
+    known = {**given, **{index: mask >= 0.5 for index, mask in hints.items()}}
+    inside = _region(features, matches, known)
+    focal = [photo.focal_ratio for photo in photos]
+    key = key_of([photo.checksum for photo in photos], options.hint, options.seed, sorted(given))
+    choice = kept_choice(
+        cache, "cameras", key,
+        lambda: choose(features, matches, focal, inside, seed=options.seed,
+                       on_model=lambda name: on_progress(f"cameras: {name}", 0, 1)),
+    )  # fmt: skip
+    own = own_masks(photos, output)
+    cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
+    if all(photo.cutout for photo in photos):
+        return cutting  # nothing but the object was matched
+    otherwise = (
+        moving_features(features, matches) if choice.moving else [np.ones(len(f.points), bool) for f in features]
+    )
+    inside = features_inside(cutting, features, otherwise)
+    second = kept_choice(
+        cache, "cameras-within-masks", key_of(key, [key_of(flags.tolist()) for flags in inside]),
+        lambda: within_masks(features, focal, inside, choice, seed=options.seed),
+    )  # fmt: skip
+    if second.kept.name == choice.kept.name:
+        return replace(cutting, choice=second)
+    return cut_rounds(photos, seen, second, known, set(given), own, options, on_progress)
+
+
+def _region(features, matches, known):
+    """Return the features that are thought to lie on the object before there are masks, None where nothing tells."""
+    if not known:
+        return None
+    inside = inside_masks(features, known)
+    return inside if len(known) == len(features) else spread(inside, matches)

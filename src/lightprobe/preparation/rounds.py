@@ -1,0 +1,129 @@
+"""Masks in rounds: first cuts by what is known of the object, then cuts around the hull of all masks."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lightprobe.core.files import checksum, named_file, read_json
+from lightprobe.imaging import read_mask, resize_area
+from lightprobe.preparation.candidates import Choice
+from lightprobe.preparation.features import Features
+from lightprobe.preparation.looking import Seen
+from lightprobe.preparation.masks import (
+    MARGINS,
+    Cutout,
+    View,
+    carve,
+    cut_all,
+    cut_near_hull,
+    object_points,
+    silhouette_of,
+)
+from lightprobe.preparation.options import Masker, PrepareOptions
+from lightprobe.preparation.photos import SourcePhoto
+from lightprobe.preparation.rembg import rembg_mask
+from lightprobe.preparation.solution import straightened
+from lightprobe.preparation.writing import straight
+from lightprobe.scene.camera import Camera
+
+OnProgress = Callable[[str, int, int], None]
+WRITTEN = "written.json"  # in the hidden folder: checksums of the masks as they were written
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """Cameras and masks of a scene's photos, by the photos' index."""
+
+    choice: Choice
+    views: dict[int, View]
+    cutout: Cutout
+    labels: np.ndarray  # (P,) int8 of the solution's points: 1 on the object
+    own: frozenset[str] = frozenset()  # names of the photos whose mask the user corrected
+
+    @property
+    def masks(self) -> dict[int, np.ndarray]:
+        """Small masks (h, w) bool as through a pinhole."""
+        return self.cutout.masks
+
+
+def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choice, known: Mapping[int, np.ndarray],
+               fixed: set[int], own: Mapping[str, np.ndarray], options: PrepareOptions,
+               on_progress: OnProgress) -> Cutting:  # fmt: skip
+    """Return the masks of all photos that have a camera.
+
+    known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own: masks
+    (H, W) bool, by name, that the user corrected in the scene. Errors as in `object_points`.
+    """
+    views = {
+        int(index): _view(photos[index], seen[index], camera, k, known.get(index), index in fixed, own)
+        for (index, camera), k in zip(
+            choice.kept.solution.cameras().items(), choice.kept.solution.distortion().values(), strict=True
+        )
+    }
+    if all(view.fixed for view in views.values()):
+        cutout = carve(views, {index: view.given for index, view in views.items() if view.given is not None})
+        return Cutting(choice, views, cutout, np.ones(len(choice.kept.solution.points), np.int8), frozenset(own))
+    labels = object_points(choice.kept.solution, views, choice.moving)
+    if options.masker is Masker.REMBG:
+        masks = {i: v.given if v.fixed and v.given is not None else rembg_mask(v.color) for i, v in views.items()}
+    else:
+        masks = cut_all(views, choice.kept.solution, labels)
+    cutout = carve(views, masks)
+    for done, margin in enumerate(MARGINS):
+        if cutout.hull is None:
+            break
+        masks = {
+            index: cut_near_hull(view, silhouette_of(cutout, view), cutout.masks[index], margin)
+            for index, view in views.items()
+        }
+        cutout = carve(views, masks)
+        on_progress("masks", done + 1, len(MARGINS))
+    return Cutting(choice, views, cutout, labels, frozenset(own))
+
+
+def _view(photo: SourcePhoto, each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool,
+          own: Mapping[str, np.ndarray]) -> View:  # fmt: skip
+    """Return one photo as through a pinhole, with what is known of its mask."""
+    height, width = each.color.shape[:2]
+    small = camera.resized(width, height)
+    color = straight(each.color, small, k)
+    if photo.name in own:
+        return View(small, color, resize_area(own[photo.name].astype(np.float32), height, width) >= 0.5, True)
+    if known is None:
+        return View(small, color, None, False)
+    mask = known if known.shape == (height, width) else resize_area(known.astype(np.float32), height, width) >= 0.5
+    return View(small, color, straight(mask.astype(np.float32), small, k) >= 0.5, fixed)
+
+
+def features_inside(cutting: Cutting, photos: Sequence[Features], otherwise: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return which features lie inside the masks, (N,) bool for each photo; `otherwise` those of photos without one."""
+    cameras, bends = cutting.choice.kept.solution.cameras(), cutting.choice.kept.solution.distortion()
+    inside = []
+    for index, features in enumerate(photos):
+        mask = cutting.masks.get(index)
+        if mask is None or not mask.any():
+            inside.append(otherwise[index])
+            continue
+        points = straightened(features.points.astype(np.float64), cameras[index], bends[index])
+        scale = np.array([mask.shape[1] / features.width, mask.shape[0] / features.height])
+        columns, rows = np.clip(points * scale, 0, [mask.shape[1] - 1, mask.shape[0] - 1]).astype(int).T
+        inside.append(mask[rows, columns])
+    return inside
+
+
+def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarray]:
+    """Return the masks (H, W) bool, by name, that were changed in the scene since they were written there."""
+    record = output / ".prepare" / WRITTEN
+    if not record.is_file():
+        return {}
+    written, corrected = read_json(record), output / ".prepare" / "corrected"
+    found = {}
+    for photo in photos:
+        path, kept = named_file(output / "masks", photo.name, ".png"), named_file(corrected, photo.name, ".png")
+        if path.is_file() and checksum(path) != written.get(photo.name):
+            found[photo.name] = read_mask(path) >= 0.5
+        elif kept.is_file():
+            found[photo.name] = read_mask(kept) >= 0.5
+    return found

@@ -1,0 +1,112 @@
+"""The scene that comes out: photos without their lens' distortion, masks, and cameras in nerfstudio's layout."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from lightprobe.core.files import atomic_folder, atomic_path, named_file, write_json
+from lightprobe.imaging import read_ldr, srgb_encode, write_png
+from lightprobe.imaging.exif import read_exif
+from lightprobe.preparation.libraries import library
+from lightprobe.preparation.photos import SourcePhoto
+from lightprobe.preparation.solution import bent
+from lightprobe.scene.camera import Camera
+
+_SMALL_BEND = 0.5  # pixels up to which a photo is taken as it is
+_ORIENTATION = 0x0112  # number of the EXIF tag
+
+
+def bend_map(camera: Camera, k: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the pixels of a pinhole's picture lie in the lens' one: x and y, (H, W) float32, of centres."""
+    rows, columns = np.mgrid[: camera.height, : camera.width]
+    points = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], 1)
+    x, y = bent(points, camera, k).T
+    shape = (camera.height, camera.width)
+    return (x - 0.5).reshape(shape).astype(np.float32), (y - 0.5).reshape(shape).astype(np.float32)
+
+
+def straight(picture: np.ndarray, camera: Camera, k: float) -> np.ndarray:
+    """Return a picture (H, W) or (H, W, 3), any type, as a pinhole shows it; what the lens did not see is 0."""
+    if largest_bend(camera, k) <= _SMALL_BEND:
+        return picture
+    cv2 = library("cv2")
+    return cv2.remap(picture, *bend_map(camera, k), cv2.INTER_CUBIC if picture.ndim == 3 else cv2.INTER_LINEAR)
+
+
+def largest_bend(camera: Camera, k: float) -> float:
+    """Return by how many pixels the lens bends the corner farthest from the principal point."""
+    corners = np.array([(x, y) for x in (0.0, camera.width) for y in (0.0, camera.height)])
+    return float(np.linalg.norm(bent(corners, camera, k) - corners, axis=1).max())
+
+
+def write_images(photos: Mapping[str, tuple[SourcePhoto, Camera, float]], folder: Path) -> dict[str, str]:
+    """Write the photos, each with its full-size camera and the lens' k, into a new folder; return their file names."""
+    files = {}
+    with atomic_folder(folder) as temporary:
+        for name, (photo, camera, k) in photos.items():
+            copied = largest_bend(camera, k) <= _SMALL_BEND
+            file = named_file(temporary, name, photo.path.suffix.lower() if copied else ".png")
+            if copied:
+                shutil.copyfile(photo.path, file)
+            else:
+                _write_straight(photo, camera, k, file)
+            files[name] = file.name
+    return files
+
+
+def _write_straight(photo: SourcePhoto, camera: Camera, k: float, file: Path) -> None:
+    """Write one photo through a pinhole as PNG, with what EXIF says of its exposure."""
+    color, _ = read_ldr(photo.path)
+    encoded = np.clip(srgb_encode(np.clip(straight(color, camera, k), 0, 1)) * 255 + 0.5, 0, 255).astype(np.uint8)
+    exif = read_exif(photo.path)
+    exif[_ORIENTATION] = 1
+    Image.fromarray(encoded).save(file, format="PNG", exif=exif)
+
+
+def write_masks(masks: Mapping[str, np.ndarray], folder: Path) -> None:
+    """Write the masks (H, W) float32 as grey PNG into a new folder."""
+    with atomic_folder(folder) as temporary:
+        for name, mask in masks.items():
+            write_png(named_file(temporary, name, ".png"), np.repeat(mask[..., None], 3, axis=2), srgb=False)
+
+
+def write_transforms(path: Path, cameras: Mapping[str, Camera], files: Mapping[str, str]) -> None:
+    """Write the cameras of full-size photos, OpenGL axes, z up."""
+    frames: list[dict[str, Any]] = [
+        {
+            "file_path": f"images/{files[name]}", "mask_path": f"masks/{name}.png",
+            "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
+            "w": camera.width, "h": camera.height, "transform_matrix": camera.camera_to_world.tolist(),
+        }
+        for name, camera in cameras.items()
+    ]  # fmt: skip
+    write_json(path, {"camera_model": "PINHOLE", "frames": frames})
+
+
+def full_size(camera: Camera, photo: SourcePhoto) -> Camera:
+    """Return a working picture's camera for the photo itself; width and height may have been rounded apart."""
+    return replace(camera.resized(photo.width, photo.height), fy=camera.fx * photo.width / camera.width)
+
+
+def write_sheet(path: Path, cells: Sequence[tuple[str, np.ndarray, tuple[int, int, int]]]) -> None:
+    """Write a sheet of pictures (h, w, 3) uint8, each with its caption and the caption's colour, as PNG."""
+    from PIL import ImageDraw, ImageFont
+
+    side, caption, gap = 200, 18, 6
+    columns = max(4, int(np.ceil(np.sqrt(1.4 * len(cells)))))
+    rows = -(-len(cells) // columns)
+    sheet = Image.new("RGB", (columns * (side + gap) + gap, rows * (side + caption + gap) + gap), (24, 24, 24))
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
+    for index, (words, picture, ink) in enumerate(cells):
+        left, top = gap + index % columns * (side + gap), gap + index // columns * (side + caption + gap)
+        small = Image.fromarray(picture)
+        small.thumbnail((side, side))
+        sheet.paste(small, (left + (side - small.width) // 2, top + (side - small.height) // 2))
+        draw.text((left, top + side + 2), words[:32], fill=ink, font=font)
+    with atomic_path(path) as temporary:
+        sheet.save(temporary, format="PNG")

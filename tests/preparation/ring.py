@@ -1,0 +1,39 @@
+"""Points on a ball and cameras around it, as structure from motion would hand them on, without a single picture."""
+
+import numpy as np
+
+from lightprobe.preparation.features import Features
+from lightprobe.preparation.solution import Solution
+from lightprobe.scene.camera import Camera
+from tests.shapes import camera_at
+
+SIZE = 200
+
+
+def ring_cameras(count: int, height: float = 0.8) -> list[Camera]:
+    """Return level cameras around the origin."""
+    angles = 2 * np.pi * np.arange(count) / count
+    return [camera_at((3 * np.cos(a), 3 * np.sin(a), height), size=SIZE, focal=300) for a in angles]
+
+
+def ball_points(count: int, seed: int = 0) -> np.ndarray:
+    directions = np.random.default_rng(seed).normal(size=(count, 3))
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True) * 0.7
+
+
+def photographed(cameras: list[Camera], points: np.ndarray) -> tuple[list[Features], dict, Solution]:
+    """Return features, matches of neighbours and the true solution; every photo sees every point."""
+    features = [
+        Features(camera.project(points)[:, :2].astype(np.float32), np.zeros((len(points), 128), np.uint8), SIZE, SIZE)
+        for camera in cameras
+    ]
+    rows = np.repeat(np.arange(len(points), dtype=np.uint32)[:, None], 2, axis=1)
+    pairs = {(i, i + 1): rows for i in range(len(cameras) - 1)}
+    count = len(cameras)
+    solution = Solution(
+        np.arange(count), np.stack([c.camera_to_world for c in cameras]),
+        np.tile([300.0, SIZE / 2, SIZE / 2, 0.0], (count, 1)), np.full((count, 2), SIZE), points,
+        np.full(len(points), 0.3), np.repeat(np.arange(count), len(points)),
+        np.tile(np.arange(len(points)), count), np.tile(np.arange(len(points)), count),
+    )  # fmt: skip
+    return features, pairs, solution
