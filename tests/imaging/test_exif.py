@@ -157,6 +157,7 @@ def test_up_of_a_camera_that_looks_down_and_of_one_that_is_tilted(tmp_path):
         {},
         {_NOTE: b"Nikon\0" + bytes(40)},
         {_NOTE: apple_note(0, -3, 0)},
+        {_NOTE: apple_note(0, -0.3, 0)},
         {_NOTE: apple_note(0, -1, 0)[:40]},
         {_NOTE: apple_note(0, -1, 0), _LENS: "iPhone 12 front camera 2.71mm f/2.2"},
     ],
