@@ -27,9 +27,10 @@ _PLANE_RESOLUTION, _PLANE_UNIT, _PIXELS_X, _PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0
 _UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # mm of an inch, a centimetre and a millimetre
 _FILM_DIAGONAL = math.hypot(36, 24)  # mm
 _PLAUSIBLE_FOCAL = 0.2, 30.0  # of the longer side: fisheye lenses and telescopes lie beyond
-# Programs that scale a photo down write its new size, but not a new pitch: the size is the sensor's only where it is a
-# camera's, in pixels, and makes one of the usual widths of sensors, in mm
+# Programs that scale a photo down write its new size, but keep the pitch: the size is the sensor's only where it is a
+# camera's, in pixels, and makes one of the usual widths of sensors, in mm.
 _LEAST_PIXELS = 2000
+# The usual widths in mm, and by how much one may differ
 _SENSORS, _SENSOR_STEP = (53.4, 43.8, 36.0, 23.5, 22.3, 17.3, 13.2, 8.8, 7.5, 6.17), 0.03
 _AGREE = 0.1  # relative difference of two statements of one focal length, of which the second is rounded to mm
 _MAKER_NOTE, _LENS_MODEL = 0x927C, 0xA434  # numbers of EXIF tags
