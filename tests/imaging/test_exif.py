@@ -114,6 +114,15 @@ def test_focal_length_by_the_sensors_pitch(tmp_path):
     assert focal_ratio(centimetres) == pytest.approx(exact, rel=1e-4)
 
 
+def test_the_pitch_of_a_photo_that_was_scaled_down_is_none(tmp_path):
+    """A photo of 5184 pixels and 22.3 mm, whose size was rewritten, is not taken with a lens four times as long."""
+    tags = {_FOCAL: 50.0, _PITCH: 5184 / 22.3 * 25.4, _UNIT: 2}
+    assert focal_ratio(with_tags(tmp_path / "a.jpg", tags | {_WIDE: 1200, _HIGH: 800})) is None
+    assert focal_ratio(with_tags(tmp_path / "b.jpg", tags | {_WIDE: 2592, _HIGH: 1728})) is None
+    whole = with_tags(tmp_path / "c.jpg", tags | {_WIDE: 5184, _HIGH: 3456})
+    assert focal_ratio(whole) == pytest.approx(50 / 22.3, rel=1e-4)
+
+
 @pytest.mark.parametrize(
     "tags", [{}, {_FOCAL_35: 0}, {_FOCAL: 50.0}, {_FOCAL_35: 60000}, {_FOCAL: 50.0, _PITCH: 0.0, _WIDE: 6, _HIGH: 4}]
 )
@@ -157,6 +166,7 @@ def test_up_of_a_camera_that_looks_down_and_of_one_that_is_tilted(tmp_path):
         {},
         {_NOTE: b"Nikon\0" + bytes(40)},
         {_NOTE: apple_note(0, -3, 0)},
+        {_NOTE: apple_note(0, -0.3, 0)},
         {_NOTE: apple_note(0, -1, 0)[:40]},
         {_NOTE: apple_note(0, -1, 0), _LENS: "iPhone 12 front camera 2.71mm f/2.2"},
     ],

@@ -154,6 +154,7 @@ def test_heic_of_ten_bits(tmp_path):
     path = heic(tmp_path / "a.heic", samples, bits=10)
     color = read_ldr(path)[0]
     np.testing.assert_allclose(srgb_encode(centres(color)), centres(samples) / 65535, atol=3 / 1023)
+    np.testing.assert_allclose(color[8, 8], 1, atol=1e-6)
     assert PhotoFile(path).clipped_rows(0, 32)[8, 8].all()
 
 
@@ -213,6 +214,12 @@ def test_camera_raw_is_linear_in_the_cameras_white_balance(tmp_path):
     matrix = XYZ_TO_CAMERA @ SRGB_TO_XYZ
     expected = np.linalg.solve(matrix / matrix.sum(axis=1, keepdims=True), balanced)
     np.testing.assert_allclose(color[24, 50], np.maximum(expected, 0), atol=0.005)
+
+
+def test_white_of_camera_raw_is_the_sensors_and_not_the_photos_brightest(tmp_path):
+    path = write_dng(tmp_path / "a.dng", np.broadcast_to(0.9 * np.array(NEUTRAL), (48, 64, 3)))
+    np.testing.assert_allclose(read_ldr(path)[0][12:36, 12:52], 0.9, atol=0.002)
+    assert not PhotoFile(path).clipped_rows(0, 48).any()
 
 
 @pytest.mark.parametrize(("orientation", "column"), [(1, -8), (3, 8)])
@@ -328,6 +335,17 @@ def test_plain_srgb_keeps_its_bits(tmp_path):
         np.testing.assert_array_equal(read_ldr(tmp_path / f"a.{suffix}")[0], table[samples])
     write_png(tmp_path / "deep.png", RNG.random((4, 4, 3)), bits=16)
     assert foreign_encoding(tmp_path / "deep.png") is None
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_a_value_near_white_is_clipped_and_one_below_is_not(tmp_path, depth):
+    """.98 in linear light, as the photo's consumers have it: from 253 of 255 on."""
+    levels = 2**depth - 1
+    ramp = np.arange(256) * (levels // 255)
+    samples = np.dstack([ramp] * 3).astype(np.uint8 if depth == 8 else np.uint16)
+    tifffile.imwrite(tmp_path / "a.tif", samples, photometric="rgb")
+    clipped = PhotoFile(tmp_path / "a.tif").clipped_rows(0, 1)[0]
+    np.testing.assert_array_equal(clipped[:, 1], np.arange(256) >= 253)
 
 
 def test_lzw_tiff_of_other_programs(tmp_path):

@@ -115,6 +115,20 @@ def test_what_the_photo_does_not_show_is_not_covered(tmp_path):
     assert not pixels.clipped[0, 0].any()
 
 
+def test_no_background_bleeds_into_the_object(tmp_path):
+    """A grey object on green: wherever it covers a pixel in part, the colour is its own."""
+    view = views(3, zoom=1.6, size=SIZE)[1]
+    photo = bent_photo(tmp_path / "a.png", BARREL, view)
+    mask = np.asarray(Image.open(photo.image_path))[..., 3]
+    color = np.where(mask[..., None] > 0, (120, 120, 120), (0, 255, 0)).astype(np.uint8)
+    Image.fromarray(np.dstack([color, mask])).save(photo.image_path)
+    pixels, _ = load_pixels(photo)
+    part = (pixels.alpha > 0.05) & (pixels.alpha < 0.95)
+    assert part.sum() > 200
+    np.testing.assert_allclose(pixels.color[part], srgb_decode(120 / 255), rtol=1e-3)
+    assert not pixels.clipped.any()
+
+
 def test_the_middles_of_the_edges_stay_in_the_picture():
     """What lies at the middle of a photo's edge: at or within the edges of the picture, at one of them exactly."""
     camera = camera_of(views(3, zoom=1.6, size=SIZE)[1])

@@ -27,6 +27,11 @@ _PLANE_RESOLUTION, _PLANE_UNIT, _PIXELS_X, _PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0
 _UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # mm of an inch, a centimetre and a millimetre
 _FILM_DIAGONAL = math.hypot(36, 24)  # mm
 _PLAUSIBLE_FOCAL = 0.2, 30.0  # of the longer side: fisheye lenses and telescopes lie beyond
+# Programs that scale a photo down write its new size, but keep the pitch: the size is the sensor's only where it is a
+# camera's, in pixels, and makes one of the usual widths of sensors, in mm.
+_LEAST_PIXELS = 2000
+# The usual widths in mm, and by how much one may differ
+_SENSORS, _SENSOR_STEP = (53.4, 43.8, 36.0, 23.5, 22.3, 17.3, 13.2, 8.8, 7.5, 6.17), 0.03
 _AGREE = 0.1  # relative difference of two statements of one focal length, of which the second is rounded to mm
 _MAKER_NOTE, _LENS_MODEL = 0x927C, 0xA434  # numbers of EXIF tags
 _APPLE, _APPLE_ENTRIES = b"Apple iOS\0\0\x01MM", 14  # start of Apple's note, and where its entries begin
@@ -60,8 +65,8 @@ def read_orientation(path: Path) -> int | None:
 def focal_ratio(path: Path) -> float | None:
     """Return the focal length over the longer side of the whole picture, or None when the camera did not tell.
 
-    From the sensor's pitch and the focal length in mm, or from the equivalent of 35 mm film, by the diagonal (above);
-    the latter alone where the two disagree. Neither knows of later cropping; scaling changes nothing.
+    From the sensor's pitch and the focal length in mm, where these are a camera's own, or from the equivalent of 35 mm
+    film, by the diagonal (above); the latter alone where the two disagree. Neither knows of later cropping.
     """
     header = read_header(Path(path))
     tags = header.exif.get_ifd(EXIF_FOLDER)
@@ -117,7 +122,9 @@ def _by_pitch(tags: dict) -> float | None:
     unit = _UNITS.get(tags.get(_PLANE_UNIT, 2))
     if focal is None or resolution is None or width is None or height is None or unit is None:
         return None
-    return _plausible(focal * resolution / unit / max(width, height))
+    sensor = max(width, height) / resolution * unit
+    usual = any(abs(sensor / known - 1) <= _SENSOR_STEP for known in _SENSORS)
+    return _plausible(focal / sensor) if usual and max(width, height) >= _LEAST_PIXELS else None
 
 
 def _by_film(tags: dict, size: tuple[int, int]) -> float | None:
