@@ -2,7 +2,7 @@
 
     python examples/02_predict.py runs/pot src/lightprobe/assets/demo/test/r_000.png -o light.exr
 
-A photo of the run's own scene finds its camera in the run. Another one needs `--camera`: a JSON file as README
+A photo of the run's own scene finds its camera in the run. Another one takes `--camera`: a JSON file as README
 describes it, or a transforms file that names the photo.
 """
 

@@ -64,14 +64,15 @@ def in_input_frame(camera: Camera) -> Camera:
     return dataclasses.replace(camera, camera_to_world=pose)
 
 
-def photo_of(asset: Asset, camera: Camera, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def photo_of(asset: Asset, camera: Camera, seed: int, *, busy: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Return the linear photo (H, W, 3) by a normalised-frame camera under light number `seed`, and its mask (H, W)."""
     sky = torch.from_numpy(soft_sky(seed))
     light = Environment(equirect.to_cubemap(sky, 32))
     image, cover = relight(decomposition(asset), light, in_input_frame(camera))
     rays = torch.nn.functional.normalize(View.of(camera, CPU).rays(torch.arange(camera.height * camera.width)), dim=1)
     behind = equirect.sample(sky, rays).reshape(camera.height, camera.width, 3)
-    behind = behind * (0.6 + 0.4 * torch.sin(9 * rays.reshape(behind.shape)).sign())  # no smooth background is fair
+    if busy:  # a smooth background has no edges that could be taken for the object's
+        behind = behind * (0.6 + 0.4 * torch.sin(9 * rays.reshape(behind.shape)).sign())
     unit = 0.22 / float(image[cover > 0.5].mean())
     photo = (image + behind * (1 - cover[..., None])) * unit
     return photo.clamp(0, 1).numpy(), cover.numpy()

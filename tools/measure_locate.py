@@ -41,7 +41,7 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Scene
 
 _WRONG = 3.0  # pixels of 320
-_BACKGROUNDS, _NOISE = 12, 8  # photos without any object
+_OTHERS, _BACKGROUNDS, _NOISE = 4, 6, 4  # photos of each other scene, and without any object
 CPU = torch.device("cpu")
 
 
@@ -169,7 +169,7 @@ def wrong_files(subject: Subject, others: Sequence[Subject], folder: Path) -> It
     """Yield kind and file of photos without the subject's object."""
     for other in others:
         if other.name != subject.name:
-            yield from ((other.name, file) for file in other.files.values())
+            yield from ((other.name, file) for file in list(other.files.values())[:_OTHERS])
     lit = [photo for photo in subject.scene.test if photo.truth.environment is not None]
     for index, photo in enumerate(lit[:_BACKGROUNDS]):
         file = folder / "backgrounds" / f"{subject.name}_{index}.png"

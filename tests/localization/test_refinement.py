@@ -8,19 +8,21 @@ from lightprobe.localization.pose import mean_distance, moved
 from lightprobe.localization.refinement import fitted_light, refine
 from tests.painted_object import photo_of
 
-AWAY = np.array([0.03, -0.03, 0.04, 0.015, -0.02, 0.02, 0.0])
+SCATTER = np.array([0.06, 0.06, 0.06, 0.02, 0.02, 0.03, 0.0])  # radians, distances: starts of a search err so
 
 
 @pytest.mark.parametrize("seed", [20, 21])
-def test_a_pose_comes_back_under_any_light(known, camera, seed):
-    levels = Levels(photo_of(known.asset, camera, seed)[0])
-    points = known.mesh.vertices[::20].double().numpy()
-    start = moved(camera, AWAY)
-    near, _ = refine(known, levels, start, diameter=80, steps=8)
-    found, fit = refine(known, levels, near, diameter=120, steps=16)
-    assert mean_distance(start, camera, points) > 3
-    assert mean_distance(found, camera, points) < 0.6
-    assert fit.score > refine(known, levels, start, diameter=60, steps=0)[1].score + 0.5
+def test_poses_come_back_under_any_light(known, camera, seed):
+    levels, points = Levels(photo_of(known.asset, camera, seed)[0]), known.mesh.vertices[::20].double().numpy()
+    random, errors = np.random.default_rng(0), []
+    for _ in range(4):
+        start = moved(camera, random.normal(size=7) * SCATTER)
+        found = start
+        for diameter, steps in ((40, 3), (80, 5), (120, 6)):
+            found, fit = refine(known, levels, found, diameter=diameter, steps=steps)
+        assert fit.score > refine(known, levels, start, diameter=120, steps=0)[1].score + 0.3
+        errors.append(mean_distance(found, camera, points))
+    assert sum(error < 1.6 for error in errors) >= 3  # of 128 pixels: from there, finer steps go on
 
 
 def test_a_free_focal_length_is_found_as_well(known, camera, levels):
