@@ -3,6 +3,8 @@
 import builtins
 import contextlib
 import io
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -276,6 +278,29 @@ def test_damage_is_one_sentence(tmp_path, kind):
         with pytest.raises(InputError, match=r"a\..*\.$") as caught:
             read_ldr(path)
         assert "\n" not in str(caught.value)
+
+
+def test_a_heic_without_its_primary_picture(tmp_path):
+    data = bytearray(heic(tmp_path / "a.heic", patches()).read_bytes())
+    at = data.index(b"pitm") + 8  # ISO 14496-12: version and flags, then the number of the item
+    data[at : at + 2] = b"\x7f\x7f"
+    (tmp_path / "a.heic").write_bytes(data)
+    with pytest.raises(InputError, match=r"a\.heic cannot be decoded"):
+        image_size(tmp_path / "a.heic")
+
+
+def test_damaged_tiff_prints_nothing_of_its_own(tmp_path):
+    """In a process of its own, where nobody has set up logging."""
+    path = any_photo(tmp_path / "a.deep.tif")
+    data = bytearray(path.read_bytes())
+    start = int.from_bytes(data[4:8], "little")
+    following = start + 2 + 12 * int.from_bytes(data[start : start + 2], "little")
+    data[following : following + 4] = (10**9).to_bytes(4, "little")  # where a second page would be
+    path.write_bytes(data)
+    code = "import sys; from lightprobe.imaging import tiff; print(tiff.is_raw(sys.argv[1]))"
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+    assert "invalid page offset" not in done.stderr
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's, of odd tags

@@ -44,7 +44,8 @@ def _opened(path: Path) -> Any:
     library = photo_library("pillow_heif", path)
     with decode_errors(path):
         image = library.open_heif(str(path), convert_hdr_to_8bit=False)
-    check_pixels(path, *image.size)
+        width, height = image.size
+    check_pixels(path, width, height)
     return image
 
 

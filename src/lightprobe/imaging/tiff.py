@@ -4,6 +4,7 @@ Camera raw often is a TIFF inside; `is_raw` tells.
 """
 
 import io
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ _PHOTOMETRIC, _PROFILE, _DNG_VERSION = 262, 34675, 50706
 _MOSAIC, _LINEAR_RAW = 32803, 34892  # photometric interpretations of camera raw (DNG 1.4)
 _MOST_PAGES = 8  # looked through for a mosaic; raw files hold a few previews beside it
 _ASSOCIATED = 1  # an extra sample that is alpha, with colour premultiplied
+_SILENT = logging.NullHandler()
 _CR2 = b"CR\x02\0"  # at byte 8 of Canon's raw
 
 
@@ -70,6 +72,7 @@ def decode(path: Path) -> Samples:
 
 def _opened(path: Path) -> Any:
     library = photo_library("tifffile", path)
+    logging.getLogger("tifffile").addHandler(_SILENT)  # what matters of damage is raised
     with decode_errors(path), muted():
         try:
             return library.TiffFile(io.FileIO(path))
