@@ -7,7 +7,7 @@ from tyro.conf import Positional
 
 from lightprobe.cli.options import Seed, option
 from lightprobe.cli.progress import Meter
-from lightprobe.core.errors import ConfigError, printable
+from lightprobe.core.errors import printable
 from lightprobe.preparation import Masker, PrepareOptions
 from lightprobe.runs.preparing import prepare_scene
 
@@ -36,8 +36,6 @@ def prepare(
       lightprobe prepare photos/cup -o scenes/cup --hint IMG_12.jpg=820,400,2100,1900
       lightprobe prepare photos/cup -o scenes/cup --hint IMG_12.jpg=cup.png --up-photo IMG_3.jpg --height 0.12
     """
-    if height is not None and not 0 < height < float("inf"):
-        raise ConfigError(f"--height {height:g} is no length; give the object's height as a number above 0.")
     with Meter() as meter:
         options = PrepareOptions(hint, up, up_photo, height, masker, seed)
         prepared = prepare_scene(photos, output, options, on_progress=meter.update)

@@ -56,6 +56,11 @@ def list_photos(folder: Path) -> list[SourcePhoto]:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder." if folder.exists() else f"{folder} does not exist.")
+    if not is_bare(folder) and _images(folder):
+        raise InputError(
+            f"{folder} has cameras already; train on it with: lightprobe train {folder} -o RUN, or name the "
+            "folder of its photos alone to find them anew."
+        )
     paths = _images(folder)
     if len(paths) < FEWEST:
         raise InputError(

@@ -20,6 +20,7 @@ from lightprobe.preparation.options import PrepareOptions
 from lightprobe.preparation.output import write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, list_photos
 from lightprobe.preparation.rounds import Cutting, cut_rounds, features_inside, own_masks
+from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
 
@@ -49,6 +50,10 @@ def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions
     photos = list_photos(Path(folder))
     refuse_copies(photos, FEWEST)
     hints = {} if options.hint is None else dict([read_hint(options.hint, photos)])
+    if options.up is not None:
+        parse_up(options.up)
+    if options.height is not None and not 0 < options.height < float("inf"):
+        raise ConfigError(f"--height {options.height:g} is no length; give the object's height as a number above 0.")
     if options.up_photo is not None:
         find_photo(photos, options.up_photo, "--up-photo")
     output = Path(output)

@@ -71,17 +71,6 @@ def rotation_to_z(up: np.ndarray, poses: np.ndarray) -> np.ndarray:
     return np.stack([np.cross(y, up), y, up])
 
 
-def parse_scale(text: str) -> float:
-    """Return the height of the object in the user's units; raise `ConfigError` unless it is a number above 0."""
-    try:
-        height = float(text)
-    except ValueError:
-        height = 0.0
-    if not 0 < height < np.inf:
-        raise ConfigError(f"--height {text[:60]} is no length; give the object's height as a number above 0.")
-    return height
-
-
 def extent_along(points: np.ndarray, direction: Sequence[float] | np.ndarray) -> float:
     """Return how far points (P, 3) reach along a unit direction (3,)."""
     along = points @ np.asarray(direction)

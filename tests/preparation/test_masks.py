@@ -1,0 +1,105 @@
+"""A ball before clutter is cut out of every photo, told by one photo's box or by where the cameras look."""
+
+import numpy as np
+import pytest
+
+from lightprobe.core.errors import InputError
+from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut, tidy
+from lightprobe.preparation.masks import MARGINS, View, carve, cut_all, cut_near_hull, object_points, silhouette_of
+from lightprobe.scene.consistency import overlap
+from tests.preparation.ring import SIZE, ball_points, photographed, ring_cameras
+
+pytest.importorskip("cv2")
+
+
+def disc(camera, radius=0.7):
+    """The ball's true mask: a cone around the ray to its centre."""
+    rows, columns = np.mgrid[:SIZE, :SIZE] + 0.5
+    rays = np.stack([(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones((SIZE, SIZE))], -1)
+    rays = rays @ camera.camera_to_world[:3, :3].T
+    cosine = -(rays @ camera.position) / np.linalg.norm(rays, axis=-1) / np.linalg.norm(camera.position)
+    return cosine > np.sqrt(1 - (radius / np.linalg.norm(camera.position)) ** 2)
+
+
+@pytest.fixture(scope="module")
+def world():
+    """Views of a reddish ball before blue-green clutter, the points on it and around it, and true masks."""
+    cameras = ring_cameras(12)
+    rng = np.random.default_rng(3)
+    around = rng.normal(size=(150, 3))
+    around *= 2.2 / np.linalg.norm(around, axis=1, keepdims=True)
+    _, _, solution = photographed(cameras, np.concatenate([ball_points(150), around]))
+    views, truth = {}, {}
+    for index, camera in enumerate(cameras):
+        inside = disc(camera)
+        color = np.where(inside[..., None], [170, 70, 50], [60, 110, 120]) + rng.normal(0, 18, (SIZE, SIZE, 3))
+        views[index], truth[index] = View(camera, np.clip(color, 0, 255).astype(np.uint8), None, False), inside
+    return solution, views, truth
+
+
+def rounds(solution, views, labels):
+    masks = cut_all(views, solution, labels)
+    found = carve(views, masks)
+    for margin in MARGINS:
+        near = {i: cut_near_hull(v, silhouette_of(found, v), found.masks[i], margin) for i, v in views.items()}
+        found = carve(views, near)
+    return found
+
+
+def test_without_a_hint_it_is_what_the_cameras_look_at(world):
+    solution, views, truth = world
+    labels = object_points(solution, views, False)
+    assert (labels[:150] == 1).mean() > 0.9
+    assert (labels[150:] == -1).mean() > 0.9
+    found = rounds(solution, views, labels)
+    assert min(overlap(found.masks[i], truth[i]) for i in truth) > 0.93
+    assert np.mean(list(found.agreement.values())) > 0.93
+
+
+def test_a_box_in_one_photo_tells_points_apart(world):
+    solution, views, _ = world
+    box = np.zeros((SIZE, SIZE), bool)
+    rows, columns = np.nonzero(disc(views[4].camera))
+    box[rows.min() - 3 : rows.max() + 4, columns.min() - 3 : columns.max() + 4] = True
+    hinted = {**views, 4: View(views[4].camera, views[4].color, box, False)}
+    labels = object_points(solution, hinted, False)
+    assert (labels[:150] == 1).mean() > 0.9
+    assert not (labels[150:] == 1).any()
+
+
+def test_a_hint_that_shows_no_point_asks_for_a_better_one(world):
+    solution, views, _ = world
+    corner = np.zeros((SIZE, SIZE), bool)
+    corner[:2, :2] = True
+    with pytest.raises(InputError, match="--hint"):
+        object_points(solution, {**views, 0: View(views[0].camera, views[0].color, corner, False)}, False)
+
+
+def test_a_given_mask_stays_as_it_is(world):
+    solution, views, truth = world
+    mine = np.zeros((SIZE, SIZE), bool)
+    mine[50:90, 60:110] = True
+    fixed = {**views, 2: View(views[2].camera, views[2].color, mine, True)}
+    labels = object_points(solution, views, False)
+    found = rounds(solution, fixed, labels)
+    assert np.array_equal(found.masks[2], mine)
+    assert overlap(found.masks[5], truth[5]) > 0.9
+
+
+def test_a_cut_runs_between_what_is_sure():
+    color = np.full((60, 80, 3), 90, np.uint8)
+    color[20:40, 30:50] = 200
+    trimap = np.full((60, 80), BACKGROUND, np.uint8)
+    trimap[10:50, 20:60] = MAYBE_BACKGROUND
+    trimap[18:42, 28:52] = MAYBE_OBJECT
+    trimap[28:32, 38:42] = OBJECT
+    assert np.array_equal(cut(color, trimap), (color == 200).all(-1))
+    assert not cut(color, np.full((60, 80), BACKGROUND, np.uint8)).any()
+
+
+def test_specks_and_pinholes_go():
+    mask = np.zeros((60, 60), bool)
+    mask[10:50, 10:50] = True
+    clean = mask.copy()
+    mask[30, 30], mask[2, 2] = False, True
+    assert np.array_equal(tidy(mask), clean)

@@ -1,0 +1,112 @@
+"""From rendered photos of a turned object to a scene that loads, with structure from motion and all."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import read_mask, write_png
+from lightprobe.preparation import PrepareOptions, prepare
+from lightprobe.scene import load_scene
+from lightprobe.scene.camera import Camera
+from measure_prepare import compare, mask_overlaps, written_cameras
+from turntable_photos import render, write
+
+pytest.importorskip("pycolmap")
+pytest.importorskip("cv2")
+
+
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory):
+    """Photos of an object that was turned before a still background, each under another light, and their scene."""
+    folder = tmp_path_factory.mktemp("turntable")
+    write(render(24, 320), folder)
+    steps = []
+    prepared = prepare(folder / "images", folder / "scene", on_progress=lambda *step: steps.append(step))
+    return folder, prepared, steps
+
+
+@pytest.mark.slow
+def test_a_turned_object_is_reconstructed_and_the_trap_is_named(photographed):
+    folder, prepared, _ = photographed
+    report = prepared.report
+    assert report["registered"] >= 22
+    assert report["trap"].startswith("Trap: the background stands still")
+    true = {n: Camera.from_json(v, source=n) for n, v in json.loads((folder / "true_cameras.json").read_text()).items()}
+    turned, moved = compare(written_cameras(prepared.folder), true)
+    assert np.median(turned) < 2.0
+    assert np.median(moved) < 4.0
+    masks = {name: folder / "true_masks" / f"{name}.png" for name in true}
+    assert mask_overlaps(prepared.folder, masks).mean() > 0.85
+    assert (prepared.folder / "contact.png").stat().st_size > 10_000
+    scene = load_scene(prepared.folder)
+    assert len(scene.train) + len(scene.test) == report["registered"]
+
+
+@pytest.mark.slow
+def test_the_scene_stands_upright(photographed):
+    _, prepared, _ = photographed
+    cameras = list(written_cameras(prepared.folder).values())
+    assert min(camera.camera_to_world[2, 1] for camera in cameras) > 0.85  # all are held level, 25 degrees from above
+    assert max(abs(camera.camera_to_world[2, 0]) for camera in cameras) < 0.03
+
+
+@pytest.mark.slow
+def test_the_same_command_goes_on_and_keeps_a_corrected_mask(photographed):
+    folder, prepared, first = photographed
+    path = prepared.folder / "masks" / "p_003.png"
+    mine = np.zeros((320, 320, 3))
+    mine[100:220, 110:210] = 1
+    write_png(path, mine, srgb=False)
+    steps = []
+    again = prepare(folder / "images", prepared.folder, on_progress=lambda *step: steps.append(step))
+    assert again.report["masks_corrected"] == ["p_003"]
+    assert np.array_equal(read_mask(path) >= 0.5, mine[..., 0] == 1)
+    assert any(step[0] == "matches" for step in first)
+    assert not any(step[0] == "matches" for step in steps)  # kept
+    assert prepare(folder / "images", prepared.folder).report["masks_corrected"] == ["p_003"]
+
+
+def write_photos(folder, pictures):
+    folder.mkdir()
+    for index, picture in enumerate(pictures):
+        Image.fromarray(picture).save(folder / f"{index}.jpg", quality=90)
+    return folder
+
+
+def test_photos_that_show_nothing_in_common_are_one_sentence(tmp_path):
+    rng = np.random.default_rng(0)
+    noise = [np.kron(rng.integers(0, 256, (30, 30, 3), np.uint8), np.ones((4, 4, 1), np.uint8)) for _ in range(4)]
+    with pytest.raises(InputError, match="No cameras were found"):
+        prepare(write_photos(tmp_path / "photos", noise), tmp_path / "scene")
+    assert not (tmp_path / "scene" / "transforms.json").exists()
+
+
+def test_photos_without_anything_on_them_are_one_sentence(tmp_path):
+    flat = [np.full((90, 120, 3), 100 + 5 * i, np.uint8) for i in range(5)]
+    with pytest.raises(InputError, match="No cameras were found"):
+        prepare(write_photos(tmp_path / "photos", flat), tmp_path / "scene")
+
+
+def test_an_output_with_other_files_is_refused(tmp_path):
+    photos = write_photos(tmp_path / "photos", [np.full((90, 120, 3), 10 * i, np.uint8) for i in range(5)])
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("keep")
+    with pytest.raises(Exception, match="not made by prepare"):
+        prepare(photos, tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["letter.txt"]
+
+
+@pytest.mark.slow
+def test_another_process_cannot_prepare_the_same_scene(photographed, tmp_path):
+    from lightprobe.core.errors import ResourceError
+    from lightprobe.core.file_lock import locked_file
+
+    folder, _, _ = photographed
+    (tmp_path / ".prepare").mkdir()
+    with locked_file(tmp_path / ".prepare" / "lock", "busy"), pytest.raises(ResourceError, match="being prepared"):
+        prepare(folder / "images", tmp_path, PrepareOptions())
+    shutil.rmtree(tmp_path / ".prepare")

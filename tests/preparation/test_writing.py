@@ -1,0 +1,99 @@
+"""What is written is a scene that loads: straightened photos with their exposure, cameras, masks."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lightprobe.imaging import read_exif_ev100, read_ldr
+from lightprobe.preparation.output import enlarged
+from lightprobe.preparation.photos import SourcePhoto
+from lightprobe.preparation.solution import bent
+from lightprobe.preparation.writing import (
+    bend_map,
+    full_size,
+    largest_bend,
+    straight,
+    write_images,
+    write_masks,
+    write_sheet,
+    write_transforms,
+)
+from lightprobe.scene import load_scene
+from tests.preparation.ring import SIZE, ring_cameras
+
+pytest.importorskip("cv2")
+
+
+def source(path: Path) -> SourcePhoto:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0x829A: 0.01, 0x829D: 4.0, 0x8827: 100})
+    rows, columns = np.mgrid[:SIZE, :SIZE]
+    pixels = np.stack([rows, columns, 255 - rows], -1).astype(np.uint8)
+    Image.fromarray(pixels).save(path, quality=95, exif=exif)
+    return SourcePhoto(path.stem, path, SIZE, SIZE, "", None, None, False)
+
+
+def test_straightening_moves_every_pixel_to_where_a_pinhole_shows_it():
+    camera, k = ring_cameras(1)[0], 0.15
+    rows, columns = np.mgrid[:SIZE, :SIZE] + 0.5
+    picture = np.stack([columns, rows, rows], -1).astype(np.float32)
+    found = straight(picture, camera, k)
+    wanted = bent(np.array([[60.5, 90.5]]), camera, k)[0]
+    assert found[90, 60, :2] == pytest.approx(wanted, abs=0.05)
+    assert largest_bend(camera, k) > 3
+    assert bend_map(camera, 0.0)[0][5, 7] == pytest.approx(7)
+    assert straight(picture, camera, 1e-4) is picture
+
+
+def test_straight_photos_are_copied_and_bent_ones_keep_their_exposure(tmp_path):
+    camera = ring_cameras(1)[0]
+    photos = {name: source(tmp_path / f"{name}.jpg") for name in ("a", "b")}
+    files = write_images({"a": (photos["a"], camera, 0.0), "b": (photos["b"], camera, -0.2)}, tmp_path / "images")
+    assert files == {"a": "a.jpg", "b": "b.png"}
+    assert (tmp_path / "images" / "a.jpg").read_bytes() == (tmp_path / "a.jpg").read_bytes()
+    assert read_exif_ev100(tmp_path / "images" / "b.png") == pytest.approx(read_exif_ev100(tmp_path / "a.jpg"))
+    one, other = (read_ldr(tmp_path / "images" / files[name])[0] for name in ("a", "b"))
+    assert np.abs(one - other)[100, 100].max() < 0.02
+    assert np.abs(one - other)[10, 10].max() > 0.001
+
+
+def test_the_scene_loads_with_its_cameras(tmp_path):
+    cameras = {f"p{i}": camera for i, camera in enumerate(ring_cameras(8))}
+    photos = {name: (source(tmp_path / f"{name}.jpg"), camera, 0.0) for name, camera in cameras.items()}
+    scene = tmp_path / "scene"
+    files = write_images(photos, scene / "images")
+    rows, columns = np.mgrid[:SIZE, :SIZE]
+    disc = ((rows - 100) ** 2 + (columns - 100) ** 2 < 60**2).astype(np.float32)
+    write_masks(dict.fromkeys(cameras, disc), scene / "masks")
+    write_transforms(scene / "transforms.json", cameras, files)
+    loaded = load_scene(scene)
+    for photo in (*loaded.train, *loaded.test):
+        assert np.allclose(photo.camera.camera_to_world, cameras[photo.name].camera_to_world)
+        assert (photo.camera.fx, photo.camera.cx) == (300, 100)
+    assert loaded.similarity.center == pytest.approx(np.zeros(3), abs=0.05)
+
+
+def test_a_camera_of_a_small_picture_fits_its_photo(tmp_path):
+    photo = SourcePhoto("a", tmp_path / "a.jpg", 500, 400, "", None, None, False)
+    small = ring_cameras(1)[0].resized(250, 200)
+    found = full_size(small, photo)
+    assert (found.width, found.height, found.cx) == (500, 400, 250)
+    assert found.fy == pytest.approx(2 * small.fx)
+
+
+def test_a_small_mask_grows_in_place():
+    mask = np.zeros((40, 40), np.float32)
+    mask[10:30, 5:20] = 1
+    large = enlarged(mask, 160, 160)
+    assert large.shape == (160, 160)
+    assert ((large >= 0.5) != (np.kron(mask, np.ones((4, 4))) >= 0.5)).mean() < 0.003
+    assert large.max() == 1
+
+
+def test_the_sheet_has_a_cell_for_each_photo(tmp_path):
+    cells = [(f"p{i}", np.full((50, 80, 3), 200, np.uint8), (255, 255, 255)) for i in range(6)]
+    write_sheet(tmp_path / "s.png", cells)
+    picture = np.asarray(Image.open(tmp_path / "s.png"))
+    assert (picture == 200).all(-1).sum() >= 6 * 50 * 80
