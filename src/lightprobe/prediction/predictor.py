@@ -92,12 +92,13 @@ class Predictor:
 
     @torch.no_grad()
     def predict(
-        self, pixels: Pixels, camera: Camera, method: Method | None = None, *, refuse: bool = True
+        self, pixels: Pixels, camera: Camera, method: Method | None = None, *, refuse: bool = True, doubt: float = 0.0
     ) -> Prediction:
         """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
         On a CPU the same call gives the same bits.
         method: by default the first of `methods_for`. refuse: whether a photo may be refused; an evaluation scores all.
+        doubt: what is known to add to the error of ln radiance, such as of a doubtful pose; it lowers the confidence.
 
         Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
         `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
@@ -117,7 +118,9 @@ class Predictor:
             with clock.part("solve"):
                 light = _FITTED[method](self, observation, light)
         with clock.part("confidence"):
-            trust = confidence(observation, light, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+            trust = confidence(
+                observation, light, fitted=method in _FITTED, doubt=max(verdict.doubt, doubt), seed=self.seed
+            )
         return Prediction(Environment(light), trust, clock.finish(), verdict)
 
     def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:

@@ -74,14 +74,15 @@ class PhotoPredictions:
         """
         failures: list[str] = []
         for job, photo in zip(self._jobs, self._photos, strict=True):
-            location = None
+            location, doubt = None, 0.0
             try:
                 if photo is None:
                     location = self._located(job)
                     pixels, camera = location.located.pixels, location.located.camera
+                    doubt = location.located.verdict.doubt
                 else:
                     pixels, camera = load_pixels(photo)
-                prediction = self._predictor.predict(pixels, camera, self.method)
+                prediction = self._predictor.predict(pixels, camera, self.method, doubt=doubt)
             except InputError as error:
                 failures.append(f"{job.image} gets no map. {error}")
                 continue
