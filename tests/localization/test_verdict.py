@@ -28,6 +28,7 @@ def test_a_good_pose_needs_no_words():
 def test_each_finding_is_a_sentence(change, status, words):
     verdict = dataclasses.replace(FINE, **change)
     assert verdict.status is status
+    assert verdict.doubt > FINE.doubt == 0
     assert len(verdict.sentences) == 1
     assert words in verdict.sentences[0]
     assert verdict.to_json()["status"] == status.value

@@ -14,7 +14,7 @@ GOOD_SCORE = 1.75  # right poses: 1.62 and more; the best wrong ones, in photos 
 _NOTHING = 1.0  # below lie most photos without the object, and no right pose
 RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
 _INSIDE = 0.5  # share of the object in the photo, below which its pose rests on little
-_INLIERS = 12  # matches that agree about a pose: by chance up to 10 do
+_DOUBT = 0.3  # of ln radiance: as of a photo that is doubtful for other reasons (docs/decisions/photo-verdict.md)
 
 
 class PoseStatus(StrEnum):
@@ -48,6 +48,11 @@ class PoseVerdict:
     def sentences(self) -> tuple[str, ...]:
         """What made the status, and what to do about it; none for a good pose."""
         return tuple(sentence for status, sentence in self._findings() if status is self.status)
+
+    @property
+    def doubt(self) -> float:
+        """What this adds to the error to expect of ln radiance: 0 for a good pose."""
+        return 0.0 if self.status is PoseStatus.GOOD else _DOUBT
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON value: the measures, the status and the sentences."""

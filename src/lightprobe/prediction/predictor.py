@@ -97,13 +97,14 @@ class Predictor:
     @torch.no_grad()
     def predict(
         self, pixels: Pixels, camera: Camera, method: Method | None = None, *,
-        background: Background | None = None, refuse: bool = True,
+        background: Background | None = None, refuse: bool = True, doubt: float = 0.0,
     ) -> Prediction:  # fmt: skip
         """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
         On a CPU the same call gives the same bits.
         method: by default the first of `methods_for`. background: what the photo shows around the object; maps that
         are fitted to the photo follow it. refuse: whether a photo may be refused; an evaluation scores all.
+        doubt: what is known to add to the error of ln radiance, such as of a doubtful pose; it lowers the confidence.
 
         Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
         `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
@@ -112,12 +113,13 @@ class Predictor:
         with clock.part("rasterise"):
             observation = self._observe(pixels, camera, self.config.max_pixels)
             seen = None if background is None else self._seen(background)
-        return self._fitted([observation], observation, seen, method, clock, refuse)
+        return self._fitted([observation], observation, seen, method, clock, refuse, doubt)
 
     @torch.no_grad()
     def predict_together(
         self, photos: Sequence[tuple[Pixels, Camera]], method: Method | None = None, *,
         exposures: Sequence[float] | None = None, backgrounds: Sequence[Background | None] = (), refuse: bool = True,
+        doubt: float = 0.0,
     ) -> tuple[Prediction, Tensor]:  # fmt: skip
         """Return the one light that all `photos` were taken under, in the exposure of the first, and their exposures.
 
@@ -136,7 +138,7 @@ class Predictor:
             seen = [exposed(one, exposure) for one, exposure in zip(seen, relative, strict=True)]
             around = {number: self._seen(part) for number, part in enumerate(backgrounds) if part is not None}
             behind = SeenLight.joined(list(around.values()), relative[list(around)]) if around else None
-        return self._fitted(seen, joined(seen), behind, method, clock, refuse), relative
+        return self._fitted(seen, joined(seen), behind, method, clock, refuse, doubt), relative
 
     def _seen(self, background: Background) -> SeenLight:
         return SeenLight.of(background, self.config.light_resolution, self.device)
@@ -147,7 +149,7 @@ class Predictor:
 
     def _fitted(
         self, photos: Sequence[Observation], joint: Observation, seen: SeenLight | None, method: Method | None,
-        clock: "_Clock", refuse: bool,
+        clock: "_Clock", refuse: bool, doubt: float,
     ) -> Prediction:  # fmt: skip
         """Return the light in the `photos` of one light and exposure, which together are `joint`; see `predict`."""
         method = method or methods_for(self.model, self.config)[0]
@@ -160,7 +162,8 @@ class Predictor:
             with clock.part("solve"):
                 light = _FITTED[method](self, joint, light, len(photos))
         with clock.part("confidence"):
-            trust = confidence(joint, light, fitted=method in _FITTED, doubt=verdict.doubt, seed=self.seed)
+            doubt = max(verdict.doubt, doubt)
+            trust = confidence(joint, light, fitted=method in _FITTED, doubt=doubt, seed=self.seed)
             use = BackgroundUse.ABSENT
             if seen is not None and method in _FITTED:
                 light, trust, use = with_background(joint, light, trust, seen, self.seed)

@@ -37,6 +37,11 @@ class NewPhoto:
     ev100: float | None  # exposure value from EXIF, if complete
     location: LocatedPhoto | None  # None: the camera was given
 
+    @property
+    def doubt(self) -> float:
+        """What a doubtful pose adds to the error to expect of ln radiance."""
+        return 0.0 if self.location is None else self.location.located.verdict.doubt
+
 
 class NewPhotos:
     """Photos that are read one by one when they are asked for; cameras are looked for only where none is known."""

@@ -111,7 +111,7 @@ class PhotoPredictions:
             try:
                 photo = self._photos.read(index)
                 prediction = self._predictor.predict(
-                    photo.pixels, photo.camera, self.method, background=photo.background
+                    photo.pixels, photo.camera, self.method, background=photo.background, doubt=photo.doubt
                 )
             except InputError as error:
                 failures.append(f"{image} gets no map. {error}")
@@ -182,7 +182,7 @@ def predict_one_light(
     given = _exif_exposures(seen)
     prediction, exposures = predictor.predict_together(
         [(photo.pixels, photo.camera) for photo in seen], chosen, exposures=given,
-        backgrounds=[photo.background for photo in seen],
+        backgrounds=[photo.background for photo in seen], doubt=max(photo.doubt for photo in seen),
     )  # fmt: skip
     target.write(prediction)
     return JointPrediction(
