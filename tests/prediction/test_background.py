@@ -83,13 +83,15 @@ def test_several_backgrounds_are_brought_to_one_exposure(background):
 
 @pytest.mark.parametrize("factor", [0.5, 1.6])
 def test_a_map_of_wrong_brightness_follows_the_background(observation, background, factor):
-    """A factor that the object's base colour hides from the photo."""
+    """More than where it is seen, which alone takes a tenth off the error, but not everywhere."""
     wrong = factor * LIGHT
     trust = confidence(observation, wrong, fitted=True, seed=0)
     seen = SeenLight.of(background, 16, CPU)
     light, after, use = with_background(observation, wrong, trust, seen, 0)
     assert use is BackgroundUse.USED
-    assert rmse(light) < 0.8 * rmse(wrong)
+    assert rmse(light) < 0.85 * rmse(wrong)
+    only = torch.lerp(wrong, seen.radiance, seen.share[..., None])
+    assert rmse(only) > 0.88 * rmse(wrong)
     whole = seen.share > 0.9
     torch.testing.assert_close(light[whole], LIGHT[whole], rtol=0.08, atol=0.02)
     assert float(after[whole].min()) > 0.85

@@ -5,13 +5,11 @@ predicted maps err: over wide angles, and by the more, the lower their confidenc
 correction x(d) of ln radiance is a Gaussian process given y (kriging; Rasmussen and Williams, Gaussian Processes for
 Machine Learning, 2006, section 2.2):
 
-    x(d) = e(d) u(d) + e c,   u ~ N(0, (1 - common) exp(-angle / width)),   c ~ N(0, common)
+    x(d) = e(d) u(d),   u ~ N(0, exp(-angle / width))
 
-e(d) = -ln(confidence) is the error to expect, e its root mean square, and c what all directions have in common: the
-object's base colour and the light's brightness share a factor that no photo of the object tells, but the background
-does. The map has been fitted to the photo, so a correction other than c must leave the photo as it is: its pixels are
-observations of A E x = 0, A the transport and E the map. All this is linear and solved at 6 x 8 x 8 texels. The
-process's deviation, relative to what it is without the background, is what remains of e.
+with e(d) = -ln(confidence) the error to expect. The map has been fitted to the photo, so the correction must leave the
+photo as it is: its pixels are observations of A E x = 0, A the transport and E the map. All this is linear and solved
+at 6 x 8 x 8 texels. The process's deviation, relative to what it is without the background, is what remains of e.
 
 Directions at which the background is clipped are lower bounds. What stands near the object, such as a table or a hand,
 is not its far environment: a texel whose background the map contradicts by far more than its expected error is left
@@ -37,8 +35,7 @@ from lightprobe.render.coarse_transport import TEXELS
 from lightprobe.scene.background import Background
 
 _FLOOR = 0.02  # of the map's mean radiance: darker is all alike
-_COMMON = 0.1  # share of the errors' variance that all directions have in common
-_WIDTH = math.radians(25)  # over which the rest falls to 1/e
+_WIDTH = math.radians(25)  # over which what errors have in common falls to 1/e
 _NOISE = 0.05  # variance of what a seen texel's mean tells of it, relative to e^2
 _PHOTO = 100.0  # inverse variance of the photo's relative change, all pixels together
 _PIXELS = 1024  # of the photo that stand for all
@@ -166,17 +163,13 @@ def _conditioned(spread: Tensor, known: Tensor, rows: Tensor, photo: Tensor) -> 
     relative to what it is without the background.
     """
     directions = cubemap.exact_directions(BLOCKS, spread.device).reshape(-1, 3)
-    alike = (1 - _COMMON) * torch.exp(-torch.acos((directions @ directions.T).clamp(-1, 1)) / _WIDTH)
+    alike = torch.exp(-torch.acos((directions @ directions.T).clamp(-1, 1)) / _WIDTH)
     spread, known, photo = spread.double(), known.double(), photo.double()
-    mean = spread.square().mean().sqrt()
-    # the unknowns: u of every texel, then c
-    before = torch.zeros(3, TEXELS + 1, TEXELS + 1, dtype=torch.float64, device=spread.device)
-    before[:, :-1, :-1] = torch.linalg.inv(alike) + _PHOTO * spread[:, None] * photo * spread
-    before[:, -1, -1] = 1 / _COMMON
-    change = torch.cat([torch.diag(spread), mean.expand(TEXELS, 1)], 1)  # (384, 385): x of the unknowns
-    seen = change[rows] / spread[rows, None]
-    precision = before + seen.T @ seen / _NOISE
-    told = seen.T @ (known / spread[rows, None]) / _NOISE
-    found = torch.linalg.solve(precision, told.T[..., None])[..., 0]  # (3, 385)
-    deviations = [((change @ torch.linalg.inv(one.mean(0))) * change).sum(1).sqrt() for one in (precision, before)]
-    return (found @ change.T).T.float(), (deviations[0] / deviations[1]).float()
+    before = torch.linalg.inv(alike) + _PHOTO * spread[:, None] * photo * spread  # (3, 384, 384) precision of u
+    seen = torch.zeros_like(spread)
+    seen[rows] = 1 / _NOISE
+    precision = before + torch.diag(seen)
+    told = torch.zeros(len(spread), 3).to(spread).index_copy(0, rows, known / spread[rows, None] / _NOISE)
+    found = torch.linalg.solve(precision, told.T[..., None])[..., 0]  # (3, 384)
+    deviations = [torch.linalg.inv(one.mean(0)).diagonal().sqrt() for one in (precision, before)]
+    return (spread * found).T.float(), (deviations[0] / deviations[1]).float()
