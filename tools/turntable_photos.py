@@ -24,7 +24,7 @@ from lightprobe.imaging import srgb_encode, write_png
 from lightprobe.kernels import rasterize
 from lightprobe.scene.camera import Camera
 
-_ELEVATION, _DISTANCE, _FOCAL = 25.0, 4.0, 1.5  # degrees, radii, in the longer side
+_ELEVATION, _DISTANCE = 25.0, 4.0  # degrees, radii
 _PATCHES = 9000  # of the paint
 _OVERSAMPLING = 2  # per pixel edge
 
@@ -38,31 +38,30 @@ class Rendered:
     camera: Camera
 
 
-def render(count: int, side: int, *, seed: int = 0, turned: bool = True) -> list[Rendered]:
-    """Return photos, shapes as in `Rendered`, from all around; not `turned`: the background moves with the object."""
+def render(count: int, side: int, *, focal: float = 1.5, arc: float = 360.0, seed: int = 0) -> list[Rendered]:
+    """Return photos, shapes as in `Rendered`, that go around it by `arc` degrees; `focal` is in sides."""
     rng = np.random.default_rng(seed)
     vertices, faces = _solid(rng)
     paint = scipy.spatial.cKDTree(rng.uniform(-1.2, 1.2, (_PATCHES, 3)))
     colors = rng.uniform(0.05, 0.9, (_PATCHES, 3))
     back = _backdrop(rng, side)
-    cameras = [_camera(2 * np.pi * i / count, _ELEVATION, side) for i in range(count)]
+    cameras = [_camera(np.deg2rad(arc) * i / count, focal * side, side) for i in range(count)]
     photos = []
     for index, camera in enumerate(cameras):
         color, alpha = _object(camera, vertices, faces, paint, colors, np.random.default_rng(1000 * seed + index))
-        behind = back if turned else np.roll(back, -index * side // count, axis=1)
         level = color[alpha > 0.5].mean()
-        composed = color + np.clip(1.5 * level * behind, 0, 1) * (1 - alpha[..., None])
+        composed = color + np.clip(1.5 * level * back, 0, 1) * (1 - alpha[..., None])
         photos.append(Rendered(np.clip(composed * 0.4 / level, 0, 1).astype(np.float32), alpha, camera))
     return photos
 
 
-def _camera(azimuth: float, elevation: float, side: int) -> Camera:
-    up = np.deg2rad(elevation)
+def _camera(azimuth: float, focal: float, side: int) -> Camera:
+    up = np.deg2rad(_ELEVATION)
     back = np.array([np.cos(azimuth) * np.cos(up), np.sin(azimuth) * np.cos(up), np.sin(up)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     pose = np.eye(4)
     pose[:3, :4] = np.stack([right, np.cross(back, right), back, _DISTANCE * back], axis=1)
-    return Camera(pose, _FOCAL * side, _FOCAL * side, side / 2, side / 2, side, side)
+    return Camera(pose, focal, focal, side / 2, side / 2, side, side)
 
 
 def _solid(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -43,6 +43,8 @@ def find_features(grey: np.ndarray) -> Features:
     options.sift.peak_threshold = _PEAK
     extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
     found, descriptors = extractor.extract(pycolmap.Bitmap.from_array(np.ascontiguousarray(grey)))
+    if not len(found):
+        return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8), grey.shape[1], grey.shape[0])
     rows = np.asarray(pycolmap.keypoints_to_matrix(found), np.float32).reshape(len(found), -1)
     size = np.hypot(rows[:, 2], rows[:, 3]) if rows.shape[1] == 4 else np.hypot(rows[:, 2], rows[:, 4])
     order = np.argsort(-size, kind="stable")[:MOST]

@@ -36,7 +36,8 @@ _FEWEST = 3  # photos with cameras that make a scene
 
 
 def write_scene(output: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches, cutting: Cutting,
-                options: PrepareOptions, on_progress: Callable[[str, int, int], None]) -> dict[str, Any]:  # fmt: skip
+                options: PrepareOptions, key: str,
+                on_progress: Callable[[str, int, int], None]) -> dict[str, Any]:  # fmt: skip
     """Write images/, masks/, contact.png, prepare.json and at last transforms.json; return what prepare.json holds.
 
     matches (M, 2) by pair. Raises `InputError` where too few photos have cameras.
@@ -54,12 +55,25 @@ def write_scene(output: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen
     _write_masks(output, photos, cutting, full, bends)
     on_progress("scene", 1, 2)
     lost = _lost(photos, seen, matches, cutting)
-    report = _report(photos, cutting, up, scale, lost)
+    report = {**_report(photos, cutting, up, scale, lost), "key": key}
     _write_sheet(output / "contact.png", photos, seen, cutting, lost)
     write_json(output / "prepare.json", report)
     write_transforms(output / "transforms.json", {photos[i].name: camera for i, camera in full.items()}, files)
     on_progress("scene", 2, 2)
     return report
+
+
+def finished(output: Path, key: str) -> dict[str, Any] | None:
+    """Return what prepare.json holds, where the scene is finished under `key` and no mask was changed since."""
+    record, path = output / ".prepare" / WRITTEN, output / "prepare.json"
+    if not all(file.is_file() for file in (record, path, output / "transforms.json")):
+        return None
+    report = read_json(path)
+    if not isinstance(report, dict) or report.get("key") != key:
+        return None
+    masks = {name: named_file(output / "masks", name, ".png") for name in read_json(record)}
+    same = all(_as_written(file, record, name) for name, file in masks.items() if file.is_file())
+    return report if same and all(file.is_file() for file in masks.values()) else None
 
 
 def _upright(photos: Sequence[SourcePhoto], cutting: Cutting, options: PrepareOptions) -> tuple[Solution, Up, dict]:

@@ -1,7 +1,8 @@
 """Plain photos in, a scene folder out: the steps in their order, each kept, and what they say in prepare.json."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.file_lock import locked_file
-from lightprobe.core.files import disk_errors
+from lightprobe.core.files import checksum, disk_errors
 from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.candidates import choose, within_masks
 from lightprobe.preparation.hints import find_photo, read_hint
@@ -17,7 +18,7 @@ from lightprobe.preparation.judging import inside_masks, moving_features, spread
 from lightprobe.preparation.keeping import kept_choice
 from lightprobe.preparation.looking import Seen, look_at, match_all, refuse_copies
 from lightprobe.preparation.options import PrepareOptions
-from lightprobe.preparation.output import write_scene
+from lightprobe.preparation.output import finished, write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, list_photos
 from lightprobe.preparation.rounds import Cutting, cut_rounds, features_inside, own_masks
 from lightprobe.preparation.upright import parse_up
@@ -60,18 +61,32 @@ def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions
     _check_output(output)
     with disk_errors(output):
         (output / ".prepare").mkdir(parents=True, exist_ok=True)
-    with locked_file(
-        output / ".prepare" / "lock", f"{output} is being prepared by another process; wait for it to end."
-    ):
-        cache = Cache(output / ".prepare")
-        seen = []
-        for index, photo in enumerate(photos):
-            seen.append(look_at(photo, cache))
-            on_progress("features", index + 1, len(photos))
-        matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
-        cutting = _solve(photos, seen, matches, hints, options, cache, output, on_progress)
-        report = write_scene(output, photos, seen, matches, cutting, options, on_progress)
+    busy = f"{output} is being prepared by another process; wait for it to end."
+    with locked_file(output / ".prepare" / "lock", busy):
+        key = _key(photos, hints, options)
+        report = finished(output, key_of(key, asdict(options)))
+        if report is None:
+            report = _work(photos, hints, options, key, output, on_progress)
     return Prepared(output, report)
+
+
+def _key(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options: PrepareOptions) -> str:
+    """Return the key of all that cameras depend on, but for masks corrected in the scene."""
+    told = [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
+    masks = [None if photo.mask is None else checksum(photo.mask) for photo in photos]
+    return key_of([photo.checksum for photo in photos], masks, told, options.seed)
+
+
+def _work(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options: PrepareOptions, key: str,
+          output: Path, on_progress: OnProgress) -> dict[str, Any]:  # fmt: skip
+    """Do what is left to do, and return what prepare.json holds."""
+    cache, seen = Cache(output / ".prepare"), []
+    for index, photo in enumerate(photos):
+        seen.append(look_at(photo, cache))
+        on_progress("features", index + 1, len(photos))
+    matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
+    cutting = _solve(photos, seen, matches, hints, options, key, cache, output, on_progress)
+    return write_scene(output, photos, seen, matches, cutting, options, key_of(key, asdict(options)), on_progress)
 
 
 def _check_output(output: Path) -> None:
@@ -87,14 +102,14 @@ def _check_output(output: Path) -> None:
 
 
 def _solve(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Mapping, hints: Mapping[int, np.ndarray],
-           options: PrepareOptions, cache: Cache, output: Path, on_progress: OnProgress) -> Cutting:  # fmt: skip
+           options: PrepareOptions, key: str, cache: Cache, output: Path, on_progress: OnProgress,
+           ) -> Cutting:  # fmt: skip
     """Return cameras and masks: a reconstruction, masks by it, and a second one within masks where the first failed."""
     features = [each.features for each in seen]
     given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
     known = {**given, **{index: mask >= 0.5 for index, mask in hints.items()}}
     inside = _region(features, matches, known)
     focal = [photo.focal_ratio for photo in photos]
-    key = key_of([photo.checksum for photo in photos], options.hint, options.seed, sorted(given))
     choice = kept_choice(
         cache, "cameras", key,
         lambda: choose(features, matches, focal, inside, seed=options.seed,

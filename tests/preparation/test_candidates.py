@@ -1,0 +1,79 @@
+"""Which reconstruction is kept: that of a background that moves against the object is found out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lightprobe.core.errors import InputError
+from lightprobe.preparation import candidates
+from lightprobe.preparation.cache import Cache
+from lightprobe.preparation.candidates import SECOND, WHOLE, choose
+from lightprobe.preparation.keeping import kept_choice
+from lightprobe.preparation.mapping import Lenses
+from tests.preparation.ring import ball_points, photographed, ring_cameras
+
+pytest.importorskip("pycolmap")
+OBJECT, BACKGROUND = 60, 120  # points
+
+
+@pytest.fixture
+def turned(monkeypatch):
+    """Photos of an object and of a background under other cameras, and a stand-in for COLMAP.
+
+    It reconstructs whatever most matches are of, as COLMAP does, and nothing from too few.
+    """
+    points = ball_points(OBJECT + BACKGROUND)
+    cameras, others = ring_cameras(10), [ring_cameras(20, 1.5)[i] for i in range(10)]
+    photos, matches, right = photographed(cameras, points)
+    shown, _, wrong = photographed(others, points)
+    photos = [
+        replace(f, points=np.concatenate([f.points[:OBJECT], g.points[OBJECT:]]))
+        for f, g in zip(photos, shown, strict=True)
+    ]
+
+    def reconstruct(photos, matches, focal, lenses, seed=0):
+        rows = np.concatenate(list(matches.values()))
+        of_object = (rows[:, 0] < OBJECT).sum()
+        most = max(of_object, len(rows) - of_object)
+        return [] if most < 100 else [right if 2 * of_object > len(rows) else wrong]
+
+    monkeypatch.setattr(candidates, "reconstruct", reconstruct)
+    inside = [np.arange(OBJECT + BACKGROUND) < OBJECT for _ in photos]
+    return photos, matches, inside, right, wrong
+
+
+def test_a_background_that_explains_nothing_of_the_object_is_a_trap(turned):
+    photos, matches, inside, right, _ = turned
+    found = choose(photos, matches, [None] * 10, inside)
+    assert found.kept.name == SECOND
+    assert np.array_equal(found.kept.solution.pose, right.pose)
+    assert found.kept.verdict.explained > 0.95
+    assert found.trap.startswith("Trap: the whole photos gave cameras for 10 of 10 photos that explain only")
+    assert [candidate.name for candidate in found.tried] == [WHOLE, SECOND]
+
+
+def test_where_the_object_stands_still_too_the_whole_photos_are_kept(monkeypatch):
+    photos, matches, right = photographed(ring_cameras(10), ball_points(OBJECT + BACKGROUND))
+    monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [right])
+    found = choose(photos, matches, [None] * 10, None)
+    assert found.kept.name == WHOLE
+    assert found.trap is None
+    assert len(found.tried) == 1
+
+
+def test_a_choice_is_made_once(turned, tmp_path):
+    photos, matches, inside, _, _ = turned
+    first = kept_choice(Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, inside))
+    again = kept_choice(Cache(tmp_path), "cameras", "key", lambda: pytest.fail("it was kept"))
+    assert again.trap == first.trap
+    assert again.kept.to_json() == first.kept.to_json()
+    assert np.array_equal(again.kept.solution.pose, first.kept.solution.pose)
+    assert again.kept.lenses is Lenses.BY_SIZE
+
+
+def test_nothing_at_all_is_one_sentence(turned, monkeypatch):
+    photos, matches, inside, _, _ = turned
+    monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [])
+    with pytest.raises(InputError, match="No cameras were found"):
+        choose(photos, matches, [None] * 10, inside)

@@ -1,0 +1,61 @@
+"""Features of a picture are found again where it is shifted, and which pairs are worth matching."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import zoom
+
+from lightprobe.preparation import features
+from lightprobe.preparation.features import Features, find_features, likely_pairs, match, match_photos, moved
+
+pytest.importorskip("pycolmap")
+
+
+@pytest.fixture(scope="module")
+def shifted():
+    """A cloudy picture, and the same 12 pixels further left and darker."""
+    rng = np.random.default_rng(0)
+    picture = sum(zoom(rng.normal(size=(n, n)), 240 / n, order=1) for n in (12, 30, 60))
+    picture = 60 + 120 * (picture - picture.min()) / np.ptp(picture)
+    return [find_features((factor * part).astype(np.uint8)) for factor, part in
+            ((1.0, picture[:200, :200]), (0.7, picture[:200, 12:212]))]  # fmt: skip
+
+
+def test_matches_are_the_same_places(shifted):
+    a, b = shifted
+    found = match(a, b)
+    shift = a.points[found[:, 0]] - b.points[found[:, 1]]
+    assert len(found) > 60
+    assert (np.abs(shift - [12, 0]).max(axis=1) < 1).mean() > 0.9
+    assert moved(a, b, found).all()
+    assert not moved(a, a, match(a, a)).any()
+
+
+def test_what_may_not_be_matched_takes_no_match(shifted):
+    a, b = shifted
+    left = a.points[:, 0] < 100
+    found = match_photos([a, b], [left, np.ones(len(b.points), bool)])[0, 1]
+    assert len(found) > 20
+    assert left[found[:, 0]].all()
+    shift = a.points[found[:, 0]] - b.points[found[:, 1]]
+    assert (np.abs(shift - [12, 0]).max(axis=1) < 1).mean() > 0.8
+
+
+def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):
+    monkeypatch.setattr(features, "PARTNERS", 2)
+    rng = np.random.default_rng(1)
+    kinds = rng.integers(0, 120, (2, 40, 128))
+    photos = [
+        Features(
+            rng.uniform(0, 100, (40, 2)).astype(np.float32),
+            (kinds[i % 2] + rng.integers(0, 3, (40, 128))).astype(np.uint8), 100, 100,
+        )
+        for i in range(6)
+    ]  # fmt: skip
+    assert likely_pairs(photos) == [(0, 2), (0, 4), (1, 3), (1, 5), (2, 4), (3, 5)]
+    assert len(likely_pairs(photos[:4])) == 6
+
+
+def test_a_picture_without_anything_has_no_features():
+    empty = find_features(np.full((60, 60), 128, np.uint8))
+    assert empty.points.shape == (0, 2)
+    assert match(empty, empty).shape == (0, 2)
