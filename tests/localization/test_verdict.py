@@ -18,7 +18,7 @@ def test_a_good_pose_needs_no_words():
     ("change", "status", "words"),
     [
         ({"score": 0.9}, PoseStatus.REFUSED, "not found in this photo"),
-        ({"score": 1.5}, PoseStatus.DOUBTFUL, "may not stand where"),
+        ({"score": 1.9}, PoseStatus.DOUBTFUL, "may not stand where"),
         ({"inside": 0.3}, PoseStatus.DOUBTFUL, "Only 30 % of the object"),
         ({"rivals": 1}, PoseStatus.AMBIGUOUS, "another pose explains this photo about as well"),
         ({"rivals": 3}, PoseStatus.AMBIGUOUS, "3 other poses explain"),
