@@ -10,8 +10,7 @@ import torch
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import read_ldr, read_mask, shrink_area
-from lightprobe.localization.focal import focal_ratio
+from lightprobe.imaging import focal_ratio, read_ldr, read_mask, shrink_area
 from lightprobe.localization.foreground import hidden_share, magnified
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
