@@ -1,5 +1,7 @@
 """A ball before clutter is cut out of every photo, told by one photo's box or by where the cameras look."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,18 @@ def test_a_box_in_one_photo_tells_points_apart(world):
     labels = object_points(solution, hinted, False)
     assert (labels[:150] == 1).mean() > 0.9
     assert not (labels[150:] == 1).any()
+
+
+def test_what_shows_outside_of_a_hint_is_no_object_and_what_its_photo_does_not_show_may_be(world):
+    solution, views, _ = world
+    half = disc(views[4].camera)
+    half[:, SIZE // 2 :] = False
+    hinted = {**views, 4: View(views[4].camera, views[4].color, half, False)}
+    x = views[4].camera.project(solution.points)[:, 0]
+    assert not (object_points(solution, hinted, False)[:150][x[:150] > SIZE / 2 + 1] == 1).any()
+    crop = replace(views[4].camera, cx=0.0)  # shows the right half of the ball alone, at its left border
+    near = {**views, 4: View(crop, views[4].color, np.roll(disc(views[4].camera), -SIZE // 2, axis=1), False)}
+    assert (object_points(solution, near, False)[:150] == 1).mean() > 0.8
 
 
 def test_a_hint_that_shows_no_point_asks_for_a_better_one(world):

@@ -62,17 +62,18 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
     sharp = solution.errors <= _SHARP_POINT
     hinted = {index: view for index, view in views.items() if view.given is not None}
     inside = np.zeros(len(solution.points), int)
-    outside = np.zeros(len(solution.points), bool)
+    outside, framed = np.zeros((2, len(solution.points)), bool)
     for view in hinted.values():
         visible, shown = _at(view.camera, view.given, solution.points)
         inside += visible & shown
         outside |= visible & ~shown
-    candidate = sharp & ~outside & ((inside > 0) | (len(hinted) == 0))
+        framed |= visible
+    candidate = sharp & ~outside & ((inside > 0) | ~framed)
     if not hinted and not everything:
         center, radius = _looked_at(views)
         candidate &= np.linalg.norm(solution.points - center, axis=1) < radius
     elif hinted and not everything:
-        candidate &= _seen_inside(solution, hinted, candidate)
+        candidate &= _seen_inside(solution, hinted, candidate & (inside > 0), _looked_at(views)[1])
     if candidate.sum() < _FEWEST:
         raise InputError(
             "No points of the object were found: give a mask or a box of it in one photo that shows it well, "
@@ -81,20 +82,29 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
     return _within_reach(solution.points, candidate, outside, everything)
 
 
-def _seen_inside(solution: Solution, hinted: Mapping[int, View], candidate: np.ndarray) -> np.ndarray:
-    """Return which candidate points lie near those that a hinted photo itself saw inside its mask, (P,) bool.
+def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarray, ball: float) -> np.ndarray:
+    """Return which points lie near those `shown` in a mask that its photo itself saw, (P,) bool both.
 
-    Others merely lie behind or before the object in that photo.
+    Others merely lie behind or before the object in that photo. Where its mask ends at the photo's border, the object
+    goes on, and may fill the `ball` that most photos show.
     """
     own = np.zeros(len(solution.points), bool)
     for photo in hinted:
         own[solution.seen[solution.seen_by == photo]] = True
-    own &= candidate
+    own &= shown
     if own.sum() < _FEWEST:
-        return candidate
+        return shown
     center = np.median(solution.points[own], axis=0)
     radius = np.quantile(np.linalg.norm(solution.points[own] - center, axis=1), 0.9)
-    return np.linalg.norm(solution.points - center, axis=1) < 2 * radius  # its back lies behind what the photo saw
+    reach = 2 * radius  # its back lies behind what the photo saw
+    if any(_cropped(view.given) for view in hinted.values() if view.given is not None):
+        reach = max(reach, ball)
+    return np.linalg.norm(solution.points - center, axis=1) < reach
+
+
+def _cropped(mask: np.ndarray) -> bool:
+    """Tell whether a mask (h, w) bool ends at the border of its photo."""
+    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
 
 
 def _within_reach(points: np.ndarray, candidate: np.ndarray, outside: np.ndarray, everything: bool) -> np.ndarray:
