@@ -7,8 +7,7 @@ from PIL import Image
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import write_png
 from lightprobe.preparation.looking import refuse_copies
-from lightprobe.preparation.photos import copies, even_contrast, focal_ratio, is_bare, list_photos, working_pictures
-from tests.toy_scene import write_toy_scene
+from lightprobe.preparation.photos import copies, even_contrast, source_photos, working_pictures
 
 
 def write_noise(path, seed=0, shape=(30, 40), **options):
@@ -17,21 +16,11 @@ def write_noise(path, seed=0, shape=(30, 40), **options):
     Image.fromarray(pixels).save(path, **options)
 
 
-def test_only_photos_without_cameras_are_bare(tmp_path):
-    for seed in range(4):
-        write_noise(tmp_path / "bare" / f"{seed}.jpg", seed)
-    assert is_bare(tmp_path / "bare")
-    assert not is_bare(write_toy_scene(tmp_path / "scene", train=2, test=1))
-    assert not is_bare(tmp_path / "nowhere")
-    (tmp_path / "empty").mkdir()
-    assert not is_bare(tmp_path / "empty")
-
-
 def test_photos_are_those_of_images_with_masks_beside_them(tmp_path):
     for seed in range(4):
         write_noise(tmp_path / "images" / f"{seed}.jpg", seed)
     write_png(tmp_path / "masks" / "2.png", np.ones((30, 40, 3)) * (np.arange(40) < 20)[:, None])
-    photos = list_photos(tmp_path)
+    photos = source_photos(tmp_path)
     assert [photo.name for photo in photos] == ["0", "1", "2", "3"]
     assert [photo.mask is not None for photo in photos] == [False, False, True, False]
     assert working_pictures(photos[2]).alpha.mean() == pytest.approx(0.5, abs=0.03)
@@ -42,13 +31,13 @@ def test_too_few_photos_are_one_sentence(tmp_path):
     for seed in range(3):
         write_noise(tmp_path / f"{seed}.jpg", seed)
     with pytest.raises(InputError, match="holds 3 photos; cameras cannot be found from fewer than 4"):
-        list_photos(tmp_path)
+        source_photos(tmp_path)
 
 
 def test_copies_of_one_photo_are_one_sentence(tmp_path):
     for number in range(30):
         write_noise(tmp_path / f"{number:02d}.jpg", 0)
-    photos = list_photos(tmp_path)
+    photos = source_photos(tmp_path)
     assert copies(photos)["07"] == "00"
     with pytest.raises(InputError, match=r"Of 30 photos 29 are copies of others, such as 01 of 00"):
         refuse_copies(photos, 4)
@@ -59,14 +48,14 @@ def test_a_mask_of_another_shape_is_one_sentence(tmp_path):
         write_noise(tmp_path / "images" / f"{seed}.jpg", seed)
     write_png(tmp_path / "masks" / "2.png", np.ones((40, 30, 3)))
     with pytest.raises(InputError, match="is 30 x 40, but its photo 2"):
-        working_pictures(list_photos(tmp_path)[2])
+        working_pictures(source_photos(tmp_path)[2])
 
 
 def test_a_cutout_brings_its_mask(tmp_path):
     alpha = (np.arange(40) < 10) * np.ones((30, 1))
     for number in range(4):
         write_png(tmp_path / f"{number}.png", np.full((30, 40, 3), 0.2 * (number + 1)), alpha)
-    photos = list_photos(tmp_path)
+    photos = source_photos(tmp_path)
     assert photos[0].cutout
     assert working_pictures(photos[0]).alpha.mean() == pytest.approx(0.25, abs=0.02)
 
@@ -76,15 +65,6 @@ def test_a_brighter_light_changes_nothing_that_features_see():
     one, other = (even_contrast(factor * luminance).astype(int) for factor in (1.0, 2.3))
     assert np.abs(one - other).max() <= 1
     assert one.std() > 20
-
-
-def test_the_focal_length_is_that_of_a_35_mm_camera(tmp_path):
-    exif = Image.Exif()
-    exif.get_ifd(0x8769)[0xA405] = 28
-    write_noise(tmp_path / "a.jpg", shape=(24, 36), exif=exif)
-    write_noise(tmp_path / "b.jpg", shape=(24, 36))
-    assert focal_ratio(tmp_path / "a.jpg") == pytest.approx(28 / 36, rel=1e-4)
-    assert focal_ratio(tmp_path / "b.jpg") is None
 
 
 def test_a_blurred_photo_is_less_sharp(tmp_path):

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from lightprobe.core.errors import ConfigError
-from lightprobe.preparation.upright import extent_along, parse_up, rotation_to_z, up_of_level_cameras, up_of_photo
+from lightprobe.preparation.upright import (
+    extent_along,
+    parse_up,
+    rotation_to_z,
+    up_of_gravity,
+    up_of_level_cameras,
+    up_of_photo,
+)
 from tests.preparation.ring import ring_cameras
 
 
@@ -53,3 +60,14 @@ def test_a_direction_that_is_none_is_refused(text):
 def test_a_direction_has_length_one():
     assert parse_up("0,-2,0").tolist() == [0, -1, 0]
     assert extent_along(np.array([[0, 0, 1.0], [5, 0, -1]]), [0, 0, 1]) == 2
+
+
+def test_sensors_tell_up_where_they_agree():
+    moved, rotation = turned(np.stack([camera.camera_to_world for camera in ring_cameras(6)]), 1)
+    felt = [pose[:3, :3].T @ rotation[:, 2] for pose in moved]
+    found = up_of_gravity(moved, [*felt[:4], None, None])
+    assert found is not None
+    assert found.direction @ rotation[:, 2] > 0.9999
+    assert "4 photos" in found.source
+    assert up_of_gravity(moved, [*felt[:2], None, None, None, None]) is None
+    assert up_of_gravity(moved, [felt[0], -felt[1], felt[2], -felt[3], None, None]) is None

@@ -11,7 +11,7 @@ from lightprobe.core.errors import printable
 from lightprobe.preparation import Masker, PrepareOptions
 from lightprobe.runs.preparing import prepare_scene
 
-_Photos = Annotated[Positional[Path], option(metavar="PHOTOS", help="Folder with photos and no cameras.")]
+_Photos = Annotated[Positional[Path], option(metavar="PHOTOS", help="Folder with photos and no cameras, or a video.")]
 _Output = Annotated[Path, option(aliases=["-o"], metavar="SCENE", help="Scene folder to make or to go on with.")]
 _Hint = Annotated[
     str | None,
@@ -27,12 +27,13 @@ def prepare(
     photos: _Photos, *, output: _Output, hint: _Hint = None, up: _Up = None, up_photo: _UpPhoto = None,
     height: _Height = None, masker: _Masker = Masker.GRAPH_CUT, seed: Seed = 0,
 ) -> None:  # fmt: skip
-    """Find cameras, masks and an upright frame for a plain folder of photos, and write a scene to train on.
+    """Find cameras, masks and an upright frame for a plain folder of photos or a video, and write a scene to train on.
 
     Look at contact.png in the scene. A wrong mask can be painted over in masks/; the same command then goes on with it.
 
     Examples:
       lightprobe prepare photos/cup -o scenes/cup
+      lightprobe prepare cup.mov -o scenes/cup
       lightprobe prepare photos/cup -o scenes/cup --hint IMG_12.jpg=820,400,2100,1900
       lightprobe prepare photos/cup -o scenes/cup --hint IMG_12.jpg=cup.png --up-photo IMG_3.jpg --height 0.12
     """

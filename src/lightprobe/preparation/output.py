@@ -9,7 +9,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum, named_file, read_json, remove, write_bytes, write_json
-from lightprobe.imaging import read_alpha, resize_area
+from lightprobe.imaging import gravity, read_alpha, resize_area
 from lightprobe.preparation.contact import LOW_AGREEMENT, lost_cell, photo_cell
 from lightprobe.preparation.hints import find_photo
 from lightprobe.preparation.libraries import library
@@ -24,6 +24,7 @@ from lightprobe.preparation.upright import (
     extent_along,
     parse_up,
     rotation_to_z,
+    up_of_gravity,
     up_of_level_cameras,
     up_of_photo,
 )
@@ -95,9 +96,10 @@ def _upright(photos: Sequence[SourcePhoto], cutting: Cutting, options: PrepareOp
 
 
 def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: PrepareOptions) -> Up:
-    """Return which way is up, as told or from the cameras."""
+    """Return which way is up, as told, from the photos' files or from the cameras."""
     if options.up_photo is None and options.up is None:
-        return up_of_level_cameras(solution.pose)
+        felt = up_of_gravity(solution.pose, [gravity(photos[int(index)].path) for index in solution.photo])
+        return felt or up_of_level_cameras(solution.pose)
     index = find_photo(photos, options.up_photo, "--up-photo") if options.up_photo else int(solution.photo[0])
     rows = np.flatnonzero(solution.photo == index)
     if not len(rows):

@@ -8,22 +8,25 @@ import numpy as np
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum
-from lightprobe.imaging import image_size, read_alpha, read_ldr, read_mask, resize_area, shrink_area, srgb_encode
-from lightprobe.imaging.exif import read_exif
-from lightprobe.scene.colmap import find_model
-from lightprobe.scene.frame import list_images, unique_names
+from lightprobe.imaging import (
+    focal_ratio,
+    image_size,
+    read_alpha,
+    read_ldr,
+    read_mask,
+    resize_area,
+    shrink_area,
+    srgb_encode,
+)
+from lightprobe.scene.frame import unique_names
+from lightprobe.scene.loading import has_cameras
 from lightprobe.scene.masks import MaskFolder
-from lightprobe.scene.nerd import POSES
-from lightprobe.scene.transforms import SINGLE, TRAIN
+from lightprobe.scene.plain_photos import list_photos
 
 FEWEST = 4  # photos from which shape can be found at all
 FEATURE_SIDE = 1600  # pixels of the longer side that features are found in: more costs time and brings few
 COLOR_SIDE = 320  # pixels of the longer side of the pictures that objects are cut out of
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
-_OURS = ("masks", "mask")
-_EXIF_FOLDER, _FOCAL_35MM = 0x8769, 0xA405  # numbers of EXIF tags
-_DIAGONAL_35MM = 43.2666  # mm, of the 36 x 24 mm that the tag refers to
-_SHORTEST, _LONGEST = 0.3, 12.0  # focal lengths in the longer side of a photo that are believed
 
 
 @dataclass(frozen=True)
@@ -40,15 +43,7 @@ class SourcePhoto:
     cutout: bool  # the photo's own alpha channel is the mask
 
 
-def is_bare(folder: Path) -> bool:
-    """Tell whether a folder holds photos but no cameras in any layout that is read."""
-    folder = Path(folder)
-    if not folder.is_dir() or any((folder / name).is_file() for name in (TRAIN, SINGLE, POSES)):
-        return False
-    return find_model(folder) is None and bool(_images(folder))
-
-
-def list_photos(folder: Path) -> list[SourcePhoto]:
+def source_photos(folder: Path) -> list[SourcePhoto]:
     """Return the photos of `folder`, or of `images/` in it, in sorted order.
 
     Masks are alpha channels or files in `masks/`. Raises `InputError` for fewer than four photos or a damaged file.
@@ -56,12 +51,12 @@ def list_photos(folder: Path) -> list[SourcePhoto]:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder." if folder.exists() else f"{folder} does not exist.")
-    if not is_bare(folder) and _images(folder):
+    paths = list_photos(folder)
+    if has_cameras(folder) and paths:
         raise InputError(
             f"{folder} has cameras already; train on it with: lightprobe train {folder} -o RUN, or name the "
             "folder of its photos alone to find them anew."
         )
-    paths = _images(folder)
     if len(paths) < FEWEST:
         raise InputError(
             f"{folder} holds {len(paths)} photos; cameras cannot be found from fewer than {FEWEST}, and 30 or more "
@@ -72,32 +67,11 @@ def list_photos(folder: Path) -> list[SourcePhoto]:
     return [_source(path, name, masks.find(path)) for path, name in zip(paths, names, strict=True)]
 
 
-def _images(folder: Path) -> list[Path]:
-    """Return the photos below a folder, without those of its mask folders."""
-    inner = folder / "images"
-    root = inner if inner.is_dir() else folder
-    return [path for path in list_images(root) if path.relative_to(root).parts[0] not in _OURS]
-
-
 def _source(path: Path, name: str, mask: Path | None) -> SourcePhoto:
     width, height = image_size(path)
     alpha = read_alpha(path) if mask is None else None
     cutout = alpha is not None and bool(alpha.min() < 0.5 <= alpha.max())
     return SourcePhoto(name, path, width, height, checksum(path), focal_ratio(path), mask, cutout)
-
-
-def focal_ratio(path: Path) -> float | None:
-    """Return the focal length over the photo's longer side as EXIF tells, None where it does not.
-
-    Only the 35 mm equivalent is taken: it refers to the diagonal of the picture as it is, resolutions in files are
-    those before the picture was reduced.
-    """
-    value = read_exif(Path(path)).get_ifd(_EXIF_FOLDER).get(_FOCAL_35MM)
-    if not isinstance(value, int | float) or value <= 0:
-        return None
-    width, height = image_size(path)
-    ratio = float(value) / _DIAGONAL_35MM * float(np.hypot(width, height)) / max(width, height)
-    return ratio if _SHORTEST <= ratio <= _LONGEST else None
 
 
 @dataclass(frozen=True)

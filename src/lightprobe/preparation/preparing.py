@@ -19,7 +19,7 @@ from lightprobe.preparation.keeping import kept_choice
 from lightprobe.preparation.looking import Seen, look_at, match_all, refuse_copies
 from lightprobe.preparation.options import PrepareOptions
 from lightprobe.preparation.output import finished, write_scene
-from lightprobe.preparation.photos import FEWEST, SourcePhoto, list_photos
+from lightprobe.preparation.photos import FEWEST, SourcePhoto, source_photos
 from lightprobe.preparation.rounds import Cutting, cut_rounds, features_inside, own_masks
 from lightprobe.preparation.upright import parse_up
 
@@ -48,7 +48,7 @@ def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions
     Raises `InputError` for photos from which no scene can be made, `ConfigError` for options that cannot be used,
     `ResourceError` when another process writes `output`.
     """
-    photos = list_photos(Path(folder))
+    photos = source_photos(Path(folder))
     refuse_copies(photos, FEWEST)
     hints = {} if options.hint is None else dict([read_hint(options.hint, photos)])
     if options.up is not None:

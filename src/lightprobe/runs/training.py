@@ -10,7 +10,6 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.failures import writing
 from lightprobe.core.run import RunFolder
 from lightprobe.models import Decomposition
-from lightprobe.preparation import is_bare
 from lightprobe.runs.preparing import prepared_in
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.runs.stages import (
@@ -23,6 +22,7 @@ from lightprobe.runs.stages import (
     run_distill,
 )
 from lightprobe.scene import load_scene
+from lightprobe.scene.plain_inspection import is_plain
 
 
 def train_run(
@@ -33,7 +33,7 @@ def train_run(
 ) -> RunFolder:  # fmt: skip
     """Train both phases on a folder of photos into the run folder `output`, and return the run.
 
-    scene_folder: a scene, or plain photos, of which a scene is then made in the run as by `prepare_scene`.
+    scene_folder: a scene, or plain photos or a video, of which a scene is then made in the run as by `prepare_scene`.
     decompose, distill, predict: the configurations of Phase I, Phase II and of predictions; by default the preset's.
     device: `auto`, `cpu`, `cuda`, or a device. seed: equal seeds give equal bits on a CPU.
     hdri: folder of .exr or .hdr environments, z up, that Phase II trains under as well.
@@ -44,7 +44,7 @@ def train_run(
     """
     second = distill or settings(preset).distill
     where, maps = resolve_device(device), UserMaps.read(None if hdri is None else Path(hdri), second)
-    scene = None if is_bare(Path(scene_folder)) else load_scene(Path(scene_folder))
+    scene = None if is_plain(Path(scene_folder)) else load_scene(Path(scene_folder))
     run = RunFolder.create(Path(output))
     with writing(run):
         if restart:
@@ -64,7 +64,7 @@ def fit_run(
     restart: bool = False, on_progress: OnProgress = silent,
 ) -> RunFolder:  # fmt: skip
     """Train Phase I alone; the rest as in `train_run`."""
-    where, scene = resolve_device(device), None if is_bare(Path(scene_folder)) else load_scene(Path(scene_folder))
+    where, scene = resolve_device(device), None if is_plain(Path(scene_folder)) else load_scene(Path(scene_folder))
     run = RunFolder.create(Path(output))
     with writing(run):
         if restart:

@@ -56,14 +56,23 @@ def is_plain(path: Path) -> bool:
     return not has_cameras(path) and bool(list_photos(path) or _videos(path))
 
 
+def only_video(path: Path) -> Path | None:
+    """Return the video that stands for photos: `path` itself, or the only one in a folder without photos, else None."""
+    path = Path(path)
+    if not path.is_dir():
+        return path if path.is_file() and is_video(path) else None
+    found = [] if list_photos(path) else _videos(path)
+    return found[0] if len(found) == 1 else None
+
+
 def inspect_plain(path: Path) -> PlainInspection:
     """Examine plain photos in a folder, or a video, without stopping at what is wrong with one of them."""
     path = Path(path)
     if not path.is_dir():
         return _inspect_video(path)
+    if (video := only_video(path)) is not None:
+        return _inspect_video(video)
     files = list_photos(path)
-    if not files and len(videos := _videos(path)) == 1:
-        return _inspect_video(videos[0])
     problems = Problems(collect=True)
     photos = measure_photos(files, problems)
     hints, advice = list[str](), list[str]()
