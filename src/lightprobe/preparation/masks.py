@@ -69,11 +69,12 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
         outside |= visible & ~shown
         framed |= visible
     candidate = sharp & ~outside & ((inside > 0) | ~framed)
-    if not hinted and not everything:
+    cropped = any(_cropped(view.given) for view in hinted.values() if view.given is not None)
+    if not everything and (cropped or not hinted):  # a close-up tells what is off the object, not where it ends
         center, radius = _looked_at(views)
         candidate &= np.linalg.norm(solution.points - center, axis=1) < radius
-    elif hinted and not everything:
-        candidate &= _seen_inside(solution, hinted, candidate & (inside > 0), _looked_at(views)[1])
+    elif not everything:
+        candidate &= _seen_inside(solution, hinted, candidate & (inside > 0))
     if candidate.sum() < _FEWEST:
         raise InputError(
             "No points of the object were found: give a mask or a box of it in one photo that shows it well, "
@@ -82,11 +83,10 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
     return _within_reach(solution.points, candidate, outside, everything)
 
 
-def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarray, ball: float) -> np.ndarray:
+def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarray) -> np.ndarray:
     """Return which points lie near those `shown` in a mask that its photo itself saw, (P,) bool both.
 
-    Others merely lie behind or before the object in that photo. Where its mask ends at the photo's border, the object
-    goes on, and may fill the `ball` that most photos show.
+    Others merely lie behind or before the object in that photo.
     """
     own = np.zeros(len(solution.points), bool)
     for photo in hinted:
@@ -96,10 +96,7 @@ def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarr
         return shown
     center = np.median(solution.points[own], axis=0)
     radius = np.quantile(np.linalg.norm(solution.points[own] - center, axis=1), 0.9)
-    reach = 2 * radius  # its back lies behind what the photo saw
-    if any(_cropped(view.given) for view in hinted.values() if view.given is not None):
-        reach = max(reach, ball)
-    return np.linalg.norm(solution.points - center, axis=1) < reach
+    return np.linalg.norm(solution.points - center, axis=1) < 2 * radius  # its back lies behind what the photo saw
 
 
 def _cropped(mask: np.ndarray) -> bool:
