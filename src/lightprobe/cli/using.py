@@ -156,7 +156,7 @@ def _tell_joint(joint: JointPrediction, run: Path, method: Method | None) -> Non
     )
     print(f"Exposures relative to the first, {source}: {factors}")
     if joint.left_out:
-        raise InputError("\n".join(f"{image} is not in the map. {reason}" for image, reason in joint.left_out.items()))
+        raise InputError(" ".join(f"{image} is not in the map. {reason}" for image, reason in joint.left_out.items()))
 
 
 def _tell_map(output: Path, method: Method, prediction: PredictionResult, of: str, source: str) -> None:

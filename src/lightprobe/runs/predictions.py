@@ -118,7 +118,7 @@ class PhotoPredictions:
                 continue
             yield files, PredictedPhoto(image, files.output, self.method, prediction, photo.location)
         if failures:
-            raise InputError("\n".join(failures))
+            raise InputError(" ".join(failures))
 
 
 def predict_photos(
@@ -177,7 +177,7 @@ def predict_one_light(
     chosen = method or methods_for(predictor.model, predictor.config)[0]
     read, left_out = _readable(photos, images)
     if not read:
-        raise InputError("\n".join(f"{image} gets no map. {reason}" for image, reason in left_out.items()))
+        raise InputError(" ".join(f"{image} gets no map. {reason}" for image, reason in left_out.items()))
     seen = list(read.values())
     given = _exif_exposures(seen)
     prediction, exposures = predictor.predict_together(

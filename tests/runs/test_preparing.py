@@ -1,0 +1,64 @@
+"""A video in place of photos: its frames are taken once, and prepared as photos are."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from lightprobe.core.errors import InputError
+from lightprobe.runs import preparing
+from lightprobe.runs.preparing import prepare_scene
+
+
+@pytest.fixture
+def prepared_folders(monkeypatch):
+    """What the preparation is asked for, in its place."""
+    asked = []
+
+    class Nothing:
+        warnings = ("doubtful",)
+
+    def record(folder, output, options, on_progress):
+        asked.append(folder)
+        return Nothing()
+
+    monkeypatch.setattr(preparing, "prepare", record)
+    return asked
+
+
+def write_video(path: Path, frames: int) -> None:
+    random = np.random.default_rng(0)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=10)
+        stream.height, stream.width, stream.pix_fmt, stream.bit_rate = 96, 128, "yuv420p", 4_000_000
+        for _ in range(frames):
+            noise = np.kron(random.integers(0, 256, (12, 16, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(noise, format="rgb24")))
+        container.mux(stream.encode())
+
+
+def test_a_video_s_frames_are_taken_once(tmp_path, prepared_folders):
+    video, scene = tmp_path / "photos" / "cup.mp4", tmp_path / "scene"
+    video.parent.mkdir()
+    write_video(video, 8)
+    with pytest.warns(UserWarning, match="doubtful"):
+        prepare_scene(video, scene)
+        prepare_scene(video.parent, scene)  # a folder with nothing but the video
+    first, second = prepared_folders
+    assert first == second
+    frames = sorted(first.iterdir())
+    assert len(frames) == 8
+    assert scene in first.parents
+    write_video(video, 5)
+    with pytest.warns(UserWarning, match="doubtful"):
+        prepare_scene(video, scene)
+    assert prepared_folders[2] != first
+
+
+def test_a_video_of_one_picture_is_refused(tmp_path, prepared_folders):
+    write_video(tmp_path / "cup.mp4", 1)
+    with pytest.raises(InputError, match="one and the same picture"):
+        prepare_scene(tmp_path / "cup.mp4", tmp_path / "scene")
+    assert prepared_folders == []
+    assert not list(tmp_path.glob("scene/.prepare/frames*"))
