@@ -42,9 +42,9 @@ def test_a_video_s_frames_are_taken_once(tmp_path, prepared_folders):
     video, scene = tmp_path / "photos" / "cup.mp4", tmp_path / "scene"
     video.parent.mkdir()
     write_video(video, 8)
-    with pytest.warns(UserWarning, match="doubtful"):
-        prepare_scene(video, scene)
-        prepare_scene(video.parent, scene)  # a folder with nothing but the video
+    for photos in (video, video.parent):  # a folder with nothing but the video
+        with pytest.warns(UserWarning, match="doubtful"):
+            prepare_scene(photos, scene)
     first, second = prepared_folders
     assert first == second
     frames = sorted(first.iterdir())
