@@ -47,11 +47,6 @@ def missing_folder(scene):
     scene.rmdir()
 
 
-def no_camera_file(scene):
-    for path in scene.glob("*.json"):
-        path.unlink()
-
-
 def broken_json(scene):
     (scene / "transforms_train.json").write_text('{"frames": [\n')
 
@@ -116,7 +111,6 @@ def wrong_mask_size(scene):
 BAD_SCENES = {
     missing_folder: ["scene", "does not exist"],
     empty_folder: ["scene", "is empty"],
-    no_camera_file: ["scene", "no cameras"],
     broken_json: ["transforms_train.json", "line 2"],
     missing_photo: ["transforms_train.json", "train/train_01", "does not exist"],
     nan_pose: ["transforms_train.json", "train/train_01", "NaN"],

@@ -165,11 +165,18 @@ def _conditioned(spread: Tensor, known: Tensor, rows: Tensor, photo: Tensor) -> 
     directions = cubemap.exact_directions(BLOCKS, spread.device).reshape(-1, 3)
     alike = torch.exp(-torch.acos((directions @ directions.T).clamp(-1, 1)) / _WIDTH)
     spread, known, photo = spread.double(), known.double(), photo.double()
-    before = torch.linalg.inv(alike) + _PHOTO * spread[:, None] * photo * spread  # (3, 384, 384) precision of u
+    before = (
+        torch.cholesky_inverse(torch.linalg.cholesky(alike)) + _PHOTO * spread[:, None] * photo * spread
+    )  # (3, 384, 384) precision of u
     seen = torch.zeros_like(spread)
     seen[rows] = 1 / _NOISE
     precision = before + torch.diag(seen)
     told = torch.zeros(len(spread), 3).to(spread).index_copy(0, rows, known / spread[rows, None] / _NOISE)
-    found = torch.linalg.solve(precision, told.T[..., None])[..., 0]  # (3, 384)
-    deviations = [torch.linalg.inv(one.mean(0)).diagonal().sqrt() for one in (precision, before)]
-    return (spread * found).T.float(), (deviations[0] / deviations[1]).float()
+    found = torch.cholesky_solve(told.T[..., None], torch.linalg.cholesky(precision))[..., 0]  # (3, 384)
+    after, without = (_variances(one.mean(0)) for one in (precision, before))
+    return (spread * found).T.float(), (after / without).sqrt().float()
+
+
+def _variances(precision: Tensor) -> Tensor:
+    """Return the diagonal (N,) of the inverse of a positive definite matrix (N, N)."""
+    return torch.cholesky_inverse(torch.linalg.cholesky(precision)).diagonal()

@@ -46,17 +46,20 @@ class NewPhoto:
 class NewPhotos:
     """Photos that are read one by one when they are asked for; cameras are looked for only where none is known."""
 
-    def __init__(
-        self, run: RunFolder, files: Sequence[PhotoFiles], predictor: Predictor, camera: Path | None, background: bool
-    ):
+    def __init__(self, run: RunFolder, files: Sequence[PhotoFiles], camera: Path | None, background: bool):
         """Check all that can be before any work.
 
         camera: a file of cameras, by default the run's own photos'. background: whether backgrounds are wanted.
         Raises `InputError` for a photo, mask or camera that cannot be used.
         """
-        self._files, self._background = files, background
+        self._run, self._files, self._background = run, files, background
         self._photos = [_photo(run, one, camera) for one in files]
-        self._locator = _locator(run, predictor) if None in self._photos else None
+        self._locator: Locator | None = None
+
+    def find_cameras_with(self, predictor: Predictor) -> None:
+        """Load what photos without a camera are located by, if there are any; raises `InputError` where it is gone."""
+        if None in self._photos:
+            self._locator = _locator(self._run, predictor)
 
     def read(self, index: int) -> NewPhoto:
         """Return one photo; raises `InputError` when it cannot be decoded or the object is not found in it."""

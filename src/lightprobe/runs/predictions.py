@@ -137,9 +137,10 @@ def predict_photos(
     maps = [MapFiles.of(run, image, len(images) > 1, method, files) for image in images]
     if len({one.output for one in maps}) < len(maps):
         raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
-    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
     folders = [one.output.parent for one in maps]
-    photos = NewPhotos(run, _photo_files(images, files, folders), predictor, files.camera, background)
+    photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
+    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
+    photos.find_cameras_with(predictor)
     chosen = method or methods_for(predictor.model, predictor.config)[0]
     return PhotoPredictions(chosen, predictor.model is not None, predictor, images, maps, photos)
 
@@ -171,9 +172,10 @@ def predict_one_light(
     """
     run, files = _checked(run_folder, images, files)
     target = MapFiles.of(run, images[0], False, method, files)
-    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
     folders = [target.output.parent] * len(images)
-    photos = NewPhotos(run, _photo_files(images, files, folders), predictor, files.camera, background)
+    photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
+    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
+    photos.find_cameras_with(predictor)
     chosen = method or methods_for(predictor.model, predictor.config)[0]
     read, left_out = _readable(photos, images)
     if not read:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from lightprobe.imaging import CLIPPED, read_alpha, shrink_area
 from lightprobe.scene.camera import Camera
@@ -32,7 +32,7 @@ class Background:
         Pixels without any light are not counted: they lie beyond what a lens showed.
         """
         small, cover = shrink_area(color, _SIDE), shrink_area(alpha, _SIDE)
-        seen = ~ndimage.binary_dilation(cover > 0, iterations=_MARGIN) & (small > 0).any(-1)
+        seen = ~scipy.ndimage.binary_dilation(cover > 0, iterations=_MARGIN) & (small > 0).any(-1)
         clipped = (small >= CLIPPED) & has_white(color)
         height, width = cover.shape
         return Background(small, seen, clipped, replace(camera.resized(width, height), lens=None))
