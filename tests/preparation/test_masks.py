@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut, tidy
@@ -79,6 +80,16 @@ def test_what_shows_outside_of_a_hint_is_no_object_and_what_its_photo_does_not_s
     crop = replace(views[4].camera, cx=0.0)  # shows the right half of the ball alone, at its left border
     near = {**views, 4: View(crop, views[4].color, np.roll(disc(views[4].camera), -SIZE // 2, axis=1), False)}
     assert (object_points(solution, near, False)[:150] == 1).mean() > 0.8
+
+
+def test_points_on_the_rim_of_a_hint_are_not_called_background(world):
+    """A mask of a drawing hand, or cameras, are off by a pixel: marks there would cut into the object."""
+    solution, views, truth = world
+    tight = scipy.ndimage.binary_erosion(truth[4])
+    hinted = {**views, 4: View(views[4].camera, views[4].color, tight, False)}
+    x, y, _ = views[4].camera.project(solution.points[:150]).T
+    assert not tight[y.astype(int), x.astype(int)].all()
+    assert not (object_points(solution, hinted, False)[:150] == -1).any()
 
 
 def test_a_hint_that_shows_no_point_asks_for_a_better_one(world):

@@ -46,18 +46,39 @@ def reconstruct(photos: Sequence[Features], matches: Matches, focal: Sequence[fl
     with tempfile.TemporaryDirectory() as folder:
         database = Path(folder) / "database.db"
         pycolmap.set_random_seed(seed)
-        _write(pycolmap, database, photos, matches, focal, lenses)
+        guessed = lenses is Lenses.BY_SIZE and any(focal)  # pairs are verified without it: a wrong one loses matches
+        _write(pycolmap, database, photos, matches, focal, Lenses.EACH_ITS_OWN if guessed else lenses)
         verifier, geometry = pycolmap.GeometricVerifierOptions(), pycolmap.TwoViewGeometryOptions()
         verifier.num_threads = os.cpu_count() or 1  # each pair is seeded for itself
         geometry.ransac.random_seed, geometry.ransac.max_num_trials = seed, _TRIALS
         pycolmap.geometric_verification(database, verifier, two_view_geometry_options=geometry)
-        if lenses is not Lenses.AS_TOLD or not any(focal):
+        if guessed:
+            database = _shared(pycolmap, database, photos, matches, focal)
+        elif lenses is not Lenses.AS_TOLD or not any(focal):
             calibration = pycolmap.ViewGraphCalibrationOptions()
             calibration.random_seed = seed
             pycolmap.calibrate_view_graph(database, calibration)
         models = pycolmap.incremental_mapping(database, folder, folder, _options(pycolmap, lenses, seed))
         found = [_solution(model) for model in models.values()]
     return sorted(found, key=lambda model: -len(model.photo))
+
+
+def _shared(pycolmap: Any, verified: Path, photos: Sequence[Features], matches: Matches,
+            focal: Sequence[float | None]) -> Path:  # fmt: skip
+    """Return a database with the pairs' geometry of `verified`, and one lens for all photos of a size.
+
+    It starts from the middle of the focal lengths that files tell, which need not be right for any one photo.
+    """
+    start = float(np.median([ratio for ratio in focal if ratio is not None]))
+    path = verified.with_name("shared.db")
+    _write(pycolmap, path, photos, matches, [start] * len(photos), Lenses.AS_TOLD)  # one told length: one lens by size
+    before, after = pycolmap.Database.open(verified), pycolmap.Database.open(path)
+    for (i, j), rows in matches.items():
+        if len(rows) >= FEWEST_MATCHES:
+            after.write_two_view_geometry(i + 1, j + 1, before.read_two_view_geometry(i + 1, j + 1))
+    before.close()
+    after.close()
+    return path
 
 
 def _options(pycolmap: Any, lenses: Lenses, seed: int) -> Any:

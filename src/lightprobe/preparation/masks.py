@@ -66,7 +66,7 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
     for view in hinted.values():
         visible, shown = _at(view.camera, view.given, solution.points)
         inside += visible & shown
-        outside |= visible & ~shown
+        outside |= visible & ~_at(view.camera, _grown(view.given), solution.points)[1]  # its rim is the object's
         framed |= visible
     candidate = sharp & ~outside & ((inside > 0) | ~framed)
     cropped = any(_cropped(view.given) for view in hinted.values() if view.given is not None)
@@ -102,6 +102,13 @@ def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarr
 def _cropped(mask: np.ndarray) -> bool:
     """Tell whether a mask (h, w) bool ends at the border of its photo."""
     return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+
+
+def _grown(mask: np.ndarray | None) -> np.ndarray | None:
+    """Return a mask (h, w) bool with what lies as near to it as a point's mark reaches."""
+    if mask is None or not mask.any():
+        return mask
+    return scipy.ndimage.distance_transform_edt(~mask) < _DOT * max(mask.shape)
 
 
 def _within_reach(points: np.ndarray, candidate: np.ndarray, outside: np.ndarray, everything: bool) -> np.ndarray:
