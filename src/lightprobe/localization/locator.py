@@ -1,6 +1,8 @@
 """One photo of a known object in; the camera that took it, the object's mask and a verdict on both out."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,8 +58,12 @@ class Locator:
         focal: focal length in pixels; by default the EXIF's, or it is found with the pose.
         Raises `InputError` when the photo cannot be read or the object is not found in it.
         """
-        begin, image = time.perf_counter(), Path(image)
-        color, given = _read(image, None if mask is None else Path(mask))
+        with _one_torch_thread():
+            return self._locate(Path(image), None if mask is None else Path(mask), focal)
+
+    def _locate(self, image: Path, mask: Path | None, focal: float | None) -> Located:
+        begin = time.perf_counter()
+        color, given = _read(image, mask)
         height, width = color.shape[:2]
         if focal is None:
             ratio = focal_ratio(image)
@@ -84,6 +90,21 @@ class Locator:
         return PoseVerdict(
             best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores)
         )  # fmt: skip
+
+
+@contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """Let PyTorch use one thread meanwhile.
+
+    Poses are refined in many short steps, between which PyTorch's threads wait by spinning, and take the cores from
+    those of OpenCV and of the compiled loops: on two cores one thread is twice as fast.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def locate(run: Path | str, image: Path | str, *, mask: Path | str | None = None) -> Located:
