@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from lightprobe.localization.level import Level
+from lightprobe.scene.contact_sheet import outline
 
 _SOFTNESS = 0.15  # of appearance: a step of this size counts half
 _TOLERANCE = 0.5  # of appearance, between the object under a coarse light and the photo
@@ -34,7 +35,7 @@ def outline_of(pixel: np.ndarray, width: int, height: int, count: int) -> Outlin
     mask = np.zeros(width * height, bool)
     mask[pixel] = True
     shape = mask.reshape(height, width)
-    rim = shape & ~scipy.ndimage.binary_erosion(shape, border_value=1)
+    rim = outline(shape)
     soft = scipy.ndimage.gaussian_filter(shape.astype(np.float32), 1.5)
     down, across = np.gradient(soft)
     flat = np.flatnonzero(rim)

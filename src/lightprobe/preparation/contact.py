@@ -1,7 +1,8 @@
 """The contact sheet: every photo with the outline of its mask, its name and what is to be said of it."""
 
 import numpy as np
-import scipy
+
+from lightprobe.scene.contact_sheet import outline
 
 _LINE = (255, 60, 0)  # sRGB of the outline
 GOOD, DOUBTFUL, LOST = (220, 220, 220), (255, 200, 0), (255, 90, 90)  # sRGB of captions
@@ -12,8 +13,7 @@ def outlined(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return a photo (h, w, 3) uint8 with what lies outside its mask (h, w) bool dimmed, and the outline drawn."""
     picture = np.where(mask[..., None], color, color // 3).astype(np.uint8)
     width = max(1, round(max(mask.shape) / 200))
-    inner = scipy.ndimage.binary_erosion(mask, iterations=width, border_value=1)
-    picture[mask & ~inner] = _LINE
+    picture[outline(mask, width)] = _LINE
     return picture
 
 

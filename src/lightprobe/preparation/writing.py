@@ -16,8 +16,10 @@ from lightprobe.preparation.libraries import library
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.solution import bent
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.contact_sheet import Cell, contact_sheet
 
 _SMALL_BEND = 0.5  # pixels up to which a photo is taken as it is
+_CELL = 200  # pixels of a contact sheet's pictures
 _ORIENTATION = 0x0112  # number of the EXIF tag
 
 
@@ -95,18 +97,14 @@ def full_size(camera: Camera, photo: SourcePhoto) -> Camera:
 
 def write_sheet(path: Path, cells: Sequence[tuple[str, np.ndarray, tuple[int, int, int]]]) -> None:
     """Write a sheet of pictures (h, w, 3) uint8, each with its caption and the caption's colour, as PNG."""
-    from PIL import ImageDraw, ImageFont
-
-    side, caption, gap = 200, 18, 6
-    columns = max(4, int(np.ceil(np.sqrt(1.4 * len(cells)))))
-    rows = -(-len(cells) // columns)
-    sheet = Image.new("RGB", (columns * (side + gap) + gap, rows * (side + caption + gap) + gap), (24, 24, 24))
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
-    for index, (words, picture, ink) in enumerate(cells):
-        left, top = gap + index % columns * (side + gap), gap + index // columns * (side + caption + gap)
-        small = Image.fromarray(picture)
-        small.thumbnail((side, side))
-        sheet.paste(small, (left + (side - small.width) // 2, top + (side - small.height) // 2))
-        draw.text((left, top + side + 2), words[:32], fill=ink, font=font)
+    sheet = contact_sheet([Cell(words, _small(picture), ink) for words, picture, ink in cells], side=_CELL,
+                          letters=32, font=12)  # fmt: skip
     with atomic_path(path) as temporary:
         sheet.save(temporary, format="PNG")
+
+
+def _small(picture: np.ndarray) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 at the size of the sheet's cells."""
+    image = Image.fromarray(picture)
+    image.thumbnail((_CELL, _CELL))
+    return np.asarray(image)
