@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from lightprobe.imaging import read_ldr, shrink_area, srgb_encode
+from lightprobe.imaging import LUMA, read_ldr, shrink_area, srgb_encode
 from lightprobe.imaging.video import difference
 from lightprobe.scene.frame import Problems, list_images
 from lightprobe.scene.plain_photos import measure_photos, sharpness
 
 _MOST, _BLURRED = 96, 12  # photos of a folder that are measured, and that are blurred
 _SIDE = 1280  # pixels that a blurred photo is reduced to, as others are
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear sRGB
 _HEAD = "| photos | sharpness | blur 1 | blur 2 | blur 4 | motion | texture | least difference |"
 
 
@@ -41,7 +40,7 @@ def _blurred(path: Path) -> list[float]:
     color, _ = read_ldr(path)
     views = [scipy.ndimage.gaussian_filter(color, (sigma, sigma, 0)) for sigma in (1, 2, 4)]
     views.append(scipy.ndimage.uniform_filter1d(color, 9, axis=1))
-    return [sharpness(np.clip(srgb_encode(shrink_area(view @ _LUMA, _SIDE)), 0, 1) * 255) for view in views]
+    return [sharpness(np.clip(srgb_encode(shrink_area(view @ LUMA, _SIDE)), 0, 1) * 255) for view in views]
 
 
 def _listed(values: np.ndarray, digits: int = 2) -> str:

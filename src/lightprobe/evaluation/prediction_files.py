@@ -4,16 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lightprobe.imaging import write_png
+from lightprobe.imaging import LUMA, write_png
 from lightprobe.light.files import write_map
 from lightprobe.prediction import Prediction
-
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def exposure(image: np.ndarray) -> float:
     """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, whatever suns it has."""
-    luma = image @ _LUMA
+    luma = image @ LUMA
     typical = float(np.minimum(luma, 5 * np.median(luma)).mean())
     return 0.5 / typical if typical > 0 else 1.0
 

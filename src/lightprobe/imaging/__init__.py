@@ -1,7 +1,7 @@
 """Image files in, linear float pixels out, and back; sizes are checked before anything is decoded."""
 
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
-from lightprobe.imaging.color import srgb_decode, srgb_encode
+from lightprobe.imaging.color import LUMA, srgb_decode, srgb_encode
 from lightprobe.imaging.decoding import foreign_encoding
 from lightprobe.imaging.exif import focal_ratio, gravity, read_exif_ev100, read_orientation, turned_size, undo
 from lightprobe.imaging.hdr import read_hdr, write_exr
@@ -17,6 +17,7 @@ from lightprobe.imaging.video import extract_frames, is_video
 __all__ = [
     "CLIPPED",
     "IMAGE_SUFFIXES",
+    "LUMA",
     "MAX_PIXELS",
     "RAW_SUFFIXES",
     "UNREADABLE",

@@ -11,6 +11,7 @@ import torch
 
 Array = TypeVar("Array", np.ndarray, torch.Tensor)
 
+LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # weights of linear sRGB (BT.709)
 _LINEAR_KNEE = 0.0031308  # of IEC 61966-2-1
 _ENCODED_KNEE = 0.04045  # the same, encoded
 

@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 import torch
 
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.extras import extra_library
 from lightprobe.imaging import shrink_area
 from lightprobe.localization.appearance import appearance
 
@@ -32,13 +32,7 @@ class Features:
 
 def load_opencv() -> ModuleType:
     """Return the module `cv2`, or raise `ConfigError` saying how to install it."""
-    try:
-        import cv2
-    except ImportError as error:
-        raise ConfigError(
-            "Finding the camera of a photo needs OpenCV; install it with: pip install 'lightprobe[photos]'."
-        ) from error
-    return cv2
+    return extra_library("cv2", "Finding the camera of a photo")
 
 
 def find_features(color: np.ndarray, count: int, mask: np.ndarray | None = None) -> Features:

@@ -75,12 +75,12 @@ class Locator:
             raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
         best = found[0]
         camera = best.camera.resized(width, height)
-        cover = silhouette(self._decomposition.asset, camera)
         verdict = self._verdict(found, camera)
         if verdict.status is PoseStatus.REFUSED:
             raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         restored = _restored(camera, self._decomposition.similarity)
         if given is None:
+            cover = silhouette(self._decomposition.asset, camera)
             given = cover * (1 - magnified(hidden_share(self._known, Levels(small), best.camera), cover.shape))
         return Located(restored, given, verdict, color, time.perf_counter() - begin)
 

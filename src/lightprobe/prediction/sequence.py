@@ -21,29 +21,31 @@ _FLOOR = 0.01  # of the mean radiance: darker is all alike
 
 def steadied(lights: Tensor, confidences: Tensor) -> Tensor:
     """Return the maps (N, 6, R, R, 3) of consecutive frames without their flicker; confidences (N, 6, R, R)."""
-    floor = _FLOOR * torch.stack([cubemap.sphere_mean(light).mean() for light in lights]).mean()
-    folds = (lights + floor).log()
-    angle = cubemap.solid_angles(lights.shape[2], lights.device)
-    usual = torch.stack([_difference(a, b, angle) for a, b in pairwise(folds)] or [angle.sum() * 0])
+    logs, floor, angle = _logs(lights)
+    usual = torch.stack([_difference(a, b, angle) for a, b in pairwise(logs)] or [angle.sum() * 0])
     spread = _LIKENESS * usual.median().clamp_min(1e-6)
     found = []
-    for number in range(len(folds)):
-        near = torch.arange(max(0, number - _REACH), min(len(folds), number + _REACH + 1), device=lights.device)
-        apart = torch.stack([_difference(folds[number], folds[other], angle) for other in near])
+    for number in range(len(logs)):
+        near = torch.arange(max(0, number - _REACH), min(len(logs), number + _REACH + 1), device=lights.device)
+        apart = torch.stack([_difference(logs[number], logs[other], angle) for other in near])
         weight = torch.exp(-0.5 * (((near - number) / _FRAMES) ** 2 + (apart / spread) ** 2))
         share = weight[:, None, None, None] * confidences[near]
-        mean = (share[..., None] * folds[near]).sum(0) / share.sum(0).clamp_min(1e-12)[..., None]
+        mean = (share[..., None] * logs[near]).sum(0) / share.sum(0).clamp_min(1e-12)[..., None]
         found.append((mean.exp() - floor).clamp(min=0))
     return torch.stack(found)
 
 
 def flicker(lights: Tensor) -> float:
     """Return the root mean square change of ln radiance from one map (N, 6, R, R, 3) to the next, over the sphere."""
-    floor = _FLOOR * torch.stack([cubemap.sphere_mean(light).mean() for light in lights]).mean()
-    folds = (lights + floor).log()
-    angle = cubemap.solid_angles(lights.shape[2], lights.device)
-    changes = [_difference(a, b, angle).square() for a, b in pairwise(folds)]
+    logs, _, angle = _logs(lights)
+    changes = [_difference(a, b, angle).square() for a, b in pairwise(logs)]
     return float(torch.stack(changes).mean().sqrt()) if changes else 0.0
+
+
+def _logs(lights: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return ln of the maps (N, 6, R, R, 3) above a floor, the floor (), and the texels' solid angles (6, R, R)."""
+    floor = _FLOOR * torch.stack([cubemap.sphere_mean(light).mean() for light in lights]).mean()
+    return (lights + floor).log(), floor, cubemap.solid_angles(lights.shape[2], lights.device)
 
 
 def _difference(first: Tensor, second: Tensor, angle: Tensor) -> Tensor:

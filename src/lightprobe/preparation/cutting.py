@@ -6,7 +6,7 @@ A trimap holds one of four labels for each pixel, OpenCV's: surely or probably b
 import numpy as np
 import scipy
 
-from lightprobe.preparation.libraries import library
+from lightprobe.preparation.libraries import opencv_library
 
 BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = 0, 1, 2, 3  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
 _ROUNDS = 3  # of fitting colours and cutting
@@ -18,7 +18,7 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
 
     Where the trimap has no object or no background at all, it is the answer. Raises `ConfigError` without OpenCV.
     """
-    cv2 = library("cv2")
+    cv2 = opencv_library()
     box = _box(trimap != BACKGROUND)
     if box is None:
         return np.zeros(trimap.shape, bool)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from lightprobe.preparation.libraries import library
+from lightprobe.preparation.libraries import pycolmap_library
 
 MOST = 2500  # features of a photo: twice as many take four times as long to match and registered no photo more
 _PEAK = 0.003  # contrast from which a blob is a feature, half of COLMAP's: objects are smoother than houses
@@ -36,7 +36,7 @@ class Features:
 
 def find_features(grey: np.ndarray) -> Features:
     """Return the features of a picture (H, W) uint8; raises `ConfigError` without pycolmap."""
-    pycolmap = library("pycolmap")
+    pycolmap = pycolmap_library()
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = 1
     options.sift.max_num_features = MOST

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightprobe.preparation.features import Features, moved
-from lightprobe.preparation.libraries import library
+from lightprobe.preparation.libraries import pycolmap_library
 from lightprobe.preparation.mapping import Matches
 from lightprobe.preparation.solution import Solution, straightened
 from lightprobe.scene.camera import Camera
@@ -155,7 +155,7 @@ def unexplained(photos: Sequence[Features], matches: Matches, solution: Solution
 
 def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarray:
     """Return which matches fit a fundamental matrix, (M,) bool."""
-    pycolmap = library("pycolmap")
+    pycolmap = pycolmap_library()
     options = pycolmap.RANSACOptions()
     options.max_error, options.random_seed = _OFF * max(a.width, a.height), seed
     found = pycolmap.estimate_fundamental_matrix(

@@ -1,25 +1,19 @@
-"""The libraries of `lightprobe[photos]`, imported when they are first needed."""
+"""The libraries of `lightprobe[photos]` that preparing needs."""
 
-import importlib
-from types import ModuleType
+from typing import Any
 
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.extras import extra_library
 
-_NEEDED_FOR = {
-    "pycolmap": "finding the cameras of plain photos",
-    "cv2": "cutting the object out of plain photos",
-}
+_SILENT = 4  # beyond glog's FATAL, 3
 
 
-def library(name: str) -> ModuleType:
-    """Return the module `pycolmap` or `cv2`; raise `ConfigError` saying how to install it when it is missing."""
-    try:
-        module = importlib.import_module(name)
-    except ImportError as error:
-        raise ConfigError(
-            f"{_NEEDED_FOR[name].capitalize()} needs {name}, which is not installed; "
-            "install it with: pip install 'lightprobe[photos]'."
-        ) from error
-    if name == "pycolmap":
-        module.logging.minloglevel = 4  # what it says is said again in our words
+def pycolmap_library() -> Any:
+    """Return `pycolmap`, told to be silent; raise `ConfigError` saying how to install it when it is missing."""
+    module = extra_library("pycolmap", "Finding the cameras of plain photos")
+    module.logging.minloglevel = _SILENT  # what it says is said again in our words
     return module
+
+
+def opencv_library() -> Any:
+    """Return OpenCV's `cv2`; raise `ConfigError` saying how to install it when it is missing."""
+    return extra_library("cv2", "Cutting the object out of plain photos")

@@ -8,6 +8,8 @@ import numpy as np
 from lightprobe.core.errors import InputError
 from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.features import Features, find_features, match_photos
+from lightprobe.preparation.judging import sampled
+from lightprobe.preparation.mapping import FEWEST_MATCHES
 from lightprobe.preparation.photos import SourcePhoto, copies, working_pictures
 
 _BLURRED = 0.5  # of the median sharpness of all photos: below, a photo without a camera is called blurred
@@ -65,8 +67,6 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
 
 def _allowed(photos: Sequence[SourcePhoto], seen: Sequence[Seen]) -> list[np.ndarray]:
     """Return which features may be matched, (N,) bool: none of a copy, and of a cutout those that are shown."""
-    from lightprobe.preparation.judging import sampled
-
     again = copies(photos)
     allowed = []
     for photo, each in zip(photos, seen, strict=True):
@@ -95,9 +95,6 @@ def reason_lost(photo: SourcePhoto, each: Seen, best_match: int, median_sharpnes
         return f"blurred; sharpness {each.sharpness / median_sharpness:.2f} of the others'"
     if len(each.features.points) < _FEW_FEATURES:
         return f"few features; {len(each.features.points)} found"
-    if best_match < 2 * _FEWEST:
+    if best_match < 2 * FEWEST_MATCHES:
         return f"few matches; at most {best_match} with another photo"
     return f"not enough inliers; {best_match} matches with its best partner do not fit the cameras"
-
-
-_FEWEST = 15  # matches of a pair that may count, as in `mapping`

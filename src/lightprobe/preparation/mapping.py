@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lightprobe.preparation.features import Features
-from lightprobe.preparation.libraries import library
+from lightprobe.preparation.libraries import pycolmap_library
 from lightprobe.preparation.solution import Solution
 
 Pair = tuple[int, int]
@@ -42,7 +42,7 @@ def reconstruct(photos: Sequence[Features], matches: Matches, focal: Sequence[fl
     focal: focal length over the longer side of each photo, None where unknown. One thread, so that equal seeds give
     equal models. Raises `ConfigError` without pycolmap.
     """
-    pycolmap = library("pycolmap")
+    pycolmap = pycolmap_library()
     with tempfile.TemporaryDirectory() as folder:
         database = Path(folder) / "database.db"
         pycolmap.set_random_seed(seed)

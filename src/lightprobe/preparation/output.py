@@ -12,7 +12,7 @@ from lightprobe.core.files import checksum, named_file, read_json, remove, write
 from lightprobe.imaging import gravity, read_alpha, resize_area
 from lightprobe.preparation.contact import LOW_AGREEMENT, lost_cell, photo_cell
 from lightprobe.preparation.hints import find_photo
-from lightprobe.preparation.libraries import library
+from lightprobe.preparation.libraries import opencv_library
 from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, match_counts
 from lightprobe.preparation.options import PrepareOptions
@@ -147,7 +147,7 @@ def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:
     """Return a mask (h, w) at another size, (H, W) float32, with smooth outlines where it grows."""
     if mask.shape[0] >= height:
         return resize_area(mask, height, width)
-    cv2 = library("cv2")
+    cv2 = opencv_library()
     soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.7)  # as wide as a pixel: it rounds the steps
     large = cv2.resize(soft, (width, height), interpolation=cv2.INTER_CUBIC)
     return np.clip((large - 0.5) * height / mask.shape[0] + 0.5, 0, 1).astype(np.float32)

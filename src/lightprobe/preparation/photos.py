@@ -9,6 +9,7 @@ import numpy as np
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum
 from lightprobe.imaging import (
+    LUMA,
     focal_ratio,
     image_size,
     read_alpha,
@@ -26,7 +27,6 @@ from lightprobe.scene.plain_photos import list_photos
 FEWEST = 4  # photos from which shape can be found at all
 FEATURE_SIDE = 1600  # pixels of the longer side that features are found in: more costs time and brings few
 COLOR_SIDE = 320  # pixels of the longer side of the pictures that objects are cut out of
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def working_pictures(photo: SourcePhoto) -> WorkingPictures:
     linear, alpha = read_ldr(photo.path)
     given = given_mask(photo, alpha)
     color = np.clip(srgb_encode(np.clip(shrink_area(linear, COLOR_SIDE), 0, 1)) * 255 + 0.5, 0, 255).astype(np.uint8)
-    grey = even_contrast(shrink_area(linear @ _LUMA, FEATURE_SIDE))
+    grey = even_contrast(shrink_area(linear @ LUMA, FEATURE_SIDE))
     small = None if given is None else resize_area(given, *color.shape[:2])
     return WorkingPictures(grey, color, small, sharpness(grey))
 

@@ -12,7 +12,7 @@ from PIL import Image
 from lightprobe.core.files import atomic_folder, atomic_path, named_file, write_json
 from lightprobe.imaging import read_ldr, srgb_encode, write_png
 from lightprobe.imaging.exif import read_exif
-from lightprobe.preparation.libraries import library
+from lightprobe.preparation.libraries import opencv_library
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.solution import bent
 from lightprobe.scene.camera import Camera
@@ -36,7 +36,7 @@ def straight(picture: np.ndarray, camera: Camera, k: float) -> np.ndarray:
     """Return a picture (H, W) or (H, W, 3), any type, as a pinhole shows it; what the lens did not see is 0."""
     if largest_bend(camera, k) <= _SMALL_BEND:
         return picture
-    cv2 = library("cv2")
+    cv2 = opencv_library()
     return cv2.remap(picture, *bend_map(camera, k), cv2.INTER_CUBIC if picture.ndim == 3 else cv2.INTER_LINEAR)
 
 

@@ -32,7 +32,7 @@ class LocationFiles:
 
     def within(self, folder: Path, image: Path) -> "LocationFiles":
         """Return all files of one photo, those not chosen in `folder`."""
-        stem = cut_name(image.stem, _STEM_BYTES)
+        stem = file_stem(image)
         names = {"camera": ".camera.json", "mask": ".mask.png", "overlay": ".overlay.png"}
         chosen = {key: getattr(self, key) or named_file(folder, stem, suffix) for key, suffix in names.items()}
         return LocationFiles(**chosen)
@@ -116,6 +116,11 @@ def locate_photo(locator: "Locator", image: Path, mask: Path | None, files: Loca
 def photo_mask(image: Path, mask: Path | None) -> Path | None:
     """Return the mask of a photo, out of a folder of masks if `mask` is one."""
     return mask / f"{image.stem}.png" if mask is not None and mask.is_dir() else mask
+
+
+def file_stem(image: Path) -> str:
+    """Return what the files made of a photo are named by: its stem, cut where names would grow too long."""
+    return cut_name(image.stem, _STEM_BYTES)
 
 
 def is_own_photo(run: RunFolder, image: Path) -> bool:

@@ -16,12 +16,9 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for, recorded_config
-from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
+from lightprobe.runs.locations import LocatedPhoto, LocationFiles, file_stem, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
-from lightprobe.scene.frame import cut_name
 from lightprobe.scene.record import read_record
-
-_STEM_BYTES = 255 - len(".confidence.exr")  # of a photo's name that the names of its maps can hold
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ class MapFiles:
     @staticmethod
     def of(run: RunFolder, image: Path, several: bool, method: Method | None, files: PredictionFiles) -> "MapFiles":
         """Refuse what could not be written, before any work; `image` names the map where nothing else does."""
-        output, confidence, stem = files.output, files.confidence, cut_name(image.stem, _STEM_BYTES)
+        output, confidence, stem = files.output, files.confidence, file_stem(image)
         if several:
             for place in (output, confidence):
                 if place is not None and (place.suffix.lower() in (".exr", ".hdr") or place.is_file()):

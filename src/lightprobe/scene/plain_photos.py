@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from lightprobe.imaging import (
+    LUMA,
     RAW_SUFFIXES,
     PhotoFile,
     focal_ratio,
@@ -35,7 +36,6 @@ _MASKS = frozenset({"masks", "mask"})  # folders that hold no photos
 _BLUR = 9  # pixels of the running mean that detail is compared across
 _CELL = 16  # pixels of a side of the cells of which texture is the share with a corner
 _CORNER = 15.0  # squared grey levels of 255 for each pixel of a cell's smaller eigenvalue; noise of 10 levels makes 4
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear sRGB (BT.709)
 _DARK = 0.002  # linear value below which 8 bits tell nothing
 _THREADS = 2  # photos decoded at the same time at most: each takes memory
 
@@ -78,7 +78,7 @@ def measure_photo(path: Path) -> PlainPhoto:
 
     def planes(first: int, last: int) -> np.ndarray:
         color, _ = photo.rows(first, last)
-        return np.dstack([color @ _LUMA, photo.clipped_rows(first, last).any(axis=2)])
+        return np.dstack([color @ LUMA, photo.clipped_rows(first, last).any(axis=2)])
 
     small = resize_rows(planes, (photo.height, photo.width, 2), height, width)
     light = small[..., 0]
