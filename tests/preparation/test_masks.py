@@ -8,9 +8,20 @@ import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut, tidy
-from lightprobe.preparation.masks import MARGINS, View, carve, cut_all, cut_near_hull, object_points, silhouette_of
+from lightprobe.preparation.masks import (
+    AGREEMENTS,
+    MARGINS,
+    View,
+    carve,
+    cut_all,
+    cut_near_hull,
+    first_trimap,
+    object_points,
+    silhouette_of,
+)
 from lightprobe.scene.consistency import overlap
 from tests.preparation.ring import SIZE, ball_points, photographed, ring_cameras
+from tests.shapes import camera_at
 
 pytest.importorskip("cv2")
 
@@ -42,10 +53,10 @@ def world():
 
 def rounds(solution, views, labels):
     masks = cut_all(views, solution, labels)
-    found = carve(views, masks)
-    for margin in MARGINS:
+    found = carve(views, masks, AGREEMENTS[0])
+    for margin, agreement in zip(MARGINS, AGREEMENTS[1:], strict=True):
         near = {i: cut_near_hull(v, silhouette_of(found, v), found.masks[i], margin) for i, v in views.items()}
-        found = carve(views, near)
+        found = carve(views, near, agreement)
     return found
 
 
@@ -122,9 +133,53 @@ def test_a_cut_runs_between_what_is_sure():
     assert not cut(color, np.full((60, 80), BACKGROUND, np.uint8)).any()
 
 
+def test_only_what_a_photo_saw_itself_marks_the_object_in_it(world):
+    solution, views, _ = world
+    labels = np.where(np.arange(len(solution.points)) < 150, 1, -1).astype(np.int8)
+    low = solution.points[solution.seen][:, 2] < 0  # of the ball's points photo 0 saw the lower ones only
+    own = replace(solution, seen=solution.seen[low], seen_by=solution.seen_by[low])
+    marked = np.nonzero(first_trimap(views[0], own, labels, 0) == OBJECT)[0]
+    top = views[0].camera.project(np.array([[0.0, 0.0, 0.05]]))[0, 1]
+    assert marked.min() > top - 0.25 * SIZE / 3
+    assert marked.max() > top
+    everybody = np.nonzero(first_trimap(views[0], solution, labels, 0) == OBJECT)[0]
+    assert everybody.min() < marked.min() - 20
+
+
+def test_a_part_that_some_first_cuts_lose_is_not_lost_in_all():
+    cameras = ring_cameras(40)
+    views = {i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)}
+    truth = {i: disc(camera) for i, camera in enumerate(cameras)}
+    upper = np.arange(SIZE)[:, None] < cameras[0].project(np.zeros((1, 3)))[0, 1] - 15
+    masks = {i: mask & ~upper if i % 10 == 0 else mask for i, mask in truth.items()}
+    first, last = (
+        np.mean([silhouette_of(found, view)[truth[i]].mean() for i, view in views.items()])
+        for found in (carve(views, masks, share) for share in (AGREEMENTS[0], AGREEMENTS[-1]))
+    )
+    assert first > 0.95
+    assert last < first - 0.1
+
+
 def test_specks_and_pinholes_go():
     mask = np.zeros((60, 60), bool)
     mask[10:50, 10:50] = True
     clean = mask.copy()
     mask[30, 30], mask[2, 2] = False, True
     assert np.array_equal(tidy(mask), clean)
+
+
+def test_a_cropped_hint_shows_how_far_a_long_object_reaches():
+    """Few points lie on the long part, outside of the ball that most photos show; one photo shows all but its foot."""
+    cameras = ring_cameras(12)
+    rng = np.random.default_rng(5)
+    mast = np.stack([rng.normal(0, 0.05, 12), rng.normal(0, 0.05, 12), np.linspace(0.9, 1.5, 12)], 1)
+    _, _, solution = photographed(cameras, np.concatenate([ball_points(150), mast]))
+    views = {i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)}
+    wide = camera_at(tuple(cameras[4].position), size=SIZE, focal=160)
+    column, top, _ = wide.project(np.array([[0.0, 0.0, 1.6]]))[0]
+    assert 0 < top < SIZE / 3
+    hint = np.zeros((SIZE, SIZE), bool)
+    hint[int(top) :, int(column) - 60 : int(column) + 60] = True  # down to the border of the photo
+    long = object_points(solution, {**views, 4: View(wide, views[4].color, hint, False)}, False)
+    assert (long[150:] == 1).mean() > 0.9
+    assert (object_points(solution, views, False)[150:] == 1).mean() < 0.5  # the cameras alone do not tell

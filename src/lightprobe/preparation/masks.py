@@ -8,7 +8,7 @@ outline, closer in each round.
 All pictures are as through a pinhole; masks (h, w) bool have the pictures' size.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +23,15 @@ from lightprobe.scene.hull import Hull
 from lightprobe.scene.normalise import find_similarity
 
 MARGINS = (0.08, 0.05, 0.03)  # of the object's size: how far from the hull's outline each round looks
+AGREEMENTS = (0.7, 0.8, 0.9, 0.9)  # of the photos, for the hull of the first cuts and of each round: first cuts lose
+# parts that few points mark, such as a raised arm, and a strict hull would lose them in all photos
+_MANY = 10  # photos from which a part of them may err
 _RESOLUTION = 96  # voxels along an edge of the hull
 _DEEP = 1.5  # margins inside the hull from which a pixel is surely the object
 _DOT = 0.012  # of the longer side: radius around a point that has its label
 _REACH = 1.35  # radii of the object's points within which it may reach
 _BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
+_NEAR_PHOTOS = 2  # whose points mark the object beside those of the photo itself
 _FEWEST = 12  # points from which the object's place is known
 _SHARP_POINT = 2.0  # pixels of mean error up to which a point is trusted
 
@@ -70,9 +74,11 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
         framed |= visible
     candidate = sharp & ~outside & ((inside > 0) | ~framed)
     cropped = any(_cropped(view.given) for view in hinted.values() if view.given is not None)
+    least = 0.0
     if not everything and (cropped or not hinted):  # a close-up tells what is off the object, not where it ends
         center, radius = _looked_at(views)
-        candidate &= np.linalg.norm(solution.points - center, axis=1) < radius
+        least = max((_shown_radius(view, center) for view in hinted.values()), default=0.0)
+        candidate &= np.linalg.norm(solution.points - center, axis=1) < max(radius, least)
     elif not everything:
         candidate &= _seen_inside(solution, hinted, candidate & (inside > 0))
     if candidate.sum() < _FEWEST:
@@ -80,7 +86,7 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
             "No points of the object were found: give a mask or a box of it in one photo that shows it well, "
             "with --hint PHOTO=MASK.png or --hint PHOTO=x0,y0,x1,y1."
         )
-    return _within_reach(solution.points, candidate, outside, everything)
+    return _within_reach(solution.points, candidate, outside, everything, least)
 
 
 def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarray) -> np.ndarray:
@@ -111,11 +117,26 @@ def _grown(mask: np.ndarray | None) -> np.ndarray | None:
     return scipy.ndimage.distance_transform_edt(~mask) < _DOT * max(mask.shape)
 
 
-def _within_reach(points: np.ndarray, candidate: np.ndarray, outside: np.ndarray, everything: bool) -> np.ndarray:
-    """Return labels (P,) int8: candidates in their own bulk are the object, what is far from it is not."""
+def _shown_radius(view: View, center: np.ndarray) -> float:
+    """Return how far from `center` (3,) the hint's mask reaches, at the depth of the center."""
+    if view.given is None:
+        return 0.0
+    x, y, depth = view.camera.project(center[None])[0]
+    rows, columns = np.nonzero(view.given)
+    if depth <= 0 or not len(rows):
+        return 0.0
+    return float(np.hypot(columns + 0.5 - x, rows + 0.5 - y).max() * depth / view.camera.fx)
+
+
+def _within_reach(points: np.ndarray, candidate: np.ndarray, outside: np.ndarray, everything: bool,
+                  least: float) -> np.ndarray:  # fmt: skip
+    """Return labels (P,) int8: candidates in their own bulk are the object, what is far from it is not.
+
+    least: radius of the bulk at least, which a hint shows.
+    """
     center = np.median(points[candidate], axis=0)
     distance = np.linalg.norm(points - center, axis=1)
-    radius = _REACH * np.quantile(distance[candidate], 0.9)
+    radius = max(_REACH * np.quantile(distance[candidate], 0.9), least)
     labels = np.where(candidate & (distance < radius), 1, 0).astype(np.int8)
     if not everything:
         labels[(distance > _REACH * radius) | outside] = -1
@@ -152,9 +173,9 @@ def first_trimap(view: View, solution: Solution, labels: np.ndarray, photo: int)
     camera = view.camera
     shape = (camera.height, camera.width)
     dot = max(1.0, _DOT * max(shape))
-    mine = np.zeros(len(labels), bool)
-    mine[solution.seen[solution.seen_by == photo]] = True
-    on = _dots(camera, solution.points[labels == 1], shape)
+    mine = _seen_by(solution, [photo])
+    sure = (labels == 1) & _seen_by(solution, _photos_from_near(solution, photo, solution.points[labels == 1]))
+    on = _dots(camera, solution.points[sure if sure.sum() >= _FEWEST else labels == 1], shape)
     off = _dots(camera, solution.points[(labels == -1) & mine], shape)
     reach = _reach(camera, solution.points[labels == 1], shape)
     near = scipy.ndimage.distance_transform_edt(~on) if on.any() else np.full(shape, np.inf)
@@ -164,6 +185,24 @@ def first_trimap(view: View, solution: Solution, labels: np.ndarray, photo: int)
         trimap[scipy.ndimage.distance_transform_edt(~off) < dot] = BACKGROUND
     trimap[near < dot] = OBJECT
     return trimap
+
+
+def _seen_by(solution: Solution, photos: Sequence[int]) -> np.ndarray:
+    """Return which points some of the photos saw, (P,) bool."""
+    seen = np.zeros(len(solution.points), bool)
+    seen[solution.seen[np.isin(solution.seen_by, photos)]] = True
+    return seen
+
+
+def _photos_from_near(solution: Solution, photo: int, points: np.ndarray) -> list[int]:
+    """Return a photo and those that look at `points` (P, 3) from nearly where it does.
+
+    What these saw falls on the object in it, too: errors of cameras far apart put points beside it.
+    """
+    towards = solution.pose[:, :3, 3] - np.median(points, axis=0)
+    towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+    alike = towards @ towards[list(solution.photo).index(photo)]
+    return [int(other) for other in solution.photo[np.argsort(-alike, kind="stable")[: 1 + _NEAR_PHOTOS]]]
 
 
 def _dots(camera: Camera, points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -195,20 +234,23 @@ def cut_all(views: Mapping[int, View], solution: Solution, labels: np.ndarray) -
     }  # fmt: skip
 
 
-def carve(views: Mapping[int, View], masks: Mapping[int, np.ndarray]) -> Cutout:
-    """Return the hull of the masks (h, w) bool and its agreement with each; no hull where they do not fit together."""
+def carve(views: Mapping[int, View], masks: Mapping[int, np.ndarray], agreement: float = AGREEMENTS[-1]) -> Cutout:
+    """Return the hull of the masks (h, w) bool and its agreement with each; no hull where they do not fit together.
+
+    agreement: share of the photos that see a place whose masks must hold it.
+    """
     photos = [photo for photo in masks if masks[photo].any()]
     cameras, alphas = [views[photo].camera for photo in photos], [masks[photo].astype(np.float32) for photo in photos]
     try:
         similarity = find_similarity(cameras, alphas)
     except InputError:
         return Cutout(dict(masks), {}, None, None)
-    hull = fitted_hull(cameras, alphas, similarity, _RESOLUTION, agreement=None if len(photos) < 10 else 0.9)
-    agreement = {
+    hull = fitted_hull(cameras, alphas, similarity, _RESOLUTION, agreement=None if len(photos) < _MANY else agreement)
+    overlaps = {
         photo: overlap(mask, silhouette(hull, views[photo].camera, similarity, mask.shape))
         for photo, mask in masks.items()
     }
-    return Cutout(dict(masks), agreement, similarity, hull)
+    return Cutout(dict(masks), overlaps, similarity, hull)
 
 
 def silhouette_of(cutout: Cutout, view: View) -> np.ndarray:

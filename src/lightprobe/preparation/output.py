@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum, named_file, read_json, remove, write_bytes, write_json
@@ -30,9 +31,11 @@ from lightprobe.preparation.upright import (
 )
 from lightprobe.preparation.writing import full_size, straight, write_images, write_masks, write_sheet, write_transforms
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.consistency import overlap
 
 _FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
 _DOUBTFUL_HULL = 0.85  # mean IoU of masks and hull, likewise
+_LOST_OF_HINT = 0.8  # IoU of the boxes around hint and mask below which a part of the object is lost
 _FEWEST = 3  # photos with cameras that make a scene
 
 
@@ -175,6 +178,7 @@ def _report(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapp
         "tried": [candidate.to_json() for candidate in cutting.choice.tried],
         "reprojection_error_px": float(kept.solution.errors.mean()) if len(kept.solution.errors) else None,
         "mask_hull_iou_mean": mean, "mask_hull_iou": agreement,
+        "hint_box_iou": {photos[i].name: round(value, 4) for i, value in hint_overlaps(cutting).items()},
         "up": up.source, **scale, "masks_corrected": sorted(cutting.own),
         "warnings": _warnings(photos, cutting, up, mean),
     }  # fmt: skip
@@ -191,10 +195,36 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
         found.append("The masks do not fit together in space; look at contact.png and give a --hint.")
     elif mean < _DOUBTFUL_HULL:
         found.append(f"Masks and visual hull agree at IoU {mean:.2f} only; look at contact.png before training.")
+    for index, value in hint_overlaps(cutting).items():
+        if value < _LOST_OF_HINT:
+            found.append(
+                f"In {photos[index].name} the mask that was found does not reach as far as the hint, or farther: the "
+                f"boxes around them have IoU {value:.2f}. A part may be wrong in all photos; look at contact.png."
+            )
     low = [photos[i].name for i, value in cutting.cutout.agreement.items() if value < LOW_AGREEMENT]
     if low and mean is not None:
         found.append(f"{len(low)} masks disagree with the others, such as that of {low[0]}; correct them in masks/.")
     return found
+
+
+def hint_overlaps(cutting: Cutting) -> dict[int, float]:
+    """Return by photo the IoU of the boxes around the mask that was found and the hint that was given for it.
+
+    What all masks lose alike their hull loses, too, and agrees with them; the hint does not.
+    """
+    return {
+        index: overlap(_boxed(cutting.masks[index]), _boxed(view.given))
+        for index, view in cutting.views.items()
+        if view.given is not None and not view.fixed
+    }
+
+
+def _boxed(mask: np.ndarray) -> np.ndarray:
+    """Return the upright box around a mask, (h, w) bool both."""
+    picture = np.zeros(mask.shape, bool)
+    for box in scipy.ndimage.find_objects(mask.astype(int)):
+        picture[box] = True
+    return picture
 
 
 def _write_sheet(path: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], cutting: Cutting,

@@ -12,6 +12,7 @@ from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.features import Features
 from lightprobe.preparation.looking import Seen
 from lightprobe.preparation.masks import (
+    AGREEMENTS,
     MARGINS,
     Cutout,
     View,
@@ -70,15 +71,15 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
         masks = {i: v.given if v.fixed and v.given is not None else rembg_mask(v.color) for i, v in views.items()}
     else:
         masks = cut_all(views, choice.kept.solution, labels)
-    cutout = carve(views, masks)
-    for done, margin in enumerate(MARGINS):
+    cutout = carve(views, masks, AGREEMENTS[0])
+    for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
         masks = {
             index: cut_near_hull(view, silhouette_of(cutout, view), cutout.masks[index], margin)
             for index, view in views.items()
         }
-        cutout = carve(views, masks)
+        cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))
 
