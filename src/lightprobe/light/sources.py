@@ -30,7 +30,8 @@ _FINEST = 64  # resolution from which sources are looked for in area averages
 _RING = math.radians(15), math.radians(30)  # around a source, where its surroundings are seen
 _REACH = math.radians(25)  # of a source from its brightest texel
 _STANDS_OUT = 3.0  # times the median of the ring and the mean of the sphere
-_FOOT = 0.05  # of the height above the ring down to which texels belong to a source; a Gaussian has the same share below
+_FOOT = 0.1  # of the height above the ring at which a source's radius is measured
+_TAIL, _GROUND = 1.6, 1.5  # its radii that its tail may reach to, and times the ring's median that it ends at
 _LEAST = 0.02  # of the whole light's flux
 _NEIGHBOUR = 1.8  # texels' widths within which two texels touch
 
@@ -110,7 +111,7 @@ def find_sources(environment: Environment, most: int = MOST) -> tuple[LightSourc
 def split_light(environment: Environment, most: int = MOST) -> SplitLight:
     """Return a light as up to `most` sources and the rest, which keeps the level around each source in its place."""
     search = _Search(environment)
-    found = []
+    found: list[LightSource] = []
     while len(found) < most and (source := search.next_source()) is not None:
         found.append(source)
     found.sort(key=lambda source: -sum(source.irradiance))
@@ -143,7 +144,7 @@ class _Search:
             if self._stands_out(peak, level) and float(luma(excess.sum(0))) >= _LEAST * self._flux:
                 self._light[taken] = torch.minimum(self._light[taken], level)
                 self._passed |= self._beside(taken, peak)
-                return self._source(taken, excess / (1 - _FOOT))
+                return self._source(taken, excess)
             self._passed[taken] = True
 
     def rest(self, texels: Tensor) -> Tensor:
@@ -165,16 +166,14 @@ class _Search:
         apart = torch.acos((self._direction @ self._direction[peak]).clamp(-1, 1))
         ring = (apart > _RING[0]) & (apart < _RING[1])
         level = self._light[ring].median(0).values
-        brightness = luma(self._light)
-        ground = luma(level)
-        foot = torch.maximum(1.5 * ground, ground + _FOOT * (brightness[peak] - ground))
-        near = ((apart < _REACH) & (brightness > foot)).nonzero()[:, 0]
-        if len(near) == 0:
-            return torch.tensor([peak], device=apart.device), level
-        return near[self._connected(near, peak)], level
+        brightness, ground = luma(self._light), luma(level)
+        foot = ground + _FOOT * (brightness[peak] - ground)
+        core = self._connected(((apart < _REACH) & (brightness >= foot)).nonzero()[:, 0], peak)
+        end = _TAIL * apart[core].max() + self._angle[peak].sqrt()
+        return self._connected(((apart < end) & (brightness > _GROUND * ground)).nonzero()[:, 0], peak), level
 
     def _connected(self, near: Tensor, peak: int) -> Tensor:
-        """Return which of the texels `near` (K,) hang together with `peak`, (K,) bool."""
+        """Return those of the texels `near` (K,) that hang together with `peak`, and it alone if it is not one."""
         width = self._angle[near].sqrt()
         step = torch.cdist(self._direction[near], self._direction[near])
         touching = step < _NEIGHBOUR * torch.minimum(width[:, None], width)
@@ -182,7 +181,7 @@ class _Search:
         while True:
             wider = reached | touching[reached].any(0)
             if bool((wider == reached).all()):
-                return reached
+                return near[reached] if bool(reached.any()) else torch.tensor([peak], device=near.device)
             reached = wider
 
     def _source(self, taken: Tensor, excess: Tensor) -> LightSource:
