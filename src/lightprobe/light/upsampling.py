@@ -22,7 +22,7 @@ from lightprobe.imaging import resize_area
 
 HEIGHTS = (64, 128, 256, 512, 1024, 2048)
 _SIZE = re.compile(r"(\d{1,5})(?:x(\d{1,5}))?")
-_ITERATIONS, _CLOSE = 60, 1e-4  # of the fixed point, and the largest relative error at which it may stop
+_ITERATIONS, _CLOSE = 60, 1e-3  # of the fixed point, and the largest relative error at which it may stop
 _MIDPOINTS = 8  # samples along a texel up to which they are those of the wanted map; beyond, Gauss' rule does as well
 _GAUSS = 5
 _BLACK = 1e-6  # of a channel's mean: what is darker is interpolated as this, and scaled to its mean at the end
