@@ -1,32 +1,44 @@
 """Measures how well the key light of a photo is found: its direction and irradiance, and what its uncertainty is worth.
 
-    python tools/measure_sources.py RUN [RUN ...] [--record FILE.json]
+    python tools/measure_sources.py RUN [RUN ...] [--lights FOLDER ...] [--record FILE.json]
 
 For every test photo of each run's scene whose true light has one dominant sun or lamp (`dominant`) the light is
-predicted and its sources fitted to the photo. The source that stands nearest to the true one among those with at least
-a third of the strongest one's irradiance is compared with it: "key" is simply the strongest. "map" is what the
-predicted map says before the fit. Prints a line for each photo and medians; truth is read from the scene's files.
+predicted and its sources fitted to the photo. "key" is the strongest source, "map" what the predicted map alone says.
+With --lights, the photos are instead renders of the scene's true object (`evaluation.oracle`) under each dominant light
+of the folders' maps, from the test cameras in turn, 256 pixels wide, exposed for the object and clipped at white: the
+run's own errors stay. Prints a line for each photo, and medians. Truth is read from the scene's files.
 """
 
 import argparse
 import json
 import math
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
+from lightprobe.evaluation.oracle import true_asset
+from lightprobe.light import prefilter
 from lightprobe.light.environment import Environment
+from lightprobe.light.files import environment_files
 from lightprobe.light.photometry import luma
 from lightprobe.light.sources import LightSource, find_sources
 from lightprobe.prediction import Predictor
+from lightprobe.render.picture import Picture
 from lightprobe.runs.stages import open_scene
 from lightprobe.scene import load_pixels
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Pixels, Scene
 
 LAMP = math.radians(22)  # radius up to which a source is a sun or a lamp; beyond it is a window or a bright sky
+RESOLUTION = 32  # of the lights that sources are looked for in
+WIDTH, EXPOSED = 256, 0.5  # of renders: pixels, and the linear value that four fifths of the object stay under
 SHARE, RIVAL = 0.25, 0.5  # a dominant source's least share of the whole flux, and the most that another lamp has of it
 
 
@@ -71,29 +83,59 @@ def key(sources: tuple[LightSource, ...]) -> LightSource | None:
     return max(sources, key=strength, default=None)
 
 
-def measure(run: Path) -> list[Measured]:
-    """Return what is found in all test photos of a run whose light has a dominant source."""
-    predictor, scene = Predictor.load(run), open_scene(RunFolder.open(run), None)
-    found = []
+Shots = Iterator[tuple[str, Pixels, Camera, LightSource]]  # name, photo, its camera, its true key light
+
+
+def own_shots(scene: Scene) -> Shots:
+    """Yield the test photos of a scene whose light has a dominant source."""
     for photo in scene.test:
-        if photo.truth.environment is None:
-            continue
-        true = dominant(Environment.load(photo.truth.environment, resolution=32))
+        if photo.truth.environment is not None:
+            true = dominant(Environment.load(photo.truth.environment, resolution=RESOLUTION))
+            if true is not None:
+                yield photo.name, *load_pixels(photo), true
+
+
+def rendered_shots(scene: Scene, folders: list[Path]) -> Shots:
+    """Yield renders of the scene's true object under the dominant lights of some folders."""
+    asset, views, turn = true_asset(scene), scene.test, 0
+    for path in (path for folder in folders for path in environment_files(folder)):
+        light = Environment.load(path, resolution=2 * RESOLUTION)
+        true = dominant(light.resized(RESOLUTION))
         if true is None:
             continue
-        prediction = predictor.predict(*load_pixels(photo), refuse=False, sources=True)
-        before = key(find_sources(prediction.environment))
-        after = key(() if prediction.split is None else prediction.split.sources)
-        found.append(Measured(
-            run.name, photo.name,
-            None if before is None else apart(before, true), None if after is None else apart(after, true),
-            None if before is None else strength(before) / strength(true),
-            None if after is None else strength(after) / strength(true),
-            None if after is None else after.uncertainty,
-            None if after is None or after.direction_uncertainty is None
-            else math.degrees(after.direction_uncertainty),
-        ))  # fmt: skip
-    return found
+        camera = views[turn % len(views)].camera
+        turn += 1
+        camera = camera.resized(WIDTH, round(WIDTH * camera.height / camera.width))
+        picture = Picture.of(
+            asset, camera.normalised(scene.similarity), prefilter.cached(light.resolution, light.device), light.device
+        )
+        image, cover = picture.render(light.texels)
+        exposure = EXPOSED / float(image[cover > 0.99].mean(-1).quantile(0.8))
+        color = (exposure * image / cover.clamp(min=1e-6)[..., None]).clamp(0, 1) * (cover > 0)[..., None]
+        pixels = Pixels.of(color.numpy(), cover.numpy())
+        yield path.stem, pixels, camera, true.scaled(torch.full((3,), exposure))
+
+
+def measure(run: Path, folders: list[Path]) -> list[Measured]:
+    """Return what is found in a run's test photos, or in renders under the maps of `folders` where there are some."""
+    predictor, scene = Predictor.load(run), open_scene(RunFolder.open(run), None)
+    shots = rendered_shots(scene, folders) if folders else own_shots(scene)
+    return [measured(predictor, run.name, *shot) for shot in shots]
+
+
+def measured(predictor: Predictor, run: str, name: str, pixels: Pixels, camera: Camera, true: LightSource) -> Measured:
+    """Return one photo's key light against the true one."""
+    prediction = predictor.predict(pixels, camera, refuse=False, sources=True)
+    before = key(find_sources(prediction.environment))
+    after = key(() if prediction.split is None else prediction.split.sources)
+    turn = None if after is None else after.direction_uncertainty
+    return Measured(
+        run, name,
+        None if before is None else apart(before, true), None if after is None else apart(after, true),
+        None if before is None else strength(before) / strength(true),
+        None if after is None else strength(after) / strength(true),
+        None if after is None else after.uncertainty, None if turn is None else math.degrees(turn),
+    )  # fmt: skip
 
 
 def summary(found: list[Measured]) -> dict[str, float]:
@@ -115,20 +157,23 @@ def summary(found: list[Measured]) -> dict[str, float]:
     }  # fmt: skip
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure the runs of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--lights", nargs="+", type=Path, default=[], help="folders of maps to render photos under")
     parser.add_argument("--record", type=Path, help="also write all numbers here, as JSON")
-    given = parser.parse_args()
-    every = [one for run in given.runs for one in measure(run)]
+    given = parser.parse_args(arguments)
+    try:
+        every = [one for run in given.runs for one in measure(run, given.lights)]
+    except LightprobeError as error:
+        sys.exit(str(error))
+    if not every:
+        sys.exit("No photo's light has one dominant sun or lamp.")
     for one in every:
         print(json.dumps(vars(one)))
-    if every:
-        print(json.dumps(summary(every)))
-    else:
-        print("No test photo's light has one dominant sun or lamp.")
-    if given.record is not None and every:
+    print(json.dumps(summary(every)))
+    if given.record is not None:
         write_json(given.record, {"photos": [vars(one) for one in every], "summary": summary(every)})
 
 

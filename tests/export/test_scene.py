@@ -18,7 +18,7 @@ from lightprobe.light.sources import LightSource
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from tests.export.glb_reader import Glb
-from tests.export.test_glb import SIMILARITY, difficult_mesh, toy_textures
+from tests.export.toy_asset import SIMILARITY, difficult_mesh, toy_textures
 
 ROOT = Path(__file__).parents[2]
 LAMPS = (
@@ -84,6 +84,14 @@ def test_usd_s_own_validators_find_nothing(folder, name):
     stage = usd.Stage.Open(str(folder / name))
     found = validation.ValidationContext(every).Validate(stage)
     assert [error.GetErrorAsString() for error in found] == []
+
+
+def test_usd_s_validators_find_what_is_wrong():
+    usd, validation = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdValidation")
+    registry = validation.ValidationRegistry()
+    names = [one.name for one in registry.GetAllValidatorMetadata() if not one.isSuite]
+    found = validation.ValidationContext(registry.GetOrLoadValidatorsByName(names)).Validate(usd.Stage.CreateInMemory())
+    assert found
 
 
 def test_usd_has_the_mesh_the_material_and_the_lights(folder):

@@ -16,28 +16,24 @@ from lightprobe.runs.calibration import (
     reset_calibration,
 )
 
+_PhotoArg = Annotated[Path | None, option(metavar="IMAGE", help="A photo of the object.")]
+_CameraArg = Annotated[
+    Path | None, option(metavar="C.json", help="Its camera, or many of which its name chooses; else it is found.")
+]
+_MaskArg = Annotated[Path | None, option(metavar="M", help="White object on black; else the photo's alpha, or found.")]
+_LightArg = Annotated[Path | None, option(metavar="ENV.exr", help="The photo's true light, in the photo's exposure.")]
+_AlbedoArg = Annotated[str | None, option(metavar="A", help="True albedo of what --at shows, linear: .18, or r,g,b.")]
+_AtArg = Annotated[str | None, option(metavar="X,Y", help="Pixel of the photo, on the object or on a card.")]
+_UpArg = Annotated[FlagCreatePairsOff[bool], option(help="The card lies flat; else it faces the camera.")]
+_LuxArg = Annotated[
+    float | None, option(metavar="LUX", help="Light meter's reading beside the object, its sensor facing up.")
+]
+_ResetArg = Annotated[FlagCreatePairsOff[bool], option(help="Forget the calibration.")]
+
 
 def calibrate(
-    run: RunArg, *,
-    photo: Annotated[Path | None, option(metavar="IMAGE", help="A photo of the object.")] = None,
-    camera: Annotated[
-        Path | None,
-        option(metavar="C.json", help="Its camera, or many of which its name chooses; else it is found."),
-    ] = None,
-    mask: Annotated[Path | None, option(metavar="M", help="White object on black; else the photo's alpha, or found.")]
-    = None,
-    env: Annotated[
-        Path | None, option(metavar="ENV.exr", help="The photo's true light, in the photo's exposure.")
-    ] = None,
-    albedo: Annotated[
-        str | None, option(metavar="A", help="True albedo of what --at shows, linear: .18, or r,g,b.")
-    ] = None,
-    at: Annotated[str | None, option(metavar="X,Y", help="Pixel of the photo, on the object or on a card.")] = None,
-    up: Annotated[FlagCreatePairsOff[bool], option(help="The card lies flat; else it faces the camera.")] = False,
-    lux: Annotated[
-        float | None, option(metavar="LUX", help="Light meter's reading beside the object, its sensor facing up.")
-    ] = None,
-    reset: Annotated[FlagCreatePairsOff[bool], option(help="Forget the calibration.")] = False,
+    run: RunArg, *, photo: _PhotoArg = None, camera: _CameraArg = None, mask: _MaskArg = None, env: _LightArg = None,
+    albedo: _AlbedoArg = None, at: _AtArg = None, up: _UpArg = False, lux: _LuxArg = None, reset: _ResetArg = False,
     device: Device = "auto",
 ) -> None:  # fmt: skip
     """Tell a run how bright its object truly is, which photos alone cannot: by a light, an albedo or a light meter.

@@ -8,11 +8,12 @@ import torch
 from lightprobe.core.config.prediction import Sun
 from lightprobe.export import SceneLight
 from lightprobe.export.light_file import read_sources
+from lightprobe.imaging import resize_area
 from lightprobe.light.environment import Environment, read_map
 from lightprobe.light.files import panorama
 from lightprobe.light.sources import split_light
-from lightprobe.light.upsampling import resized_map
 
+_RESOLUTION = 64  # texels along a cubemap edge at which sources are told from the rest
 _TINY = 1e-12  # of radiance: black is black without its sources
 
 
@@ -28,7 +29,7 @@ def scene_light(path: Path, sun: Sun) -> SceneLight:
         return SceneLight(image, known[0])
     if sun is Sun.INSIDE:
         return SceneLight(image, ())
-    environment = Environment.from_panorama(image)
+    environment = Environment.from_panorama(image, _RESOLUTION)
     split = split_light(environment)
     if not split.sources:
         return SceneLight(image, ())
@@ -38,5 +39,5 @@ def scene_light(path: Path, sun: Sun) -> SceneLight:
 
 def _dimmed(image: np.ndarray, share: torch.Tensor) -> np.ndarray:
     """Return a map (H, 2H, 3) times `share` (6, R, R, 3) in [0, 1] of every direction."""
-    kept = resized_map(panorama(share), image.shape[0])
+    kept = resize_area(panorama(share), *image.shape[:2])
     return image * np.clip(kept, 0, 1)
