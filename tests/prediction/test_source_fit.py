@@ -64,7 +64,7 @@ def test_the_photo_gives_a_dim_lamp_its_irradiance(scene):
     (source,) = fitted_sources(observation, dim, asset.mesh, 0).sources
     assert source.irradiance == pytest.approx(TRUE.irradiance, rel=0.15)
     assert degrees(source.direction, TRUE.direction) < 3
-    assert 0 < source.uncertainty < 0.6
+    assert 0 < source.uncertainty < 0.8
 
 
 def test_a_lamp_beside_its_place_is_moved_by_its_shadow(scene):

@@ -115,7 +115,10 @@ def test_what_cannot_be_is_one_sentence_and_stores_nothing(clean):
     run, _, shot, folder, _ = clean
     camera = folder / "camera.json"
     write_exr(folder / "dark.exr", np.full((16, 32, 3), 1e-6, np.float32))
+    write_exr(folder / "glaring.exr", np.full((16, 32, 3), 1e3, np.float32))
     with pytest.raises(InputError, match="cannot be"):
+        calibrate_by_light(run.path, shot, folder / "glaring.exr", camera=camera, mask=None)
+    with pytest.raises(InputError, match="own light"):
         calibrate_by_light(run.path, shot, folder / "dark.exr", camera=camera, mask=None)
     with pytest.raises(InputError, match=r"EXIF.*--albedo"):
         calibrate_by_meter(run.path, shot, 500.0, camera=camera, mask=None)

@@ -53,7 +53,7 @@ _RINGS = tuple(math.radians(angle) for angle in (8.0, 4.0, 2.0))  # of direction
 _AROUND = 6  # on each ring
 _BLACK = 1e-3  # of the predicted irradiance: a source with less is not there, and its deviation is relative to this
 # Deviations of fitted key lights from true ones, relative and in radians, see docs/decisions/key-lights.md
-_USUAL_ERROR, _USUAL_TURN = 0.45, math.radians(4)
+_USUAL_ERROR, _USUAL_TURN = 0.65, math.radians(4)
 
 
 @dataclass(frozen=True)

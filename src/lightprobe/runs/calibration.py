@@ -2,7 +2,8 @@
 
 All three are told by one photo. With g the factor of light per channel:
 
-    known light     the object under the map has to look like the photo: base colours over g, found on displayed values
+    known light     the object under the map, base colours over g, has to look like the photo: g is the median over
+                    pixels of render / photo; a least-squares factor would dim what does not match
     known albedo    of a point on the object: g = the run's base colour there / the albedo. Of a card beside it, of
                     albedo a and pixel value p: g = pi p / (a E), E the irradiance that the run predicts on the card
     light meter     g = lux / (K E), E the predicted irradiance on a surface that faces up, by luminance, K the cd/m^2
@@ -23,7 +24,6 @@ from lightprobe.core.failures import writing
 from lightprobe.core.files import remove
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
-from lightprobe.evaluation.metrics import channel_scale
 from lightprobe.export.light_file import candela_per_unit
 from lightprobe.imaging import LUMA
 from lightprobe.light import cubemap
@@ -39,6 +39,7 @@ from lightprobe.scene.camera import Camera
 _ROUNDS = 3  # of a factor that also changes what the object reflects onto itself
 _OPAQUE = 0.9  # coverage from which a pixel shows the object alone
 _PATCH = 0.01  # of the photo's longer side: half the edge of the square of pixels around a point
+_DARK = 1e-3  # linear value below which a ratio says nothing
 _FEWEST = 16  # pixels that a light is compared on
 
 
@@ -68,7 +69,7 @@ def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Pat
         whole = inside & ~torch.from_numpy(seen.pixels.clipped).any(-1)
         if int(whole.sum()) < _FEWEST:
             raise InputError(f"{photo} shows too little of the object that is not clipped; expose it for the object.")
-        factor = factor / channel_scale(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole]).float()
+        factor = factor * _median_ratio(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
     return _stored(opened.run, factor, f"{photo.name} under {environment.name}")
 
 
@@ -157,6 +158,14 @@ def _patch(photo: NewPhoto, point: Point) -> np.ndarray:
     row, column = np.mgrid[:height, :width]
     reach = max(1.0, _PATCH * max(height, width))
     return (np.abs(column + 0.5 - point.x) <= reach) & (np.abs(row + 0.5 - point.y) <= reach)
+
+
+def _median_ratio(render: Tensor, photo: Tensor) -> Tensor:
+    """Return the median (3,) of render / photo over pixels (N, 3), where neither is black."""
+    usable = (torch.minimum(render, photo) > _DARK).all(-1)
+    if int(usable.sum()) < _FEWEST:
+        raise InputError("Under this light the object is black where the photo is not; give the photo's own light.")
+    return (render[usable] / photo[usable]).median(0).values.float()
 
 
 def _towards_camera(camera: Camera) -> Tensor:
