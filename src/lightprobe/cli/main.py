@@ -21,6 +21,7 @@ COMMANDS = {
     "render": ("using", "the object under an environment, from a camera"),
     "relight": ("using", "a turntable and the test views under a new environment"),
     "eval": ("evaluation", "numbers and a report on the test photos"),
+    "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
     "bench": ("bench", "every scene and method, and the tables"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),
 }

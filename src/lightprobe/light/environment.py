@@ -17,6 +17,7 @@ from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
 from lightprobe.light.files import environment_files, panorama, write_map
 from lightprobe.light.resize import resize_light, rotate_light
+from lightprobe.light.upsampling import resized_map
 
 _RESOLUTIONS = (8, 16, 32, 64, 128)  # that a file may be read at
 
@@ -76,9 +77,10 @@ class Environment:
         wanted = resolution or max((r for r in _RESOLUTIONS if r <= image.shape[0] // 2), default=_RESOLUTIONS[0])
         return Environment(equirect.to_cubemap(torch.from_numpy(np.ascontiguousarray(image, np.float32)), wanted))
 
-    def panorama(self) -> np.ndarray:
-        """Return the equirectangular map (2R, 4R, 3) float32."""
-        return panorama(self.texels)
+    def panorama(self, height: int | None = None) -> np.ndarray:
+        """Return the equirectangular map (2R, 4R, 3) float32, or one of `height` rows (`light.upsampling`)."""
+        image = panorama(self.texels)
+        return image if height is None else resized_map(image, height)
 
     @staticmethod
     def load(path: Path | str, device: torch.device | None = None, resolution: int | None = None) -> "Environment":
@@ -86,19 +88,25 @@ class Environment:
 
         Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
         """
-        image = read_hdr(Path(path))
-        height, width, channels = image.shape
-        if width != 2 * height or channels < 3:
-            raise InputError(
-                f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H."
-            )
-        if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
-            raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
-        return Environment.from_panorama(image[..., :3], resolution).to(device or torch.device("cpu"))
+        return Environment.from_panorama(read_map(Path(path)), resolution).to(device or torch.device("cpu"))
 
-    def save(self, path: Path | str) -> None:
-        """Write it as an equirectangular .exr or .hdr of 2R x 4R; raise `ConfigError` for any other suffix."""
-        write_map(Path(path), self.panorama())
+    def save(self, path: Path | str, height: int | None = None) -> None:
+        """Write it as an equirectangular .exr or .hdr of 2R rows, or `height`; `ConfigError` for any other suffix."""
+        write_map(Path(path), self.panorama(height))
+
+
+def read_map(path: Path) -> np.ndarray:
+    """Return an equirectangular EXR or Radiance map (H, 2H, 3) float32 >= 0, all of its texels.
+
+    Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
+    """
+    image = read_hdr(path)
+    height, width, channels = image.shape
+    if width != 2 * height or channels < 3:
+        raise InputError(f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H.")
+    if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
+        raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
+    return np.ascontiguousarray(image[..., :3], np.float32)
 
 
 def load_environments(folder: Path, resolution: int) -> list[Environment]:
