@@ -11,8 +11,6 @@ from lightprobe.light.environment import Environment
 R = 16
 FAR = torch.tensor([[50.0, 50, 0], [50, 51, 0], [50, 50, 1]])
 AWAY = Caster(FAR, torch.tensor([[0, 1, 2]]).int(), torch.zeros(1, 3))
-    torch.tensor([[50.0, 50, 0], [50, 51, 0], [50, 50, 1]]), torch.tensor([[0, 1, 2]]).int(), torch.zeros(1, 3)
-)
 
 
 def plate(height: float, radiance: float = 0.0) -> Caster:
