@@ -151,7 +151,7 @@ def write_picture(rows: Sequence[Path], path: Path) -> None:
     for row in rows:
         with Image.open(row) as image:
             parts.append(np.asarray(image)[:, : 3 * image.height])
-    Image.fromarray(np.concatenate(parts)).save(path, quality=88)
+    Image.fromarray(np.concatenate(parts)).save(path, quality=80)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

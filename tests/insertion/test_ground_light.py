@@ -37,8 +37,8 @@ def test_patches_hold_the_whole_irradiance():
     patches = SkyPatches.of(Environment(sky))
     direction, angle = cubemap.directions(R), cubemap.solid_angles(R)[..., None]
     wanted = (sky * direction[..., 2:].clamp(min=0) * angle).sum((0, 1, 2))
-    torch.testing.assert_close(patches.total(), wanted, rtol=0.03, atol=0)
-    assert float(patches.angle.sum()) == pytest.approx(math.pi, rel=1e-3)
+    torch.testing.assert_close(patches.total(), wanted, rtol=0.08, atol=0)
+    assert float(patches.angle.sum()) == pytest.approx(math.pi, rel=5e-3)
     assert (patches.direction[:, 2] > 0).all()
 
 
