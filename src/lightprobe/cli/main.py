@@ -91,6 +91,8 @@ def _guarded(name: str, arguments: list[str]) -> int:
 
 
 def _run(name: str, arguments: list[str]) -> None:
+    if os.environ.get("NO_COLOR"):  # https://no-color.org, which tyro itself does not ask
+        os.environ.setdefault("PYTHON_TYRO_ANSI_CODES", "False")
     import tyro
 
     from lightprobe.cli import answer

@@ -15,6 +15,7 @@ from torch import Tensor
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
+from lightprobe.light.display import png, shown
 from lightprobe.light.files import environment_files, panorama, write_map
 from lightprobe.light.resize import resize_light, rotate_light
 
@@ -95,6 +96,10 @@ class Environment:
         if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
             raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
         return Environment.from_panorama(image[..., :3], resolution).to(device or torch.device("cpu"))
+
+    def _repr_png_(self) -> bytes:
+        """Return the map as notebooks show it: exposed, highlights bent."""
+        return png(shown(self.panorama()))
 
     def save(self, path: Path | str) -> None:
         """Write it as an equirectangular .exr or .hdr of 2R x 4R; raise `ConfigError` for any other suffix."""

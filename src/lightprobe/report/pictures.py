@@ -9,12 +9,12 @@ from PIL import Image
 from torch import Tensor
 
 from lightprobe.evaluation.evaluation import ViewResult
-from lightprobe.evaluation.prediction_files import exposure, tone_mapped
 from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
+from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import plane
-from lightprobe.report.color_scale import RANGE, confidence_colors
+from lightprobe.prediction.color_scale import RANGE, confidence_colors
 
 _SIDE = 256  # pixels of a picture that explains
 _LARGE = 384  # and of those that lead a page
