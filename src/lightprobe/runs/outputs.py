@@ -11,6 +11,7 @@ from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight, turntable
 from lightprobe.export import export, write_picture
+from lightprobe.export.blender import write_addon
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.runs.progress import OnProgress, silent
@@ -64,13 +65,14 @@ def relight_run(
 def export_run(run_folder: Path | str, output: Path, *, device: str | torch.device = "auto") -> list[Path]:
     """Write mesh.glb, its textures and the training photos' lights into a new or empty folder; return the files.
 
+    Blender's add-on that imports them, lightprobe_import.py, is among them.
     The first is the mesh. Raises `InputError` for a run that cannot be used, `ConfigError` for a folder with files.
     """
     run = RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
     decomposition = Decomposition.load(run, resolve_device(device))
     with filled_folder(output) as files:
-        written = export(decomposition, files, decomposition.lights)
+        written = [*export(decomposition, files, decomposition.lights), write_addon(files)]
         return [output / path.relative_to(files) for path in written]
 
 
