@@ -26,8 +26,8 @@ def photo_section(name: str, place: int, pictures: Pictures, scores: dict[str, A
     if folded:
         shown = "".join(figure(title, pictures[title]) for title in folded)
         opened = " open" if place == 0 else ""
-        body += f'<details{opened}><summary>Difference and materials</summary><div class="row">{shown}</div>'
-        body += "</details>"
+        body += f"<details{opened}><summary>What explains them: difference, materials, confidence</summary>"
+        body += f'<div class="row">{shown}</div></details>'
     return f'<section id="{anchor(place)}" data-place="{place}"{score_attributes(scores)}>{header}{body}</section>'
 
 
