@@ -18,7 +18,7 @@ from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
-from tests.conventions.test_marked_environment import SIMILARITY, marked_cubemap
+from tests.marked_light import SIMILARITY, marked_cubemap
 from tests.shapes import sphere_mesh
 
 SCRIPT = Path(__file__).with_name("blender_scene.py")

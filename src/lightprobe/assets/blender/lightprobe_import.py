@@ -33,7 +33,7 @@ bl_info = {
 _NAME = "lightprobe light"  # of the world and of the collection of lamps
 _MAPS = (".exr", ".hdr")
 _LARGEST_JSON = 2**24  # bytes
-_MOST_LAMPS = 64
+_MOST_LAMPS = 64  # that a file may bring; lightprobe writes at most eight
 
 
 class LightFileError(Exception):
