@@ -15,6 +15,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lightprobe.cli.progress import Meter
     from lightprobe.distillation import distill
     from lightprobe.evaluation import evaluate, relight
     from lightprobe.localization import Locator, locate
@@ -25,12 +26,13 @@ if TYPE_CHECKING:
     from lightprobe.scene import load_photo, load_scene
 
 __all__ = [
-    "Locator", "Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "locate", "prepare",
-    "relight", "train",
+    "Locator", "Meter", "Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "locate",
+    "prepare", "relight", "train",
 ]  # fmt: skip
 
 # name -> its package, and its name there where that is another
 _HOME = {
+    "Meter": "cli.progress",
     "Locator": "localization", "Predictor": "prediction", "decompose": "reconstruction", "distill": "distillation",
     "evaluate": "evaluation", "load_photo": "scene", "load_scene": "scene", "locate": "localization",
     "prepare": "runs:prepare_scene",

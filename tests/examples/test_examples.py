@@ -1,5 +1,7 @@
 """Every example runs, one after the other, on a run that the first of them has trained on the toy scene."""
 
+import ast
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -83,3 +85,25 @@ def test_06_scores_its_own_method_beside_the_others(scene, trained):
         name, score = line.split(":")
         scores.setdefault(name.split(maxsplit=1)[1], []).append(float(score.split()[0]))
     assert sum(scores["sky and ground"]) > sum(scores["constant"])
+
+
+def test_07_s_cells_run_in_order_and_show_pictures(scene, trained, tmp_path, monkeypatch):
+    notebook = json.loads((EXAMPLES / "07_notebook.ipynb").read_text())
+    demo = tmp_path / "src" / "lightprobe" / "assets" / "demo" / "test"
+    for link, target in ((tmp_path / "runs" / "demo", trained), (demo / "r_000.png", scene / "test" / "test_00.png")):
+        link.parent.mkdir(parents=True)
+        link.symlink_to(target)
+    monkeypatch.chdir(tmp_path)
+    names, shown = {}, []
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            *before, last = ast.parse("".join(cell["source"])).body
+            exec(compile(ast.Module(before, []), "cell", "exec"), names)
+            if isinstance(last, ast.Expr):
+                shown.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
+            else:
+                exec(compile(ast.Module([last], []), "cell", "exec"), names)
+    assert shown[0]._repr_html_().count("data:image/png;base64,") == 2
+    assert all(picture._repr_png_().startswith(b"\x89PNG") for picture in shown[:3])
+    assert read_hdr(tmp_path / "light.exr").min() >= 0

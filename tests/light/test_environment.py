@@ -1,8 +1,10 @@
+import io
 import math
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import write_exr, write_radiance
@@ -57,3 +59,12 @@ def test_what_is_saved_is_loaded(tmp_path, suffix):
 def test_what_is_no_cubemap_of_colours_is_refused(shape):
     with pytest.raises(ValueError, match=r"texels \(6, R, R, 3\)"):
         Environment(torch.zeros(shape))
+
+
+def test_a_notebook_shows_the_map_at_a_middling_brightness():
+    texels = torch.full((6, 16, 16, 3), 0.001)
+    texels[4] = 1000.0  # a sky that bends, and is not cut
+    picture = np.asarray(Image.open(io.BytesIO(Environment(texels)._repr_png_())))
+    assert picture.shape == (32, 64, 3)
+    assert picture[0].min() > 250
+    assert 1 < picture[-1].mean() < 250

@@ -68,3 +68,13 @@ def test_wrong_names_are_refused_before_anything_is_written(tmp_path, names, wor
     with pytest.raises(ConfigError, match=words):
         Prediction(Environment(light()), trust(), {}, GOOD).save(*paths)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_notebook_shows_map_confidence_and_verdict():
+    doubtful = Verdict(0.2, 0.4, 0.99, 0.0, 0.2, 0.99, 0.0)
+    prediction = Prediction(Environment(light()), trust(), {"total": 1.5}, doubtful)
+    shown = prediction._repr_html_()
+    assert shown.count('<img src="data:image/png;base64,') == 2
+    assert "photo doubtful; " in shown
+    assert "1.50 s" in shown
+    assert prediction._repr_png_() == Environment(light())._repr_png_()

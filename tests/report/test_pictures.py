@@ -11,8 +11,8 @@ from PIL import Image
 
 from lightprobe.evaluation import evaluate
 from lightprobe.prediction import Method
+from lightprobe.prediction.color_scale import confidence_colors
 from lightprobe.report import view_pictures
-from lightprobe.report.color_scale import confidence_colors
 from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.report.pictures import PICTURE_NOTES
 from tests.known_scene import CPU, known_scene

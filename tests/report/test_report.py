@@ -22,10 +22,11 @@ class Balance(html.parser.HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.open, self.addresses = [], []
+        self.open, self.addresses, self.places = [], [], set()
 
     def handle_starttag(self, tag, attributes):
         self.addresses += [value for key, value in attributes if key in ("src", "href")]
+        self.places |= {f"#{value}" for key, value in attributes if key == "id"}
         if tag not in ("meta", "img", "br"):
             self.open.append(tag)
 
@@ -44,7 +45,22 @@ def test_page_is_well_formed_and_needs_no_other_file(tmp_path):
     reader.feed(page(tmp_path, titles=tuple(PICTURE_NOTES), commands=["lightprobe eval RUN"]))
     assert reader.open == []
     assert reader.addresses
-    assert all(address.startswith("data:image/jpeg;base64,") for address in reader.addresses)
+    outward = set(reader.addresses) - reader.places
+    assert all(address.startswith("data:image/jpeg;base64,") for address in outward)
+
+
+def test_pictures_lead_and_numbers_lead_to_their_photo(tmp_path):
+    text = page(tmp_path, titles=tuple(PICTURE_NOTES))
+    order = ["photo", "render", "predicted light", "spheres, predicted light", "true light", "spheres, true light"]
+    assert re.findall(r'<img alt="([^"]+)"', text)[:6] == order
+    assert text.index("<img") < text.index("<table")
+    assert '<td><a href="#photo-0">&lt;cup&gt; &amp; saucer</a></td>' in text
+    assert '<section id="photo-0"' in text
+
+
+def test_without_a_true_light_the_confidence_stands_in_its_place(tmp_path):
+    text = page(tmp_path, titles=("photo", "predicted light", "confidence", "normal"))
+    assert text.index('alt="confidence"') < text.index("<details open")
 
 
 def test_names_are_escaped_and_numbers_shown(tmp_path):
@@ -68,7 +84,7 @@ def test_links_lead_from_the_page_to_the_files_that_exist(tmp_path):
     text = page(run / "report", files={"object.glb": mesh}, photo_files=photo_files)
     assert '<a href="../mesh/object.glb">object.glb</a>' in text
     assert '<a href="../predictions/a%2Bb/c%20d.exr">light</a>' in text
-    assert text.count("<a href") == 2
+    assert len(re.findall(r'<a href="[^#]', text)) == 2
 
 
 def test_headings_say_which_way_is_better_and_the_best_values_are_bold(tmp_path):
@@ -76,7 +92,7 @@ def test_headings_say_which_way_is_better_and_the_best_values_are_bold(tmp_path)
     assert re.search(r"<th[^>]*>PSNR <span[^>]*>↑</span></th>", text)
     assert re.search(r"<th[^>]*>log-RMSE raw <span[^>]*>↓</span></th>", text)
     for number, best in (("24.50", True), ("20.00", False), ("0.40", False), ("0.10", True), ("0.700", True)):
-        assert (f"<td><b>{number}</b></td>" in text) is best
+        assert (f"><b>{number}</b></td>" in text) is best
     assert "<b>25.25</b>" not in text  # of one method only: nothing to be better than
 
 
@@ -108,9 +124,9 @@ def test_a_method_that_saw_fewer_photos_says_so_and_is_never_the_best(tmp_path):
         },
     }
     text = page(tmp_path, metrics=metrics)
-    assert "<td>optimize (1 photo)</td><td>30.00</td>" in text  # few photos carry no interval
-    assert "<td>constant</td><td>20.00<small> ± 0.50</small></td>" in text
-    assert "<td>solve</td><td><b>24.50</b></td>" in text
+    assert '<td>optimize (1 photo)</td><td data-value="30">30.00</td>' in text  # few photos carry no interval
+    assert '<td>constant</td><td data-value="20">20.00<small> ± 0.50</small></td>' in text
+    assert '<td>solve</td><td data-value="24.5"><b>24.50</b></td>' in text
 
 
 def test_the_run_tells_how_it_was_made(tmp_path):

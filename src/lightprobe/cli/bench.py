@@ -1,5 +1,6 @@
 """bench: every scene trained and evaluated, and the tables."""
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -7,9 +8,11 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff
 
 from lightprobe.cli import main
+from lightprobe.cli.answer import keep, say
 from lightprobe.cli.failures import INTERRUPTED
 from lightprobe.cli.options import option
 from lightprobe.core.config import Preset
+from lightprobe.report.records import read_records
 from lightprobe.runs.bench import BenchOptions, Step, run_bench, write_pages
 
 _USUAL = BenchOptions()
@@ -66,15 +69,15 @@ def bench(
     asked = BenchOptions(
         scenes, data, output, runs, preset, steps, seeds, paper_iterations, slow_photos, hdri, records, results
     )
-    if tables_only:
-        write_pages(asked)
-    else:
-        run_bench(asked, _run)
+    pages = write_pages(asked, say) if tables_only else run_bench(asked, _run, say)
+    means = {record.name: record.metrics["mean"] for record in read_records(pages.records)}
+    keep(results=pages.results, paper_tables=pages.paper, records=pages.records, means=means)
 
 
 def _run(command: Sequence[str]) -> bool:
     """Run a command of this program and return whether it went well; an interruption ends the benchmark, too."""
-    print(f"lightprobe {' '.join(command)}", flush=True)
+    say(f"lightprobe {' '.join(command)}")
+    sys.stdout.flush()
     code = main.main(list(command))
     if code == INTERRUPTED:
         raise KeyboardInterrupt

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from tyro.conf import FlagCreatePairsOff
 
+from lightprobe.cli.answer import is_for_programs, keep, say
 from lightprobe.cli.options import Device, MovedScene, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import UNCHANGED, Method
@@ -67,11 +68,13 @@ def show_evaluation(found: EvaluatedRun) -> None:
     for photo, verdict in result.verdicts.items():
         for sentence in verdict.sentences:
             print(f"lightprobe: warning: test photo {photo} is doubtful. {sentence}", file=sys.stderr)
-    print(f"Report: {found.page}")
+    say(f"Report: {found.page}", report=found.page, numbers=found.numbers)
     if found.numbers != found.usual_numbers:
         kept = f"{found.usual_numbers} and its report keep those of {found.default.value}"
-        print(f"Numbers: {found.numbers} ({kept})")
-    print_tables(result)
+        say(f"Numbers: {found.numbers} ({kept})")
+    keep(**result.to_json())
+    if not is_for_programs():
+        print_tables(result)
 
 
 def print_tables(evaluation: Evaluation) -> None:

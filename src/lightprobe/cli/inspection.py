@@ -1,13 +1,15 @@
 """inspect: what is in a folder of photos, before an hour is spent on it."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+from lightprobe.cli.answer import say
 from lightprobe.cli.options import SceneArg, option
 from lightprobe.core.errors import ConfigError, InputError, printable
+from lightprobe.scene.inspect import Inspection, PhotoReport
 from lightprobe.scene.inspect import inspect as examine
 from lightprobe.scene.overlay import write_overlay_sheet
-from lightprobe.scene.plain_inspection import inspect_plain, is_plain
+from lightprobe.scene.plain_inspection import PlainInspection, inspect_plain, is_plain
 
 _SheetArg = Annotated[
     Path | None,
@@ -31,16 +33,26 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
         if output is not None:
             raise ConfigError(f"{scene} has no cameras to draw an overlay sheet of; leave out the option --output.")
         plain = inspect_plain(scene)
-        print("\n".join(plain.lines()))
+        say("\n".join(plain.lines()), **_values(plain), advice=plain.advice)
         _stop_at(scene, plain.problems)
         return
     found = examine(scene)
-    print("\n".join(found.lines()))
+    values = {"format": found.format, "splits": {photo.name: photo.split for photo in found.photos}}
+    say("\n".join(found.lines()), **_values(found), **values)
     if found.photos:
         sheet = output or Path(f"{found.root.name}-overlay.png")
         write_overlay_sheet(found, sheet)
-        print(printable(f"sheet    {sheet}"))
+        say(printable(f"sheet    {sheet}"), sheet=sheet)
     _stop_at(scene, found.problems)
+
+
+def _values(found: Inspection | PlainInspection) -> dict[str, Any]:
+    """Return what both kinds of inspection know, as values."""
+    photos = [
+        {"name": photo.name if isinstance(photo, PhotoReport) else photo.path.name, "size": (photo.width, photo.height)}
+        for photo in (*found.photos,)
+    ]
+    return {"folder": found.root, "photos": photos, "problems": found.problems, "hints": found.hints}
 
 
 def _stop_at(scene: Path, problems: tuple[str, ...]) -> None:

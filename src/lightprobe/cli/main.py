@@ -25,7 +25,13 @@ COMMANDS = {
     "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
     "bench": ("bench", "every scene and method, and the tables"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),
+    "open": ("pages", "show a run's report in the browser"),
+    "compare": ("pages", "two runs on one page: pictures side by side, differences of scores"),
+    "gallery": ("pages", "many runs on one page, with their reports, to put on the web"),
+    "completion": ("completion", "a script that completes commands and options in bash, zsh or fish"),
 }
+# command -> its function, where Python or a module has another use for the name
+_FUNCTIONS = {"open": "open_report"}
 
 _EXAMPLES = """\
 Examples:
@@ -62,7 +68,8 @@ def usage() -> str:
             "Turn one photo of a known object into the HDR environment map around it.\n",
             "Commands:",
             *lines,
-            f"\n{_EXAMPLES}",
+            "\nEvery command takes --json: its answer is then one JSON object on standard output.\n",
+            _EXAMPLES,
         ]
     )
 
@@ -86,15 +93,27 @@ def _guarded(name: str, arguments: list[str]) -> int:
 
 
 def _run(name: str, arguments: list[str]) -> None:
+    if os.environ.get("NO_COLOR"):  # https://no-color.org, which tyro itself does not ask
+        os.environ.setdefault("PYTHON_TYRO_ANSI_CODES", "False")
     import tyro
 
+    from lightprobe.cli import answer
+
+    given = [argument for argument in arguments if argument != answer.OPTION]
+    config = (tyro.conf.EnumChoicesFromValues,)
+    with answer.answering(as_object=given != arguments):
+        command, description = command_function(name, given)
+        tyro.cli(command, prog=f"lightprobe {name}", description=description, args=given, config=config)
+
+
+def command_function(name: str, arguments: Sequence[str] = ()) -> tuple[Callable[..., None], str]:
+    """Return a command's function and description; a preset in `arguments` chooses the defaults of those that train."""
     module = importlib.import_module(f"lightprobe.cli.{COMMANDS[name][0]}")
-    command: Callable[..., None] = getattr(module, name)
+    command: Callable[..., None] = getattr(module, _FUNCTIONS.get(name, name))
     description = (command.__doc__ or "").replace("\n    ", "\n").strip()
     if COMMANDS[name][0] == "training":
         command = module.with_preset(command, chosen_preset(arguments))
-    config = (tyro.conf.EnumChoicesFromValues,)
-    tyro.cli(command, prog=f"lightprobe {name}", description=description, args=arguments, config=config)
+    return command, description
 
 
 def chosen_preset(arguments: Sequence[str]) -> str:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
+from lightprobe.cli.answer import say
 from lightprobe.cli.options import Seed, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.errors import printable
@@ -51,4 +52,4 @@ def prepare(
         f"look at  {output / 'contact.png'}",
         f"Next: lightprobe train {output} -o RUN",
     ]
-    print("\n".join(printable(line) for line in lines))
+    say("\n".join(printable(line) for line in lines), scene=output, **report)

@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
+from lightprobe.cli.answer import say
 from lightprobe.cli.evaluation import show_evaluation
 from lightprobe.cli.options import Device, Hdri, MovedScene, Restart, RunArg, RunOut, SceneArg, Seed, option
 from lightprobe.cli.progress import Meter
@@ -85,7 +86,7 @@ def distill(
             run, distill=distill, predict=predict, device=device, seed=seed, scene_folder=scene, hdri=hdri,
             restart=restart, on_progress=meter.update,
         )  # fmt: skip
-    print(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}")
+    say(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}", run=folder.path, model=folder.model_folder)
 
 
 def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: Seed = 0) -> None:
@@ -105,14 +106,15 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
             shown = EvaluationOptions(methods=_SHOWN)
             found = evaluate_run(output, shown, scene_folder=scene, device=device, on_progress=meter.update)
         show_evaluation(found)
-    print(f"More methods: lightprobe eval {output}")
+    say(f"More methods: lightprobe eval {output}")
 
 
 def _tell(run: RunFolder, following: str | None = None) -> None:
     """Print where a training's results are, and the command that follows."""
-    print(f"Mesh: {run.mesh_folder / 'object.glb'}\nEnvironments: {run.environment_folder}")
+    mesh, environments = run.mesh_folder / "object.glb", run.environment_folder
+    say(f"Mesh: {mesh}\nEnvironments: {environments}", run=run.path, mesh=mesh, environments=environments)
     if following is not None:
-        print(f"Next: {following}")
+        say(f"Next: {following}")
 
 
 def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional
 
+from lightprobe.cli.answer import say, say_one
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
@@ -133,15 +134,18 @@ def _predict_video(run: Path, video: Path, files: PredictionFiles, how: _How, ev
         return
     found = predict_video(run, video, files, every=every, on_photo=_tell, **vars(how))
     before, after = found.flicker
-    print(f"{len(found.photos)} maps in {found.photos[0].output.parent}; from one to the next ln radiance changes by")
-    print(f"{after:.3f} root mean square, {before:.3f} before they were steadied.")
+    say(
+        f"{len(found.photos)} maps in {found.photos[0].output.parent}; from one to the next ln radiance changes by\n"
+        f"{after:.3f} root mean square, {before:.3f} before they were steadied.",
+        flicker={"before": before, "after": after},
+    )
     if found.failures is not None:
         raise InputError(found.failures)
 
 
 def _tell_untrained(trained: bool, run: Path, method: Method | None) -> None:
     if not trained and method is None:
-        print(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
+        say(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
 
 
 def _tell(predicted: PredictedPhoto) -> None:
@@ -164,7 +168,9 @@ def _tell_joint(joint: JointPrediction, run: Path, method: Method | None) -> Non
     factors = ", ".join(
         f"{image.name} {value:.2f}" for image, value in zip(joint.images, joint.exposures.tolist(), strict=True)
     )
-    print(f"Exposures relative to the first, {source}: {factors}")
+    exposures = dict(zip(map(str, joint.images), joint.exposures.tolist(), strict=True))
+    left_out = {str(image): reason for image, reason in joint.left_out.items()}
+    say(f"Exposures relative to the first, {source}: {factors}", exposures=exposures, left_out=left_out)
     if joint.left_out:
         raise InputError(" ".join(f"{image} is not in the map. {reason}" for image, reason in joint.left_out.items()))
 
@@ -173,7 +179,9 @@ def _tell_map(output: Path, method: Method, prediction: PredictionResult, of: st
     verdict, seconds = prediction.verdict, prediction.seconds
     parts = ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items())
     around = "" if prediction.background is BackgroundUse.ABSENT else f"; background {prediction.background.value}"
-    print(f"Environment: {output} ({method.value}; {parts}; {of} {verdict.status.value}{around})")
+    line = f"Environment: {output} ({method.value}; {parts}; {of} {verdict.status.value}{around})"
+    values = {"source": source, "environment": output, "method": method, "seconds": seconds}
+    say_one("predictions", line, {**values, "verdict": verdict.to_json(), "background": prediction.background})
     for sentence in verdict.sentences:
         print(f"lightprobe: warning: {source}: {sentence}", file=sys.stderr)
 
@@ -202,7 +210,9 @@ def _tell_location(photo: LocatedPhoto) -> None:
     """Print where a camera is and what its verdict is; doubts go to standard error."""
     verdict, camera = photo.located.verdict, photo.located.camera
     found = f"focal length {camera.fx:.0f} px; {photo.located.seconds:.2f} s; pose {verdict.status.value}"
-    print(f"Camera: {photo.files.camera} ({found})")
+    values = {"photo": photo.image, "files": photo.files, "camera": camera.to_json()}
+    values |= {"seconds": photo.located.seconds, "verdict": verdict.to_json()}
+    say_one("cameras", f"Camera: {photo.files.camera} ({found})", values)
     for sentence in photo.warnings():
         print(f"lightprobe: warning: {photo.image}: {sentence}", file=sys.stderr)
 
@@ -225,7 +235,7 @@ def render(
       lightprobe render runs/cup --camera transforms_test.json --frame r_003 --env studio.exr -o cup.png
     """
     render_run(run, env, camera, output, frame=frame, device=device)
-    print(f"Picture: {output}")
+    say(f"Picture: {output}", picture=output)
 
 
 def relight(
@@ -244,7 +254,7 @@ def relight(
     """
     with Meter() as meter:
         relight_run(run, env, output, frames=frames, side=side, device=device, on_progress=meter.update)
-    print(f"Pictures: {output}")
+    say(f"Pictures: {output}", pictures=output)
 
 
 def export(
@@ -270,4 +280,4 @@ def export(
     """
     height = None if size is None else map_height(size)
     written = export_run(run, output, environment=env, sun=sun, height=height, usd=usd, device=device)
-    print(f"{len(written)} files in {output}; mesh: {written[0]}")
+    say(f"{len(written)} files in {output}; mesh: {written[0]}", folder=output, mesh=written[0], files=written)

@@ -9,7 +9,7 @@ RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
 RUN/calibration.json             absolute brightness, if `lightprobe calibrate` was told; see `models.calibration`
 RUN/metrics.json
 RUN/timings.json                 seconds and memory of each phase's training; see `core.timings`
-RUN/report/index.html            and comparison/, numbers and page of methods without the run's default one
+RUN/report/index.html  page.json what the page shows; and comparison/: numbers and page of methods without the default
 RUN/oracle/                      the evaluation of a synthetic scene's true object, files named as in RUN
 """
 

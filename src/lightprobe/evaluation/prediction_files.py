@@ -2,24 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from lightprobe.core.config.prediction import Sun
-from lightprobe.imaging import LUMA, write_png
+from lightprobe.imaging import write_png
+from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import write_map
 from lightprobe.prediction import Prediction
-
-
-def exposure(image: np.ndarray) -> float:
-    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, whatever suns it has."""
-    luma = image @ LUMA
-    typical = float(np.minimum(luma, 5 * np.median(luma)).mean())
-    return 0.5 / typical if typical > 0 else 1.0
-
-
-def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:
-    """Return linear display values in [0, 1): 1 - exp(-factor * radiance), highlights bent, not cut."""
-    return 1 - np.exp(-factor * np.maximum(image, 0))
 
 
 def write_prediction(

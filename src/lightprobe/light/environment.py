@@ -15,6 +15,7 @@ from torch import Tensor
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
+from lightprobe.light.display import png, shown
 from lightprobe.light.files import environment_files, panorama, write_map
 from lightprobe.light.resize import resize_light, rotate_light
 from lightprobe.light.upsampling import resized_map
@@ -89,6 +90,10 @@ class Environment:
         Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
         """
         return Environment.from_panorama(read_map(Path(path)), resolution).to(device or torch.device("cpu"))
+
+    def _repr_png_(self) -> bytes:
+        """Return the map as notebooks show it: exposed, highlights bent."""
+        return png(shown(self.panorama()))
 
     def save(self, path: Path | str, height: int | None = None) -> None:
         """Write it as an equirectangular .exr or .hdr of 2R rows, or `height`; `ConfigError` for any other suffix."""

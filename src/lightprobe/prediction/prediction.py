@@ -1,5 +1,7 @@
 """What a prediction is, and its files."""
 
+import base64
+import html
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,11 +9,13 @@ from torch import Tensor
 
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError, ConvergenceError
+from lightprobe.light.display import png
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import check_map_name, write_plane
+from lightprobe.light.files import check_map_name, plane, write_plane
 from lightprobe.light.sources import SplitLight
 from lightprobe.models.calibration import Calibration
 from lightprobe.prediction.background import BackgroundUse
+from lightprobe.prediction.color_scale import RANGE, confidence_colors
 from lightprobe.prediction.verdict import Verdict
 
 
@@ -56,9 +60,30 @@ class Prediction:
         if confidence is not None:
             self.save_confidence(confidence)
 
+    def _repr_png_(self) -> bytes:
+        """Return the map as notebooks show it."""
+        return self.environment._repr_png_()
+
+    def _repr_html_(self) -> str:
+        """Return the map and its confidence beside each other, with the verdict, as notebooks show it."""
+        confidence = png(confidence_colors(plane(self.confidence)))
+        low, high = RANGE
+        figures = _figure(self._repr_png_(), "light") + _figure(
+            confidence, f"confidence, {low} or less violet, {high} or more yellow"
+        )
+        words = [f"photo {self.verdict.status.value}", *self.verdict.sentences]
+        words += [f"{self.seconds['total']:.2f} s"] if "total" in self.seconds else []
+        return f'<div style="display:flex;gap:1em">{figures}</div><p>{html.escape("; ".join(words))}</p>'
+
     def save_confidence(self, path: Path) -> None:
         """Write the confidence as a one-channel equirectangular EXR."""
         write_plane(path, self.confidence)
+
+
+def _figure(picture: bytes, caption: str) -> str:
+    address = f"data:image/png;base64,{base64.b64encode(picture).decode()}"
+    shown = f'<img src="{address}" alt="{caption}" width="384"><figcaption>{caption}</figcaption>'
+    return f'<figure style="margin:0">{shown}</figure>'
 
 
 def check_names(path: Path | None, confidence: Path | None) -> None:

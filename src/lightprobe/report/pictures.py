@@ -9,13 +9,15 @@ from PIL import Image
 from torch import Tensor
 
 from lightprobe.evaluation.evaluation import ViewResult
-from lightprobe.evaluation.prediction_files import exposure, tone_mapped
+from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
+from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import plane
-from lightprobe.report.color_scale import RANGE, confidence_colors
+from lightprobe.prediction.color_scale import RANGE, confidence_colors
 
-_SIDE = 256  # pixels of a picture
+_SIDE = 256  # pixels of a picture that explains
+_LARGE = 384  # and of those that lead a page
 _DIFFERENCE_GAIN = 3  # shows errors of a few percent
 
 _DIFFERENCE = f"difference ×{_DIFFERENCE_GAIN}"
@@ -39,6 +41,11 @@ PICTURE_NOTES = {
     "spheres, true light": "the same under the true light",
 }
 """What each picture shows and how it is to be read, by title."""
+
+OF_THE_VIEW = ("photo", "render")
+OF_THE_LIGHT = ("predicted light", "spheres, predicted light", "true light", "spheres, true light")
+FOLDED = tuple(title for title in PICTURE_NOTES if title not in (*OF_THE_VIEW, *OF_THE_LIGHT))
+"""The pictures that lead, beside each other in two columns, and those that explain them."""
 
 PICTURE_HINTS = {
     _DIFFERENCE: f"black: equal; brightest: off by 1/{_DIFFERENCE_GAIN} or more",
@@ -67,9 +74,10 @@ def view_pictures(result: ViewResult) -> dict[str, str]:
         **_material_pictures(result),
     }
     mask = view.mask.cpu().numpy()
-    uris = {title: data_uri(_cut(picture, mask)) for title, picture in pictures.items()}
-    wide = {**_light_pictures(result), **_sphere_pictures(result)}
-    return uris | {title: data_uri(picture) for title, picture in wide.items()}
+    pictures = {title: _cut(picture, mask) for title, picture in pictures.items()}
+    pictures |= {**_light_pictures(result), **_sphere_pictures(result)}
+    sides = {title: _SIDE if title in FOLDED else _LARGE for title in pictures}
+    return {title: data_uri(picture, side=sides[title]) for title, picture in pictures.items()}
 
 
 def _cut(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -121,12 +129,18 @@ def _light_pictures(result: ViewResult) -> dict[str, np.ndarray]:
 
 
 def _sphere_pictures(result: ViewResult) -> dict[str, np.ndarray]:
-    """The three spheres under the predicted and the true light, where that is known."""
-    if result.true_light is None:
-        return {}
-    spheres, truth = result.true_light.spheres, result.view.photo.truth.environment
+    """The three spheres under the predicted light and, where that is known, under the true one."""
+    truth = result.view.photo.truth.environment
     lights = {"spheres, predicted light": result.prediction.environment.panorama()}
     if truth is not None:
         lights["spheres, true light"] = np.ascontiguousarray(read_hdr(truth)[..., :3], np.float32)
-    side = _SIDE // 3
+    spheres, side = _spheres(result), _LARGE // 3
     return {title: spheres.picture(torch.from_numpy(light), side).numpy() for title, light in lights.items()}
+
+
+def _spheres(result: ViewResult) -> ThreeSpheres:
+    """Return the spheres of the scores; without a true light they are seen along the camera's axis."""
+    if result.true_light is not None:
+        return result.true_light.spheres
+    axes = torch.from_numpy(result.view.camera.camera_to_world[:3, :3].copy())
+    return ThreeSpheres(axes[:, 2], axes[:, 1])

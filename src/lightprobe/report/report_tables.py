@@ -1,7 +1,7 @@
 """The tables of the report as HTML: arrows to the better values, the best ones in bold, and what the columns mean."""
 
 import html
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from lightprobe.report.headings import Heading, Headings
@@ -11,18 +11,19 @@ Rows = dict[str, dict[str, Any]]  # label -> score -> value
 
 def table(
     corner: str, rows: Rows, headings: Headings, *, intervals: Rows | None = None, compared: Iterable[str] = (),
-    legend: bool = True,
+    legend: bool = True, anchors: Mapping[str, str] | None = None,
 ) -> str:  # fmt: skip
     """Return a table with the columns that any row has, and the list of their meanings, folded.
 
-    A known interval stands behind its value. `compared` are the rows whose best values are bold.
+    A known interval stands behind its value. `compared` are the rows whose best values are bold. `anchors` leads from
+    a row's label to an element of the page.
     """
     used = {key: heading for key, heading in headings.items() if any(key in scores for scores in rows.values())}
-    head = "".join(f'<th title="{html.escape(h.note)}">{_headline(h)}</th>' for h in used.values())
+    head = "".join(f'<th title="{html.escape(h.note)}"{_first(h)}>{headline(h)}</th>' for h in used.values())
     best = best_cells({name: rows[name] for name in compared if name in rows}, used)
-    known = intervals or {}
+    known, places = intervals or {}, anchors or {}
     lines = [
-        f"<tr><td>{html.escape(name)}</td>{''.join(_cells(name, scores, known.get(name, {}), used, best))}</tr>"
+        f"<tr><td>{label(name, places)}</td>{''.join(_cells(name, scores, known.get(name, {}), used, best))}</tr>"
         for name, scores in rows.items()
     ]
     body = f"<thead><tr><th>{html.escape(corner)}</th>{head}</tr></thead><tbody>{''.join(lines)}</tbody>"
@@ -32,7 +33,7 @@ def table(
 def score_list(scores: dict[str, Any], headings: Headings) -> str:
     """Return the scores that there are below each other, each with its meaning."""
     lines = [
-        f"<tr><td>{_headline(heading)}</td><td>{heading.text(scores[key])}</td>"
+        f"<tr><td>{headline(heading)}</td><td>{heading.text(scores[key])}</td>"
         f'<td class="note">{html.escape(heading.note)}</td></tr>'
         for key, heading in headings.items()
         if key in scores
@@ -62,7 +63,19 @@ def _legend(headings: Headings) -> str:
     return folded("What the columns mean", ((f"{h.name} {h.arrow}".strip(), h.note) for h in headings.values()))
 
 
-def _headline(heading: Heading) -> str:
+def label(name: str, anchors: Mapping[str, str]) -> str:
+    """Return a row's name, leading to its element of the page where `anchors` knows one."""
+    text = html.escape(name)
+    return f'<a href="#{anchors[name]}">{text}</a>' if name in anchors else text
+
+
+def _first(heading: Heading) -> str:
+    """Return the order that a table is sorted in at the first click on a heading: better values above."""
+    return ' data-first="descending"' if heading.more_is_better else ""
+
+
+def headline(heading: Heading) -> str:
+    """Return a score's name with the arrow to its better values."""
     arrow = f' <span class="arrow">{heading.arrow}</span>' if heading.arrow else ""
     return html.escape(heading.name) + arrow
 
@@ -77,4 +90,4 @@ def _cells(
         value = heading.text(scores[key])
         value = f"<b>{value}</b>" if (name, key) in best else value
         margin = f"<small> ± {heading.text(interval[key])}</small>" if key in interval else ""
-        yield f"<td>{value}{margin}</td>"
+        yield f'<td data-value="{scores[key]:.6g}">{value}{margin}</td>'

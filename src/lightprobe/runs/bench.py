@@ -17,11 +17,11 @@ from lightprobe.report.records import Kind, read_records
 from lightprobe.report.results import results_page
 from lightprobe.runs.benchmark import LOSSES, LOSSES_SCENE, Benchmark, BenchOptions, RunCommand, Say, Step
 
-__all__ = ["BenchOptions", "Step", "find_scene", "run_bench", "write_pages"]
+__all__ = ["BenchOptions", "Pages", "Step", "find_scene", "run_bench", "write_pages"]
 
 
-def run_bench(options: BenchOptions, run_command: RunCommand, say: Say = print) -> None:
-    """Make every piece that has no record yet, with new pages after each.
+def run_bench(options: BenchOptions, run_command: RunCommand, say: Say = print) -> "Pages":
+    """Make every piece that has no record yet, with new pages after each; return the pages.
 
     run_command: runs a command of the program and returns whether it went well. say: hears of scenes that are not
     there, of pieces already made and of where the pages are.
@@ -38,15 +38,17 @@ def run_bench(options: BenchOptions, run_command: RunCommand, say: Say = print) 
     pages.name()
     if benchmark.failed:
         raise ResourceError(f"These pieces failed, their messages stand above: {', '.join(benchmark.failed)}.")
+    return pages
 
 
-def write_pages(options: BenchOptions, say: Say = print) -> None:
-    """Write the pages from the records alone; raise `ConfigError` where there are none."""
+def write_pages(options: BenchOptions, say: Say = print) -> "Pages":
+    """Write the pages from the records alone and return them; raise `ConfigError` where there are none."""
     pages = Pages(options, say)
     if not pages.records.is_dir():
         raise ConfigError(f"There is no folder {pages.records}; tell where the records are with --records DIR.")
     pages.write(())
     pages.name()
+    return pages
 
 
 def _pieces(

@@ -27,6 +27,7 @@ from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.prediction import Method, methods_for, recorded_config
 from lightprobe.report import Report, evenly_spaced, view_pictures, write_report
 from lightprobe.report.run_info import read_phases, training_commands, training_facts
+from lightprobe.report.stored import store_report
 from lightprobe.report.summary import SummaryTable, summary_lines, summary_tables
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.runs.stages import open_scene
@@ -94,6 +95,7 @@ def evaluate_run(
             photo_files={name: _photo_files(subject.out, name, subject.methods[0]) for name in pictures},
         )  # fmt: skip
         write_report(page, report)
+        store_report(page, report)
     return EvaluatedRun(result, numbers, page, subject.out.metrics_file, subject.default)
 
 

@@ -12,6 +12,7 @@ from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight, turntable
 from lightprobe.export import export, write_picture
+from lightprobe.export.blender import write_addon
 from lightprobe.export.usd import check_usd
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
@@ -70,6 +71,7 @@ def export_run(
 ) -> list[Path]:  # fmt: skip
     """Write mesh.glb, its textures and the training photos' lights into a new or empty folder; return the files.
 
+    Blender's add-on that imports them, lightprobe_import.py, is among them.
     The first is the mesh. environment: a map to write, too, with scene.glb, the mesh and the map's suns and lamps
     (`runs.light_files`), unless `sun` leaves them inside the map. height, usd: as in `export.bundle.export`.
     Raises `InputError` for a run or map that cannot be used, `ConfigError` for a folder with files.
@@ -82,6 +84,7 @@ def export_run(
     decomposition = Decomposition.load(run, resolve_device(device))
     with filled_folder(output) as files:
         written = export(decomposition, files, decomposition.lights, light=light, height=height, usd=usd)
+        written.append(write_addon(files))
         return [output / path.relative_to(files) for path in written]
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lightprobe.report.color_scale import RANGE, TICKS, confidence_colors, css_gradient, ticks
+from lightprobe.prediction.color_scale import RANGE, TICKS, confidence_colors, css_gradient, ticks
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])
 

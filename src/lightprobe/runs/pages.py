@@ -1,0 +1,65 @@
+"""Pages about runs that were evaluated before: the report of one, two against each other, and many as a gallery."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.files import is_file_name, write_bytes
+from lightprobe.core.run import RunFolder
+from lightprobe.report import write_report
+from lightprobe.report.comparison import Comparison, comparison_page
+from lightprobe.report.gallery import gallery_page
+from lightprobe.report.report import Report
+from lightprobe.report.stored import read_report
+
+
+def report_of(run_folder: Path | str) -> Path:
+    """Return the report page of a run; raise `InputError` where there is none."""
+    page = RunFolder.open(Path(run_folder)).report_file
+    if not page.is_file():
+        raise InputError(f"{run_folder} has no report; write it with: lightprobe eval {run_folder}")
+    return page
+
+
+def compare_runs(run_folder: Path | str, other_folder: Path | str, page: Path) -> Comparison:
+    """Write a page that sets two evaluated runs beside each other, and return what it shows.
+
+    Raises `InputError` for runs that were not evaluated or have no test photo in common, `ConfigError` for a page that
+    is not named .html.
+    """
+    if page.suffix.lower() != ".html":
+        raise ConfigError(f"Cannot write the page as '{page.name}': name it .html.")
+    names = _names([Path(run_folder), Path(other_folder)])
+    first, second = (read_report(RunFolder.open(Path(folder))) for folder in (run_folder, other_folder))
+    found = Comparison((names[0], names[1]), (first, second))
+    write_bytes(page, comparison_page(found).encode())
+    return found
+
+
+def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, Report]:
+    """Write folder/index.html, a card for each run, and folder/NAME/index.html, its report; return them by name.
+
+    The pages need nothing outside of the folder: the reports' links to the files of the runs are left out.
+    Raises `InputError` for a run that was not evaluated, `ConfigError` for none.
+    """
+    if not run_folders:
+        raise ConfigError("No run is named: lightprobe gallery RUN... -o DIR.")
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"{folder} is a file; give a folder for the gallery with -o.")
+    runs = [Path(run) for run in run_folders]
+    reports = dict(zip(_names(runs), [read_report(RunFolder.open(run)) for run in runs], strict=True))
+    for name, report in reports.items():
+        write_report(folder / name / "index.html", report)
+    write_bytes(folder / "index.html", gallery_page(reports).encode())
+    return reports
+
+
+def _names(runs: Sequence[Path]) -> list[str]:
+    """Return a name for each run that can be a folder's: its own folder's, with a number where that is taken."""
+    names: list[str] = []
+    for run in runs:
+        own = run.resolve().name
+        own = own if is_file_name(own) and own != "index.html" else "run"
+        choices = (own, *(f"{own}-{i}" for i in range(2, len(runs) + 2)))
+        names.append(next(name for name in choices if name not in names))
+    return names

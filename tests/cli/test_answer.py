@@ -1,0 +1,81 @@
+"""What a command answers to people, and with --json to programs."""
+
+import json
+import math
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.cli.answer import answering, is_for_programs, keep, plain_values, say, say_one
+from lightprobe.cli.main import main
+from lightprobe.core.errors import InputError
+
+
+def command() -> None:
+    print("a library's own words")
+    say("Report: page", report=Path("page"))
+    keep(mean=float("nan"))
+    for name in ("a", "b"):
+        say_one("photos", f"Photo: {name}", {"name": name})
+
+
+def test_people_get_lines(capsys):
+    with answering(as_object=False):
+        command()
+        assert not is_for_programs()
+    assert capsys.readouterr().out == "a library's own words\nReport: page\nPhoto: a\nPhoto: b\n"
+
+
+def test_programs_get_one_object_and_nothing_else(capsys):
+    with answering(as_object=True):
+        command()
+        assert is_for_programs()
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == {"report": "page", "mean": None, "photos": [{"name": "a"}, {"name": "b"}]}
+    assert printed.err == "a library's own words\n"
+
+
+def test_an_error_is_in_the_object_with_what_was_said_before(capsys):
+    def fail():
+        with answering(as_object=True):
+            say("one", one=1)
+            raise InputError("No such photo.")
+
+    with pytest.raises(InputError):
+        fail()
+    assert json.loads(capsys.readouterr().out) == {"one": 1, "error": "No such photo."}
+
+
+def test_a_command_within_a_command_does_not_mix_with_it(capsys):
+    with answering(as_object=True):
+        with answering(as_object=False):
+            say("inner", inner=1)
+        say("outer", outer=1)
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == {"outer": 1}
+    assert printed.err == "inner\n"
+
+
+def test_every_kind_of_value_has_a_form():
+    class Color(Enum):
+        RED = "red"
+
+    values = {
+        Color.RED: (np.float32(0.5), torch.ones(2), np.int64(3)),
+        "path": Path("a/b"),
+        "inf": math.inf,
+        "no": None,
+    }
+    assert plain_values(values) == {"red": [0.5, [1.0, 1.0], 3], "path": "a/b", "inf": None, "no": None}
+    with pytest.raises(TypeError):
+        plain_values(object())
+
+
+def test_errors_of_the_program_come_as_sentence_and_object(tmp_path, capsys):
+    assert main(["open", str(tmp_path), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.err == f"lightprobe: {json.loads(printed.out)['error']}\n"
+    assert "is not a run folder" in printed.err

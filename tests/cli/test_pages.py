@@ -1,0 +1,69 @@
+"""open, compare and gallery, as a person runs them."""
+
+import json
+import re
+
+from lightprobe.cli import pages
+from tests.cli.commands import fails, succeed
+from tests.report.pages import evaluated_run
+
+SCORES = {"a": 20.0, "b": 30.0}
+
+
+def test_open_shows_the_report_in_the_browser_and_says_where_it_is(tmp_path, capsys, monkeypatch):
+    run = evaluated_run(tmp_path / "a run", SCORES)
+    fails(["open", run.path], capsys, ["has no report", f"lightprobe eval {run.path}"])
+    run.report_file.write_text("<html>")
+    shown = []
+    monkeypatch.setattr(pages.webbrowser, "open", lambda address: shown.append(address) or True)
+    monkeypatch.setenv("DISPLAY", ":0")
+    succeed("open", run.path)
+    assert capsys.readouterr().out == f"Report: {run.report_file}\n"
+    assert shown == [run.report_file.as_uri()]
+
+
+def test_open_starts_no_browser_where_there_is_no_screen(tmp_path, capsys, monkeypatch):
+    run = evaluated_run(tmp_path / "run", SCORES)
+    run.report_file.write_text("<html>")
+    monkeypatch.setattr(pages.sys, "platform", "linux")
+    monkeypatch.setattr(pages.webbrowser, "open", lambda address: 1 / 0)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    succeed("open", run.path, "--json")
+    assert json.loads(capsys.readouterr().out) == {"report": str(run.report_file), "opened": False}
+
+
+def test_compare_writes_a_page_and_prints_the_differences(tmp_path, capsys):
+    old = evaluated_run(tmp_path / "old", SCORES)
+    new = evaluated_run(tmp_path / "new", {"a": 21.0, "b": 32.0})
+    succeed("compare", old.path, new.path, "-o", tmp_path / "page.html")
+    printed = capsys.readouterr().out
+    assert "+1.50 ±" in printed
+    assert "old against new" in (tmp_path / "page.html").read_text()
+    succeed("compare", old.path, new.path, "-o", tmp_path / "page.html", "--json")
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["page"] == str(tmp_path / "page.html")
+    assert answer["methods"][0]["scores"]["psnr_masked"]["difference"] == 1.5
+    fails(["compare", old.path, new.path, "-o", tmp_path / "page.txt"], capsys, ["name it .html"])
+
+
+def test_a_gallery_needs_nothing_outside_of_its_folder(tmp_path, capsys):
+    first = evaluated_run(tmp_path / "x" / "pot", SCORES)
+    second = evaluated_run(tmp_path / "y" / "pot", SCORES)
+    for _ in range(2):  # the same command writes it anew
+        succeed("gallery", first.path, second.path, "-o", tmp_path / "gallery")
+    files = {path.relative_to(tmp_path / "gallery").as_posix() for path in (tmp_path / "gallery").rglob("*.html")}
+    assert files == {"index.html", "pot/index.html", "pot-2/index.html"}
+    page = (tmp_path / "gallery" / "index.html").read_text()
+    assert re.findall(r'href="([^"#]+)"', page) == ["pot/index.html", "pot-2/index.html"]
+    assert not re.findall(r'href="([^"#]+)"', (tmp_path / "gallery" / "pot" / "index.html").read_text())
+    assert "2 runs in" in capsys.readouterr().out
+
+
+def test_a_gallery_of_nothing_or_onto_a_file_is_refused(tmp_path, capsys):
+    fails(["gallery", "-o", tmp_path / "gallery"], capsys, ["No run is named"])
+    run = evaluated_run(tmp_path / "pot", SCORES)
+    (tmp_path / "file").write_text("mine")
+    fails(["gallery", run.path, "-o", tmp_path / "file"], capsys, ["is a file"])
+    fails(["gallery", tmp_path, "-o", tmp_path / "gallery"], capsys, ["is not a run folder"])
+    assert not (tmp_path / "gallery").exists()

@@ -1,0 +1,1 @@
+"""The object of a run in other programs, for `compare_renderers`."""
