@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import torch
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError
 from lightprobe.export import SceneLight, export
+from lightprobe.export.light_file import read_sources
 from lightprobe.imaging import read_hdr
 from lightprobe.light import equirect
 from lightprobe.light.environment import Environment
@@ -47,6 +49,12 @@ def folder(tmp_path_factory) -> Path:
 def test_all_maps_have_the_size_that_was_asked_for(folder):
     for name in ("light.exr", "light.hdr", "env/r_0.exr", "env/r_0.hdr"):
         assert read_hdr(folder / name).shape == (64, 128, 3)
+
+
+def test_the_light_file_tells_importers_that_the_lamps_are_not_in_the_map(folder):
+    sources, sun = read_sources(folder / "light.exr")
+    assert sun is Sun.SEPARATE
+    assert [source.irradiance for source in sources] == [lamp.irradiance for lamp in LAMPS]
 
 
 def test_the_glb_has_a_node_for_each_lamp(folder):

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff
 
+from lightprobe.cli.answer import say
 from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.core.errors import ConfigError
 from lightprobe.models.calibration import Calibration
@@ -48,7 +49,8 @@ def calibrate(
       lightprobe calibrate runs/cup --reset
     """
     if reset:
-        print("The calibration is removed." if reset_calibration(run) else "There was no calibration.")
+        removed = reset_calibration(run)
+        say("The calibration is removed." if removed else "There was no calibration.", removed=removed)
         return
     known = {"--env": env, "--albedo": albedo, "--lux": lux}
     if photo is None or sum(value is not None for value in known.values()) != 1:
@@ -92,5 +94,8 @@ def _numbers(text: str) -> list[float]:
 
 def _tell(run: Path, found: Calibration) -> None:
     r, g, b = found.factor
-    print(f"Light of this run is now {r:.3f}, {g:.3f}, {b:.3f} times its own (red, green, blue), by {found.source}.")
-    print(f"Kept in {run / 'calibration.json'}; forget it with: lightprobe calibrate {run} --reset")
+    say(
+        f"Light of this run is now {r:.3f}, {g:.3f}, {b:.3f} times its own (red, green, blue), by {found.source}.",
+        factor=found.factor, source=found.source,
+    )  # fmt: skip
+    say(f"Kept in {run / 'calibration.json'}; forget it with: lightprobe calibrate {run} --reset")

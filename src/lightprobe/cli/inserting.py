@@ -6,6 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
+from lightprobe.cli.answer import keep, say
 from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.core.errors import ConfigError
 from lightprobe.runs.insertion import insert_object
@@ -59,8 +60,9 @@ def insert(
         camera=camera, mask=mask, device=device,
     )  # fmt: skip
     x, y = found.at
-    print(f"Picture: {found.picture} (foot at {x:.0f},{y:.0f}; height x {found.scale:.2f}; {found.seconds:.1f} s)")
-    print(f"Layers: {found.beauty}, {found.shadow}, {found.mask}")
+    keep(**vars(found))
+    say(f"Picture: {found.picture} (foot at {x:.0f},{y:.0f}; height x {found.scale:.2f}; {found.seconds:.1f} s)")
+    say(f"Layers: {found.beauty}, {found.shadow}, {found.mask}")
     for sentence in found.warnings:
         print(f"lightprobe: warning: {photo}: {sentence}", file=sys.stderr)
 

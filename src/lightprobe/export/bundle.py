@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.files import named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.export.glb import GltfPictures, write_glb
 from lightprobe.export.gltf_mesh import GltfMesh, gltf_mesh
 from lightprobe.export.lamps import DirectionalLight
+from lightprobe.export.light_file import write_sources
 from lightprobe.export.pictures import NAMES, write_pictures
 from lightprobe.export.usd import check_usd, write_usd
 from lightprobe.light.environment import Environment
@@ -54,8 +56,8 @@ def export(
     """Write the object and its lights for other programs; return the files written, mesh.glb first.
 
     mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a `light`, also
-    light.exr, light.hdr and scene.glb, the mesh with the light's lamps. usd: scene.usdc and scene.usdz, the mesh with
-    the light, if there is one. height: rows of all maps, by default their own.
+    light.exr, light.hdr, its lamps in light.light.json, and scene.glb, the mesh with the lamps. usd: scene.usdc and
+    scene.usdz, the mesh with the light, if there is one. height: rows of all maps, by default their own.
     Raises `ConfigError` when USD's library is missing, before anything is written.
     """
     if usd:
@@ -71,8 +73,10 @@ def export(
         image = light.image if height is None else resized_map(light.image, height)
         for name in ("light.exr", "light.hdr"):
             write_map(folder / name, image)
+        sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
+        write_sources(folder / "light.exr", len(image), light.lamps, sun)
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
-        written += [folder / "light.exr", folder / "light.hdr", folder / "scene.glb"]
+        written += [folder / name for name in ("light.exr", "light.hdr", "light.light.json", "scene.glb")]
     if usd:
         written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps)
     return written

@@ -4,6 +4,7 @@ docs/light-files.md explains it field by field.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,17 +47,9 @@ def write_light_file(
 ) -> None:  # fmt: skip
     """Write the JSON beside the map at `map_path`, which has `map_height` rows or its own, atomically."""
     light, calibration = prediction.environment, prediction.calibration
-    rows = map_height or 2 * light.resolution
     sources = () if prediction.split is None else prediction.split.sources
     write_json(light_file(map_path), {
-        "format": FORMAT,
-        "version": VERSION,
-        "map": {"file": map_path.name, "width": 2 * rows, "height": rows, "sun": sun.value},
-        "units": "linear radiance; 1 is the white of the photo; irradiance is radiance times steradian",
-        "color_space": "linear, primaries of sRGB (Rec. 709), white D65",
-        "axes": "right-handed, z up, those of the user's cameras; u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi",
-        "up": [0.0, 0.0, 1.0],
-        "sources": [source.to_json() for source in sources],
+        **_map_and_sources(map_path, map_height or 2 * light.resolution, sources, sun),
         "spherical_harmonics": _harmonics(light),
         "white_balance": _white_balance(light),
         "exposure": {"ev100": photo.ev100, "source": None if photo.ev100 is None else "EXIF"},
@@ -67,6 +60,24 @@ def write_light_file(
         "verdict": prediction.verdict.to_json(),
         "background": prediction.background.value,
     })  # fmt: skip
+
+
+def write_sources(map_path: Path, map_height: int, sources: Sequence[LightSource], sun: Sun) -> None:
+    """Write the JSON beside a map of `map_height` rows of which only the sources are known, atomically."""
+    write_json(light_file(map_path), _map_and_sources(map_path, map_height, sources, sun))
+
+
+def _map_and_sources(map_path: Path, rows: int, sources: Sequence[LightSource], sun: Sun) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "map": {"file": map_path.name, "width": 2 * rows, "height": rows, "sun": sun.value},
+        "units": "linear radiance; 1 is the white of the photo; irradiance is radiance times steradian",
+        "color_space": "linear, primaries of sRGB (Rec. 709), white D65",
+        "axes": "right-handed, z up, those of the user's cameras; u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi",
+        "up": [0.0, 0.0, 1.0],
+        "sources": [source.to_json() for source in sources],
+    }
 
 
 def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
