@@ -86,19 +86,25 @@ class Environment:
 
         Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
         """
-        image = read_hdr(Path(path))
-        height, width, channels = image.shape
-        if width != 2 * height or channels < 3:
-            raise InputError(
-                f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H."
-            )
-        if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
-            raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
-        return Environment.from_panorama(image[..., :3], resolution).to(device or torch.device("cpu"))
+        return Environment.from_panorama(read_panorama(Path(path)), resolution).to(device or torch.device("cpu"))
 
     def save(self, path: Path | str) -> None:
         """Write it as an equirectangular .exr or .hdr of 2R x 4R; raise `ConfigError` for any other suffix."""
         write_map(Path(path), self.panorama())
+
+
+def read_panorama(path: Path) -> np.ndarray:
+    """Return the linear radiance (H, 2H, 3) float32 of an equirectangular EXR or Radiance map.
+
+    Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
+    """
+    image = read_hdr(path)
+    height, width, channels = image.shape
+    if width != 2 * height or channels < 3:
+        raise InputError(f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H.")
+    if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
+        raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
+    return image[..., :3]
 
 
 def load_environments(folder: Path, resolution: int) -> list[Environment]:
