@@ -41,7 +41,11 @@ class PhaseRecorder:
 
     def score(self, stage: str, before: float, after: float) -> None:
         """Take note of the PSNR in dB of held-out photos before a finished stage and after it."""
-        values: dict[str, float | str] = {"stage": stage, "held_out_before": round(before, 3), "held_out": round(after, 3)}
+        values: dict[str, float | str] = {
+            "stage": stage,
+            "held_out_before": round(before, 3),
+            "held_out": round(after, 3),
+        }
         self.run.append_metrics(self.phase, self.count, values, once=True)  # a resumed call scores the stage again
 
     def finish(self) -> None:

@@ -32,11 +32,13 @@ function clear() {
 
 function listen() {
   for (const input of [$("photo-file"), $("photo-camera")]) {
-    input.addEventListener("change", () => {
+    const take = () => {
       const [file] = input.files;
       input.value = "";
       if (file) guarded(() => predict(file));
-    });
+    };
+    input.addEventListener("change", take);
+    take(); // what was chosen while this page was loading
   }
   const page = $("page-photo");
   page.addEventListener("dragover", (event) => {
