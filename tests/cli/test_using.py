@@ -78,7 +78,7 @@ def test_several_photos_are_predicted_into_a_folder(trained, tmp_path, capsys):
     out = tmp_path / "lights"
     succeed("predict", run.path, *images, "--mask", masks, "-o", out, "--confidence", out)
     assert {p.name for p in out.iterdir()} == {
-        f"{image.stem}{suffix}" for image in images for suffix in (".exr", ".confidence.exr")
+        f"{image.stem}{suffix}" for image in images for suffix in (".exr", ".confidence.exr", ".light.json")
     }
     assert not np.array_equal(*(read_hdr(out / f"{image.stem}.exr") for image in images))
     assert main(["predict", str(run.path), *map(str, images), "-o", str(tmp_path / "one.exr")]) == 3
@@ -106,7 +106,7 @@ def test_a_photo_that_shows_nothing_of_the_object_is_refused_and_costs_no_other_
     assert main(["predict", str(run.path), str(noise), str(good), *camera, "-o", str(out)]) == 2
     printed = capsys.readouterr()
     assert f"{noise} gets no map. No light makes this object look like this photo" in printed.err
-    assert [path.name for path in out.iterdir()] == ["test_00.exr"]
+    assert {path.name for path in out.iterdir()} == {"test_00.exr", "test_00.light.json"}
     alone = tmp_path / "alone" / "light.exr"
     assert main(["predict", str(run.path), str(noise), *camera, "-o", str(alone)]) == 2
     assert not alone.parent.exists()

@@ -9,9 +9,10 @@ from tyro.conf import FlagCreatePairsOff, Positional
 
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
-from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions
+from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.imaging import is_video
+from lightprobe.light.upsampling import map_height
 from lightprobe.prediction import BackgroundUse
 from lightprobe.prediction import Prediction as PredictionResult
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, locate_photos
@@ -66,6 +67,11 @@ _OneLightArg = Annotated[
 _BackgroundArg = Annotated[
     bool, option(help="Use what photos show around the object; not for photos close to a wall or a table.")
 ]
+_SizeArg = Annotated[
+    str | None,
+    option(metavar="WxH", help="Size of the maps, 128x64 to 4096x2048 by powers of two; else that of the prediction."),
+]
+_SunArg = Annotated[Sun, option(metavar="inside|separate", help="Whether the maps have the suns and lamps.")]
 _EveryArg = Annotated[int, option(metavar="N", help="Predict from every Nth frame of a video.")]
 
 
@@ -73,17 +79,19 @@ def predict(
     run: RunArg, images: _PhotosArg, *, camera: _NewCameraArg = None, output: _MapArg = None, mask: _MaskArg = None,
     method: _MethodArg = None, confidence: _ConfidenceArg = None, save_camera: _SaveCameraArg = None,
     save_mask: _SaveMaskArg = None, save_overlay: _SaveOverlayArg = None, one_light: _OneLightArg = False,
-    background: _BackgroundArg = True, every: _EveryArg = 10, settings: Prediction = UNCHANGED,
-    device: Device = "auto",
+    background: _BackgroundArg = True, every: _EveryArg = 10, size: _SizeArg = None, sun: _SunArg = Sun.INSIDE,
+    settings: Prediction = UNCHANGED, device: Device = "auto",
 ) -> None:  # fmt: skip
     """Predict the environment around the object from one photo, from several one by one or together, or from a video.
 
-    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions. Without --camera the
+    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions. NAME.light.json
+    beside the map has its suns and lamps, their brightness solved from the shadows in the photo, and more. Without --camera the
     object is found in the photo first, as by `lightprobe locate`; photos of the run's own scene have their cameras in
     the run. A photo that no light explains gets a warning and a lower confidence, or no map at all.
 
     Examples:
       lightprobe predict runs/cup new.jpg
+      lightprobe predict runs/cup new.jpg -o light.exr --size 2048x1024 --sun separate
       lightprobe predict runs/cup left.jpg right.jpg --one-light -o light.exr
       lightprobe predict runs/cup clip.mp4 --every 10 -o lights
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
@@ -91,7 +99,9 @@ def predict(
       lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o light.exr
       lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
-    files = PredictionFiles(camera, mask, output, confidence, LocationFiles(save_camera, save_mask, save_overlay))
+    located = LocationFiles(save_camera, save_mask, save_overlay)
+    height = None if size is None else map_height(size)
+    files = PredictionFiles(camera, mask, output, confidence, located, height, sun)
     how = _How(method, settings, background, device)
     video = next((image for image in images if is_video(image)), None)
     if video is not None and len(images) > 1:

@@ -6,6 +6,7 @@ RUN/mesh/object.glb  base_color.png  orm.png  normal.png  asset.safetensors
 RUN/env/<photo>.exr
 RUN/model/                       Phase II weights, config and checkpoints
 RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
+RUN/calibration.json             absolute brightness, if `lightprobe calibrate` was told; see `models.calibration`
 RUN/metrics.json
 RUN/timings.json                 seconds and memory of each phase's training; see `core.timings`
 RUN/report/index.html            and comparison/, numbers and page of methods without the run's default one
@@ -133,6 +134,11 @@ class RunFolder:
     def environment_folder(self) -> Path:
         """Phase I environments, one EXR per training photo."""
         return self.path / "env"
+
+    @property
+    def calibration_file(self) -> Path:
+        """The factor between the run's own brightness and the true one, if it is known."""
+        return self.path / "calibration.json"
 
     @property
     def metrics_file(self) -> Path:

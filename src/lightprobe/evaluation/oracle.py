@@ -53,11 +53,16 @@ def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path
     if not can_be_oracle(scene):
         raise InputError(f"{scene.root} has no mesh.obj with material maps of test photos, so there is no true object.")
     if saved is not None and saved.is_file():
-        return replace(decomposition, asset=Asset.load(saved, "remove it, and it is made again"))
+        return _with_asset(decomposition, Asset.load(saved, "remove it, and it is made again"))
     asset = true_asset(scene)
     if saved is not None:
         asset.save(saved)
-    return replace(decomposition, asset=asset)
+    return _with_asset(decomposition, asset)
+
+
+def _with_asset(decomposition: Decomposition, asset: Asset) -> Decomposition:
+    """Return the decomposition with a true asset, which needs no calibration."""
+    return replace(decomposition, asset=asset, trained=None, calibration=None)
 
 
 @torch.no_grad()

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.imaging import LUMA, write_png
 from lightprobe.light.files import write_map
 from lightprobe.prediction import Prediction
@@ -21,9 +22,14 @@ def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:
     return 1 - np.exp(-factor * np.maximum(image, 0))
 
 
-def write_prediction(prediction: Prediction, path: Path) -> None:
-    """Write `path` (.exr or .hdr), and beside it the tone-mapped .png and the .confidence.exr."""
-    image = prediction.environment.panorama()
+def write_prediction(
+    prediction: Prediction, path: Path, height: int | None = None, sun: Sun = Sun.INSIDE
+) -> None:  # fmt: skip
+    """Write `path` (.exr or .hdr), and beside it the tone-mapped .png and the .confidence.exr.
+
+    `height` and `sun` as in `Prediction.save`.
+    """
+    image = prediction.map(sun).panorama(height)
     write_map(path, image)
     write_png(path.with_suffix(".png"), tone_mapped(image, exposure(image)))
     prediction.save_confidence(path.with_suffix(".confidence.exr"))

@@ -17,6 +17,7 @@ from lightprobe.imaging.limits import check_pixels
 
 _BIAS = 136  # 128 of the exponent, 8 of the mantissa's bits
 _LARGEST = 255 * 2.0 ** (255 - _BIAS)
+_AT_ONCE = 2**18  # pixels that are encoded at once
 _HEADER_LIMIT = 1 << 16  # bytes; real headers have hundreds
 
 
@@ -51,10 +52,19 @@ def radiance_size(path: Path) -> tuple[int, int]:
 def write_radiance(path: Path, array: np.ndarray) -> None:
     """Write linear RGB `array` (H, W, 3) as run-length coded Radiance HDR, atomically.
 
-    Relative error up to 0.4 % of each pixel's largest channel; negative values and NaN become 0.
+    A value is off by at most 1/256 (0.4 %) of its pixel's largest channel, half a step of its eight bits; negative
+    values and NaN become 0.
     """
-    color = np.clip(np.nan_to_num(np.asarray(array, np.float64)), 0, _LARGEST)
-    height, width = color.shape[:2]
+    height, width = array.shape[:2]
+    header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode()
+    step = max(1, _AT_ONCE // max(width, 1))
+    strips = (_encode(_shared_exponents(array[top : top + step])) for top in range(0, height, step))
+    write_bytes(Path(path), b"".join([header, *(strip.tobytes() for strip in strips)]))
+
+
+def _shared_exponents(rows: np.ndarray) -> np.ndarray:
+    """Return linear RGB `rows` (h, W, 3) as bytes (h, W, 4)."""
+    color = np.clip(np.nan_to_num(np.asarray(rows, np.float64)), 0, _LARGEST)
     exponent = np.frexp(color.max(axis=2))[1]
     # A largest channel that rounds up to 256 needs the next exponent.
     exponent += np.rint(np.ldexp(color.max(axis=2), 8 - exponent)) > 255
@@ -62,8 +72,7 @@ def write_radiance(path: Path, array: np.ndarray) -> None:
     stored = np.where(color.max(axis=2) > 0, exponent + _BIAS - 8, 0)
     pixels = np.concatenate([mantissa, stored[..., None]], axis=2)
     pixels[(stored < 1) | (stored > 255)] = 0
-    header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode()
-    write_bytes(Path(path), header + _encode(pixels.astype(np.uint8)).tobytes())
+    return pixels.astype(np.uint8)
 
 
 def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:

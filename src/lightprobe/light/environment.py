@@ -17,6 +17,7 @@ from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
 from lightprobe.light.files import environment_files, panorama, write_map
 from lightprobe.light.resize import resize_light, rotate_light
+from lightprobe.light.upsampling import resized_map
 
 _RESOLUTIONS = (8, 16, 32, 64, 128)  # that a file may be read at
 
@@ -76,9 +77,10 @@ class Environment:
         wanted = resolution or max((r for r in _RESOLUTIONS if r <= image.shape[0] // 2), default=_RESOLUTIONS[0])
         return Environment(equirect.to_cubemap(torch.from_numpy(np.ascontiguousarray(image, np.float32)), wanted))
 
-    def panorama(self) -> np.ndarray:
-        """Return the equirectangular map (2R, 4R, 3) float32."""
-        return panorama(self.texels)
+    def panorama(self, height: int | None = None) -> np.ndarray:
+        """Return the equirectangular map (2R, 4R, 3) float32, or one of `height` rows (`light.upsampling`)."""
+        image = panorama(self.texels)
+        return image if height is None else resized_map(image, height)
 
     @staticmethod
     def load(path: Path | str, device: torch.device | None = None, resolution: int | None = None) -> "Environment":
@@ -88,9 +90,9 @@ class Environment:
         """
         return Environment.from_panorama(read_panorama(Path(path)), resolution).to(device or torch.device("cpu"))
 
-    def save(self, path: Path | str) -> None:
-        """Write it as an equirectangular .exr or .hdr of 2R x 4R; raise `ConfigError` for any other suffix."""
-        write_map(Path(path), self.panorama())
+    def save(self, path: Path | str, height: int | None = None) -> None:
+        """Write it as an equirectangular .exr or .hdr of 2R rows, or `height`; `ConfigError` for any other suffix."""
+        write_map(Path(path), self.panorama(height))
 
 
 def read_panorama(path: Path) -> np.ndarray:

@@ -47,7 +47,7 @@ class Locator:
         run has no object, `ConfigError` without OpenCV.
         """
         folder = RunFolder.open(Path(run))
-        decomposition = Decomposition.load(folder, device or torch.device("cpu"))
+        decomposition = Decomposition.load(folder, device or torch.device("cpu"), calibrated=False)
         return Locator(decomposition, stored_views(folder, decomposition), device)
 
     @torch.no_grad()

@@ -12,6 +12,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.run import REMAKE, RunFolder
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.light.environment import Environment
+from lightprobe.models.calibration import Calibration
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
@@ -26,6 +27,8 @@ class Decomposition:
     asset: Asset
     lights: dict[str, Environment]  # of every training photo, by name
     similarity: Similarity
+    trained: Asset | None = None  # the asset in the run's own gauge, where a calibration has changed it
+    calibration: Calibration | None = None  # that `asset` and `lights` have been through
 
     def save(self, run: RunFolder) -> None:
         """Write the asset and the lights; the asset comes last and marks Phase I as finished."""
@@ -34,8 +37,11 @@ class Decomposition:
         self.asset.save(run.asset_file)
 
     @staticmethod
-    def load(run: RunFolder, device: torch.device) -> "Decomposition":
-        """Read what `save` wrote; raise `InputError` when Phase I has not finished in this run."""
+    def load(run: RunFolder, device: torch.device, *, calibrated: bool = True) -> "Decomposition":
+        """Read what `save` wrote; raise `InputError` when Phase I has not finished in this run.
+
+        calibrated: apply the run's calibration (`models.calibration`), where it has one; training goes on without.
+        """
         if not run.asset_file.exists():
             root = run.scene()["root"] if run.scene_file.is_file() else "SCENE"
             raise InputError(
@@ -45,9 +51,13 @@ class Decomposition:
         record = read_record(run)
         lights = _load_lights(_lights_file(run), set(record.cameras["train"]))
         asset = Asset.load(run.asset_file).to(device)
-        return Decomposition(
-            asset, {name: Environment(light).to(device) for name, light in lights.items()}, record.similarity
-        )
+        environments = {name: Environment(light).to(device) for name, light in lights.items()}
+        calibration = Calibration.load(run.calibration_file) if calibrated else None
+        if calibration is None:
+            return Decomposition(asset, environments, record.similarity)
+        factor = calibration.tensor(device)
+        environments = {name: light.scaled(factor) for name, light in environments.items()}
+        return Decomposition(calibration.applied(asset), environments, record.similarity, asset, calibration)
 
 
 def _load_lights(path: Path, photos: set[str]) -> dict[str, Tensor]:

@@ -5,9 +5,12 @@ from pathlib import Path
 
 from torch import Tensor
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import check_map_name, write_plane
+from lightprobe.light.sources import SplitLight
+from lightprobe.models.calibration import Calibration
 from lightprobe.prediction.background import BackgroundUse
 from lightprobe.prediction.verdict import Verdict
 
@@ -21,6 +24,8 @@ class Prediction:
     seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
     verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
     background: BackgroundUse = BackgroundUse.ABSENT
+    split: SplitLight | None = None  # the same light as suns and lamps and the rest, if they were asked for
+    calibration: Calibration | None = None  # that the light has been through
 
     def __post_init__(self) -> None:
         """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no further."""
@@ -32,14 +37,22 @@ class Prediction:
                 "another --method, or train the run anew."
             )
 
-    def save(self, path: Path | str, confidence: Path | str | None = None) -> None:
+    def map(self, sun: Sun = Sun.INSIDE) -> Environment:
+        """Return the light to write as a map: whole, or without its suns and lamps where they were found."""
+        return self.environment if sun is Sun.INSIDE or self.split is None else self.split.rest
+
+    def save(
+        self, path: Path | str, confidence: Path | str | None = None, *, height: int | None = None,
+        sun: Sun = Sun.INSIDE,
+    ) -> None:  # fmt: skip
         """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has a path.
 
+        height: rows of the map, by default 2R of the environment's R. sun: what becomes of its suns and lamps.
         Raises `ConfigError` for other names, before anything is written.
         """
         path, confidence = Path(path), None if confidence is None else Path(confidence)
         check_names(path, confidence)
-        self.environment.save(path)
+        self.map(sun).save(path, height)
         if confidence is not None:
             self.save_confidence(confidence)
 

@@ -31,6 +31,7 @@ from lightprobe.prediction.optimize import optimize_environment, refine_environm
 from lightprobe.prediction.prediction import Prediction
 from lightprobe.prediction.prior import constant_light, desaturated, network_light, sampled_probes, stacked_light
 from lightprobe.prediction.solve import solve_environment
+from lightprobe.prediction.source_fit import fitted_sources
 from lightprobe.prediction.verdict import Status, judge
 from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Camera
@@ -73,6 +74,8 @@ class Predictor:
         """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset `quick`."""
         self.device = full_precision(device or torch.device("cpu"))
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
+        # The networks know the object as it was trained; what they say of it is calibrated at the end.
+        self._asset = self.decomposition.asset if decomposition.trained is None else decomposition.trained.to(self.device)
         self.model = None if model is None else model.to(self.device)
         self.config = config or PredictConfig()
         self.solve_config = solve_config or SolveConfig()
@@ -97,7 +100,7 @@ class Predictor:
     @torch.no_grad()
     def predict(
         self, pixels: Pixels, camera: Camera, method: Method | None = None, *,
-        background: Background | None = None, refuse: bool = True, doubt: float = 0.0,
+        background: Background | None = None, refuse: bool = True, doubt: float = 0.0, sources: bool = False,
     ) -> Prediction:  # fmt: skip
         """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
@@ -105,6 +108,7 @@ class Predictor:
         method: by default the first of `methods_for`. background: what the photo shows around the object; maps that
         are fitted to the photo follow it. refuse: whether a photo may be refused; an evaluation scores all.
         doubt: what is known to add to the error of ln radiance, such as of a doubtful pose; it lowers the confidence.
+        sources: whether suns and lamps are looked for and fitted to the photo, too (`prediction.source_fit`).
 
         Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
         `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
@@ -113,13 +117,13 @@ class Predictor:
         with clock.part("rasterise"):
             observation = self._observe(pixels, camera, self.config.max_pixels)
             seen = None if background is None else self._seen(background)
-        return self._fitted([observation], observation, seen, method, clock, refuse, doubt)
+        return self._fitted([observation], observation, seen, method, clock, refuse, doubt, sources)
 
     @torch.no_grad()
     def predict_together(
         self, photos: Sequence[tuple[Pixels, Camera]], method: Method | None = None, *,
         exposures: Sequence[float] | None = None, backgrounds: Sequence[Background | None] = (), refuse: bool = True,
-        doubt: float = 0.0,
+        doubt: float = 0.0, sources: bool = False,
     ) -> tuple[Prediction, Tensor]:  # fmt: skip
         """Return the one light that all `photos` were taken under, in the exposure of the first, and their exposures.
 
@@ -138,18 +142,18 @@ class Predictor:
             seen = [exposed(one, exposure) for one, exposure in zip(seen, relative, strict=True)]
             around = {number: self._seen(part) for number, part in enumerate(backgrounds) if part is not None}
             behind = SeenLight.joined(list(around.values()), relative[list(around)]) if around else None
-        return self._fitted(seen, joined(seen), behind, method, clock, refuse, doubt), relative
+        return self._fitted(seen, joined(seen), behind, method, clock, refuse, doubt, sources), relative
 
     def _seen(self, background: Background) -> SeenLight:
         return SeenLight.of(background, self.config.light_resolution, self.device)
 
     def _observe(self, pixels: Pixels, camera: Camera, max_pixels: int) -> Observation:
         camera = camera.normalised(self.decomposition.similarity)
-        return observe(self.decomposition.asset, pixels, camera, self.device, max_pixels)
+        return observe(self._asset, pixels, camera, self.device, max_pixels)
 
     def _fitted(
         self, photos: Sequence[Observation], joint: Observation, seen: SeenLight | None, method: Method | None,
-        clock: "_Clock", refuse: bool, doubt: float,
+        clock: "_Clock", refuse: bool, doubt: float, sources: bool,
     ) -> Prediction:  # fmt: skip
         """Return the light in the `photos` of one light and exposure, which together are `joint`; see `predict`."""
         method = method or methods_for(self.model, self.config)[0]
@@ -167,7 +171,15 @@ class Predictor:
             use = BackgroundUse.ABSENT
             if seen is not None and method in _FITTED:
                 light, trust, use = with_background(joint, light, trust, seen, self.seed)
-        return Prediction(Environment(light), trust, clock.finish(), verdict, use)
+        environment, split = Environment(light), None
+        if sources:
+            with clock.part("sources"):
+                split = fitted_sources(joint, environment, self._asset.mesh, self.seed)
+        calibration = self.decomposition.calibration
+        if calibration is not None:
+            factor = calibration.tensor(self.device)
+            environment, split = environment.scaled(factor), None if split is None else split.scaled(factor)
+        return Prediction(environment, trust, clock.finish(), verdict, use, split, calibration)
 
     def _prior(self, observation: Observation, method: Method, clock: "_Clock") -> Tensor:
         with clock.part("rasterise"):
@@ -245,7 +257,7 @@ class _Clock:
         yield
         if self._device.type == "cuda":  # its kernels run on while we go on
             torch.cuda.synchronize(self._device)
-        self._seconds[name] += time.perf_counter() - begin
+        self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - begin
 
     def finish(self) -> dict[str, float]:
         return {**self._seconds, "total": time.perf_counter() - self._begin}

@@ -10,11 +10,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions
+from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.files import remove
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
+from lightprobe.export.light_file import PhotoFacts, light_file, write_light_file
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for, recorded_config
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, file_stem, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
@@ -35,6 +37,10 @@ class PredictionFiles:
     """The confidence, .exr."""
     location: LocationFiles = field(default_factory=LocationFiles)
     """Camera, mask and overlay of a photo whose camera is found; by default beside the map."""
+    height: int | None = None
+    """Rows of the maps, see `light.upsampling`; by default twice the texels along a cubemap edge."""
+    sun: Sun = Sun.INSIDE
+    """Whether the maps have the light's suns and lamps, which the .light.json beside them lists."""
 
 
 @dataclass(frozen=True)
@@ -45,17 +51,20 @@ class PredictedPhoto:
     output: Path
     method: Method
     prediction: Prediction
+    facts: PhotoFacts
     location: LocatedPhoto | None = None
     """Its camera and mask, if they were found."""
 
 
 @dataclass(frozen=True)
 class MapFiles:
-    """Where a map goes."""
+    """Where a map goes, and how it is written."""
 
     output: Path
     confidence: Path | None
     kept: bool  # in the run, with a picture and the confidence beside it
+    height: int | None
+    sun: Sun
 
     @staticmethod
     def of(run: RunFolder, image: Path, several: bool, method: Method | None, files: PredictionFiles) -> "MapFiles":
@@ -69,16 +78,18 @@ class MapFiles:
             confidence = None if confidence is None else confidence / f"{stem}.confidence.exr"
         check_names(output, confidence)
         stored = run.prediction_file(stem, ".exr", method.value if method else None)
-        return MapFiles(output or stored, confidence, output is None)
+        return MapFiles(output or stored, confidence, output is None, files.height, files.sun)
 
-    def write(self, prediction: Prediction) -> None:
-        """Write the map and what goes with it."""
+    def write(self, prediction: Prediction, facts: PhotoFacts) -> None:
+        """Write the map and what goes with it; the .light.json comes last, and an older one goes first."""
+        remove(light_file(self.output))
         if self.kept:
-            write_prediction(prediction, self.output)
+            write_prediction(prediction, self.output, self.height, self.sun)
             if self.confidence is not None:
                 prediction.save_confidence(self.confidence)
         else:
-            prediction.save(self.output, self.confidence)
+            prediction.save(self.output, self.confidence, height=self.height, sun=self.sun)
+        write_light_file(self.output, prediction, facts, self.sun, self.height)
 
 
 @dataclass(frozen=True)
@@ -95,7 +106,7 @@ class PhotoPredictions:
     def __iter__(self) -> Iterator[PredictedPhoto]:
         """Predict and write photo by photo; errors as in `unwritten`."""
         for files, predicted in self.unwritten():
-            files.write(predicted.prediction)
+            files.write(predicted.prediction, predicted.facts)
             yield predicted
 
     def unwritten(self) -> Iterator[tuple[MapFiles, PredictedPhoto]]:
@@ -108,12 +119,14 @@ class PhotoPredictions:
             try:
                 photo = self._photos.read(index)
                 prediction = self._predictor.predict(
-                    photo.pixels, photo.camera, self.method, background=photo.background, doubt=photo.doubt
-                )
+                    photo.pixels, photo.camera, self.method, background=photo.background, doubt=photo.doubt,
+                    sources=True,
+                )  # fmt: skip
             except InputError as error:
                 failures.append(f"{image} gets no map. {error}")
                 continue
-            yield files, PredictedPhoto(image, files.output, self.method, prediction, photo.location)
+            facts = _facts(image, photo)
+            yield files, PredictedPhoto(image, files.output, self.method, prediction, facts, photo.location)
         if failures:
             raise InputError(" ".join(failures))
 
@@ -181,9 +194,9 @@ def predict_one_light(
     given = _exif_exposures(seen)
     prediction, exposures = predictor.predict_together(
         [(photo.pixels, photo.camera) for photo in seen], chosen, exposures=given,
-        backgrounds=[photo.background for photo in seen], doubt=max(photo.doubt for photo in seen),
+        backgrounds=[photo.background for photo in seen], doubt=max(photo.doubt for photo in seen), sources=True,
     )  # fmt: skip
-    target.write(prediction)
+    target.write(prediction, _facts(next(iter(read)), seen[0]))
     return JointPrediction(
         tuple(read), target.output, chosen, predictor.model is not None, prediction, exposures, given is not None,
         tuple(photo.location for photo in seen if photo.location is not None), left_out,
@@ -201,6 +214,10 @@ def _checked(
         read_record(run)  # it has the cameras
     files.location.check(len(images))
     return run, files
+
+
+def _facts(image: Path, photo: NewPhoto) -> PhotoFacts:
+    return PhotoFacts(image.name, photo.camera, photo.ev100)
 
 
 def _photo_files(images: Sequence[Path], files: PredictionFiles, folders: Sequence[Path]) -> list[PhotoFiles]:

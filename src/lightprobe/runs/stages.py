@@ -76,7 +76,7 @@ def run_decompose(
     run.record_scene(scene_record(scene))
     run.record_config("decompose", {"seed": seed, **asdict(config)})
     if run.asset_file.exists():
-        return Decomposition.load(run, device)
+        return Decomposition.load(run, device, calibrated=False)
     recorder = PhaseRecorder(run, "decompose", run.checkpoints, on_progress)
     decomposition = decompose(scene, config, device, seed, recorder.progress(recorder.step))
     write_run_outputs(decomposition, run)

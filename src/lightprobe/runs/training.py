@@ -89,7 +89,8 @@ def distill_run(
     with writing(run):
         if restart:
             restart_distill(run)
-        found, prediction = Decomposition.load(run, where), predict or settings(preset).predict
+        found = Decomposition.load(run, where, calibrated=False)
+        prediction = predict or settings(preset).predict
         run_distill(
             run, found, lambda: open_scene(run, scene_folder), second, where, seed, on_progress, maps, prediction
         )

@@ -12,6 +12,8 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import write_png
 from lightprobe.imaging.video import frames
 from lightprobe.light.environment import Environment
+from lightprobe.light.sources import SplitLight, split_light
+from lightprobe.prediction import Prediction
 from lightprobe.prediction.sequence import flicker, steadied
 from lightprobe.runs.predictions import (
     JointPrediction,
@@ -88,10 +90,18 @@ def predict_video(
     steady = steadied(lights, torch.stack([one.prediction.confidence for _, one in made]))
     photos = []
     for (target, predicted), light in zip(made, steady, strict=True):
-        prediction = replace(predicted.prediction, environment=Environment(light))
-        target.write(prediction)
+        prediction = _steady(predicted.prediction, Environment(light))
+        target.write(prediction, predicted.facts)
         photos.append(replace(predicted, prediction=prediction))
     return PredictedVideo(tuple(photos), (flicker(lights), flicker(steady)), failures)
+
+
+def _steady(prediction: Prediction, environment: Environment) -> Prediction:
+    """Return a frame's prediction with its steadied map; the sources stay as its photo told them."""
+    split = prediction.split
+    if split is not None:
+        split = SplitLight(split_light(environment).rest, split.sources)
+    return replace(prediction, environment=environment, split=split)
 
 
 def predict_video_light(

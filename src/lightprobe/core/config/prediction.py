@@ -31,6 +31,15 @@ class Method(StrEnum):
     """Least squares against the photo, towards the sphere network's map."""
 
 
+class Sun(StrEnum):
+    """Where a light's suns and lamps go when it is written."""
+
+    INSIDE = "inside"
+    """The map has them."""
+    SEPARATE = "separate"
+    """The map is without them; they stand beside it, as lamps."""
+
+
 @dataclass(frozen=True)
 class PredictConfig:
     """How the light of a new photo is predicted."""

@@ -1,0 +1,150 @@
+"""NAME.light.json beside a map: all that other programs may want to know of a light, in words and numbers.
+
+docs/light-files.md explains it field by field.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lightprobe.core.config.prediction import Sun
+from lightprobe.core.errors import InputError, shown
+from lightprobe.core.files import read_json, write_json
+from lightprobe.imaging import LUMA
+from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
+from lightprobe.light.sources import MOST, LightSource
+from lightprobe.light.spherical_harmonics import BASIS, WINDOW, harmonics
+from lightprobe.models.calibration import Calibration
+from lightprobe.prediction import Prediction
+from lightprobe.scene.camera import Camera
+
+FORMAT, VERSION = "lightprobe light", 1
+SUFFIX = ".light.json"
+_SATURATION = 1.2  # luminance that makes white, in cd/m^2 at EV100 = 0: 78 / (100 * .65) of ISO 12232
+# CIE XYZ of linear sRGB's primaries (IEC 61966-2-1), rows X, Y, Z
+_TO_XYZ = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
+
+
+@dataclass(frozen=True)
+class PhotoFacts:
+    """What is known of the photo that a light was predicted from."""
+
+    name: str  # of its file
+    camera: Camera  # input frame
+    ev100: float | None  # from EXIF, if complete
+
+
+def light_file(map_path: Path) -> Path:
+    """Return where the JSON of a map is."""
+    return map_path.with_name(map_path.stem + SUFFIX)
+
+
+def write_light_file(
+    map_path: Path, prediction: Prediction, photo: PhotoFacts, sun: Sun, map_height: int | None = None
+) -> None:  # fmt: skip
+    """Write the JSON beside the map at `map_path`, which has `map_height` rows or its own, atomically."""
+    light, calibration = prediction.environment, prediction.calibration
+    rows = map_height or 2 * light.resolution
+    sources = () if prediction.split is None else prediction.split.sources
+    write_json(light_file(map_path), {
+        "format": FORMAT,
+        "version": VERSION,
+        "map": {"file": map_path.name, "width": 2 * rows, "height": rows, "sun": sun.value},
+        "units": "linear radiance; 1 is the white of the photo; irradiance is radiance times steradian",
+        "color_space": "linear, primaries of sRGB (Rec. 709), white D65",
+        "axes": "right-handed, z up, those of the user's cameras; u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi",
+        "up": [0.0, 0.0, 1.0],
+        "sources": [source.to_json() for source in sources],
+        "spherical_harmonics": _harmonics(light),
+        "white_balance": _white_balance(light),
+        "exposure": {"ev100": photo.ev100, "source": None if photo.ev100 is None else "EXIF"},
+        "photometry": _photometry(photo.ev100, calibration),
+        "calibration": None if calibration is None else calibration.to_json(),
+        "confidence": _confidence(prediction),
+        "photo": {"file": photo.name, "camera": photo.camera.to_json()},
+        "verdict": prediction.verdict.to_json(),
+        "background": prediction.background.value,
+    })  # fmt: skip
+
+
+def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
+    """Return the sources in the JSON beside a map and whether the map has them; None where there is no such file.
+
+    Raises `InputError` for a file that is not of this format and version, or says what no source can be.
+    """
+    path = light_file(map_path)
+    if not path.is_file():
+        return None
+    value = read_json(path)
+    if not isinstance(value, dict) or value.get("format") != FORMAT or value.get("version") != VERSION:
+        raise InputError(f"{path} is no light file of version {VERSION}; remove it, and sources are found in the map.")
+    try:
+        given = value["sources"]
+        if not isinstance(given, list) or len(given) > MOST:
+            raise ValueError(f"not a list of at most {MOST}")
+        return tuple(LightSource.from_json(one) for one in given), Sun(value["map"]["sun"])
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{path} says what no light source can be ({shown(str(error))}); remove it, and sources are found in the map."
+        ) from error
+
+
+def _harmonics(light: Environment) -> dict[str, Any]:
+    return {
+        "of": "radiance of the whole light, sources included",
+        "basis": "real, orthonormal, no Condon-Shortley phase; x, y, z as in 'axes'",
+        "order": list(BASIS),
+        "window": {"name": "Hann", "width": 3, "factors": list(WINDOW), "applied": True},
+        "coefficients_rgb": harmonics(light.texels.cpu()).tolist(),
+    }
+
+
+def _white_balance(light: Environment) -> dict[str, Any]:
+    """Return the light's mean colour, and the factors and colour temperature that make it grey."""
+    mean = light.mean().double().cpu()
+    luma = float(mean @ mean.new_tensor(LUMA.tolist()))
+    if luma <= 0 or float(mean.min()) <= 0:
+        return {"mean_rgb": mean.tolist(), "gains_rgb": None, "temperature_kelvin": None}
+    return {
+        "mean_rgb": mean.tolist(),
+        "gains_rgb": (luma / mean).tolist(),
+        "temperature_kelvin": _temperature(mean.tolist()),
+    }
+
+
+def _temperature(color: list[float]) -> float | None:
+    """Return the correlated colour temperature of linear sRGB (McCamy 1992), None beyond 2000 to 25000 K."""
+    x, y, z = (sum(weight * value for weight, value in zip(row, color, strict=True)) for row in _TO_XYZ)
+    total = x + y + z
+    n = (x / total - 0.3320) / (0.1858 - y / total)
+    kelvin = 449 * n**3 + 3525 * n**2 + 6823.3 * n + 5520.33
+    return kelvin if 2000 <= kelvin <= 25_000 else None
+
+
+def _photometry(ev100: float | None, calibration: Calibration | None) -> dict[str, Any]:
+    """Return how many cd/m^2 a unit of radiance is; the gauge between light and albedo is in it unless calibrated."""
+    return {
+        "cd_per_m2_per_unit": candela_per_unit(ev100),
+        "source": None if ev100 is None else "EXIF: saturation-based, 1.2 * 2^EV100",
+        "calibrated": calibration is not None,
+    }
+
+
+def candela_per_unit(ev100: float | None) -> float | None:
+    """Return the luminance in cd/m^2 of a photo's linear white, or None without an exposure value.
+
+    Saturation-based speed (ISO 12232): 1.2 times 2^EV100. Cameras differ by up to a stop, by their tone curves.
+    """
+    return None if ev100 is None else _SATURATION * 2.0**ev100
+
+
+def _confidence(prediction: Prediction) -> dict[str, float]:
+    trust = prediction.confidence
+    angle = cubemap.solid_angles(trust.shape[1], trust.device)
+    share = float((angle * (trust >= 0.5)).sum() / (4 * math.pi))
+    return {
+        "mean": float(cubemap.sphere_mean(trust)), "least": float(trust.min()), "most": float(trust.max()),
+        "share_within_factor_two": share,
+    }  # fmt: skip

@@ -1,0 +1,97 @@
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
+from lightprobe.light.sources import LightSource, find_sources, split_light
+
+
+def lamp(direction, radius: float = 6.0, irradiance=(3.0, 2.5, 2.0)) -> LightSource:
+    x, y, z = torch.nn.functional.normalize(torch.tensor(direction, dtype=torch.float64), dim=0).tolist()
+    return LightSource((x, y, z), math.radians(radius), irradiance)
+
+
+def under(*lamps: LightSource, resolution: int = 32, sky: float = 0.3) -> Environment:
+    """Lamps under a sky that is brighter on top."""
+    height = cubemap.directions(resolution)[..., 2:]
+    light = sky * (1 + 0.5 * height) * torch.tensor([0.8, 1.0, 1.2])
+    return Environment(light + sum(source.texels(resolution) for source in lamps))
+
+
+def degrees(a: LightSource, b: LightSource) -> float:
+    cosine = sum(x * y for x, y in zip(a.direction, b.direction, strict=True))
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+@pytest.mark.parametrize("resolution", [16, 32, 128])
+@pytest.mark.parametrize("direction", [(1, 0.2, 0.3), (0, 0, 1), (-0.577, 0.577, 0.577), (-0.3, 0.1, -0.9)])
+def test_a_lamp_is_found_where_and_as_bright_as_it_is(direction, resolution):
+    true = lamp(direction)
+    (found,) = find_sources(under(true, resolution=resolution))
+    assert degrees(found, true) < 0.5 * 90 / resolution
+    assert found.irradiance == pytest.approx(true.irradiance, rel=0.15)
+    assert found.angular_radius == pytest.approx(true.angular_radius, abs=math.radians(2.5 if resolution > 16 else 4))
+
+
+def test_sources_come_strongest_first_and_no_more_than_are_asked_for():
+    lamps = [lamp((1, 0, 0.2), irradiance=(1.0, 1.0, 1.0)), lamp((0, 1, 0.2), irradiance=(4.0, 3.0, 3.0)),
+             lamp((-1, -1, 0.5), irradiance=(2.0, 2.0, 2.5))]  # fmt: skip
+    found = find_sources(under(*lamps))
+    assert [min(range(3), key=lambda k: degrees(lamps[k], source)) for source in found] == [1, 2, 0]
+    assert all(min(degrees(true, source) for true in lamps) < 2 for source in found)
+    assert len(find_sources(under(*lamps), 2)) == 2
+    assert find_sources(under(*lamps)) == found
+
+
+@pytest.mark.parametrize("light", [
+    torch.full((6, 16, 16, 3), 0.7), torch.zeros(6, 16, 16, 3), under().texels,
+    torch.rand(6, 8, 8, 3, generator=torch.Generator().manual_seed(0)),
+])  # fmt: skip
+def test_a_light_without_sources_has_none(light):
+    split = split_light(Environment(light))
+    assert split.sources == ()
+    assert torch.equal(split.rest.texels, light)
+
+
+def test_nothing_is_lost_between_the_sources_and_the_rest():
+    true = lamp((0.4, -0.8, 0.5))
+    whole = under(true)
+    split = split_light(whole)
+    assert float(split.rest.texels.min()) >= 0
+    assert float(split.rest.texels.max()) < 0.1 * float(whole.texels.max())
+    taken = (whole.mean() - split.rest.mean()) * 4 * math.pi
+    assert list(split.sources[0].irradiance) == pytest.approx(taken.tolist(), rel=0.06)
+
+
+def test_the_rest_of_a_fine_light_is_fine():
+    split = split_light(under(lamp((1, 0, 0.3)), resolution=128))
+    assert split.rest.resolution == 128
+    assert float(split.rest.texels.max()) < 1.0
+
+
+@pytest.mark.parametrize("resolution", [8, 32])
+def test_a_source_as_texels_has_its_irradiance(resolution):
+    source = lamp((0.2, 0.5, 0.7), radius=0.3)
+    cosine = (cubemap.directions(resolution) @ torch.tensor(source.direction)).clamp(min=0)
+    received = (source.texels(resolution) * (cosine * cubemap.solid_angles(resolution))[..., None]).sum((0, 1, 2))
+    assert received.tolist() == pytest.approx(source.irradiance, rel=1e-4)
+
+
+def test_json_gives_the_source_back():
+    source = replace(lamp((0.1, 0.2, 0.9)), uncertainty=0.2, direction_uncertainty=0.05)
+    again = LightSource.from_json(source.to_json())
+    assert again.direction == pytest.approx(source.direction)
+    assert again.irradiance == pytest.approx(source.irradiance)
+    assert (again.angular_radius, again.direction_uncertainty) == pytest.approx((source.angular_radius, 0.05))
+
+
+@pytest.mark.parametrize("change", [
+    {"direction": [0, 0, 0]}, {"direction": [1, 0]}, {"irradiance_rgb": [1, -1, 0]}, {"angular_radius_deg": "x"},
+    {"direction": [float("nan"), 0, 1]}, {"irradiance_rgb": None},
+])  # fmt: skip
+def test_numbers_of_no_source_are_refused(change):
+    with pytest.raises((ValueError, TypeError, KeyError)):
+        LightSource.from_json(lamp((1, 0, 0)).to_json() | change)
