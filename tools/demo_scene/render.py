@@ -7,6 +7,7 @@ Notation: all directions inside the BSDF are in the shading frame, z along the n
 the light, h the half vector; alpha = roughness^2.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import drjit as dr
@@ -152,6 +153,16 @@ def _shape(model: Model) -> mi.Mesh:
     return mesh
 
 
+def painted_mesh(model: Model) -> tuple[mi.Mesh, mi.Texture, mi.Texture]:
+    """Return the object with its material, and the textures of base colour and roughness with metallic."""
+    material = model.material
+    orm = np.stack([np.zeros_like(material.roughness), material.roughness, material.metallic], axis=-1)
+    base, rough = mi.load_dict(_texture(material.base)), mi.load_dict(_texture(orm))
+    mesh = _shape(model)
+    mesh.set_bsdf(mi.load_dict({"type": "gltf_metallic_roughness", "base_color": base, "orm": rough}))
+    return mesh, base, rough
+
+
 def environment_rows(radiance: np.ndarray) -> np.ndarray:
     """Resample (H, W, 3) to 2H + 1 rows, (2H + 1, W, 3), so that Mitsuba's bilinear look-up is exactly ours.
 
@@ -168,20 +179,16 @@ def environment_rows(radiance: np.ndarray) -> np.ndarray:
 class Studio:
     """The object in Mitsuba, under one environment at a time."""
 
-    def __init__(self, model: Model, environment_height: int):
-        material = model.material
-        orm = np.stack([np.zeros_like(material.roughness), material.roughness, material.metallic], axis=-1)
-        self._base, self._orm = mi.load_dict(_texture(material.base)), mi.load_dict(_texture(orm))
-        bsdf = mi.load_dict({"type": "gltf_metallic_roughness", "base_color": self._base, "orm": self._orm})
-        mesh = _shape(model)
-        mesh.set_bsdf(bsdf)
+    def __init__(self, model: Model, environment_height: int, others: Mapping[str, dict | mi.Object] | None = None):
+        """Set the object up; others: shapes by name that stand around it."""
+        mesh, self._base, self._orm = painted_mesh(model)
         empty = np.ones((2 * environment_height + 1, 2 * environment_height, 3), np.float32)
         environment = {
             "type": "envmap",
             "bitmap": mi.Bitmap(empty),
             "to_world": mi.ScalarTransform4f(_ENVIRONMENT_AXES),
         }
-        self.scene = mi.load_dict({"type": "scene", "object": mesh, "light": environment})
+        self.scene = mi.load_dict({"type": "scene", "object": mesh, "light": environment, **(others or {})})
         self._values = mi.traverse(self.scene)
         self._integrator = mi.load_dict(
             {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 64, "hide_emitters": True}

@@ -88,7 +88,12 @@ class Asset:
 
 
 def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor) -> Tensor:
-    """Return unit shading normals (P, 3): tangent-space `mapped` (P, 3) in the frame of `normals` and `tangents`.
+    """Return `mapped_normals` (P, 3), bent until the camera sees them."""
+    return face_camera(mapped_normals(surface, mesh, normals, tangents, mapped), surface.view)
+
+
+def mapped_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor) -> Tensor:
+    """Return unit normals (P, 3): tangent-space `mapped` (P, 3) in the frame of `normals` and `tangents`.
 
     `normals` (N, 3) as `Mesh.normals`, `tangents` (U, 3) per texture vertex. The bitangent is n x t times the sign of
     the UV orientation, with v pointing down as in glTF.
@@ -98,7 +103,7 @@ def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Ten
     t = torch.nn.functional.normalize(t - (t * n).sum(1, keepdim=True) * n, dim=1, eps=1e-12)
     b = torch.linalg.cross(n, t) * uv_handedness(mesh, surface.face)[:, None]
     bent = mapped[:, :1] * t + mapped[:, 1:2] * b + mapped[:, 2:] * n
-    return face_camera(torch.nn.functional.normalize(bent, dim=1, eps=1e-12), surface.view)
+    return torch.nn.functional.normalize(bent, dim=1, eps=1e-12)
 
 
 def textured_visibility(mesh: Mesh, flat: Tensor) -> VertexVisibility:

@@ -6,6 +6,7 @@ would, and blurs from vertex to vertex. So what stands out of its block of the l
 pixel asks a depth map made from where it stands.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -59,8 +60,11 @@ def _by_block(texels: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def sharpened(gbuffer: GBuffer, mesh: Mesh, suns: Suns) -> Tensor:
-    """Return by how much the diffuse light (P, 3) of `PointVisibility.light` changes when suns cast sharp shadows."""
+def sharpened(gbuffer: GBuffer, mesh: Mesh, suns: Suns, others: Sequence[tuple[Tensor, Tensor]] = ()) -> Tensor:
+    """Return by how much the diffuse light (P, 3) of `PointVisibility.light` changes when suns cast sharp shadows.
+
+    others: vertices (V, 3) and faces (F, 3) of what else casts shadows, known to the G-buffer's visibility as well.
+    """
     if gbuffer.visibility is None:
         raise ValueError("The G-buffer has no visibility.")
     blocks = suns.flux.new_zeros(6 * BLOCKS**2, 3)
@@ -69,8 +73,11 @@ def sharpened(gbuffer: GBuffer, mesh: Mesh, suns: Suns) -> Tensor:
     change = -gbuffer.visibility.light(blocks, gbuffer.normal)[:, :3]
     outward = torch.nn.functional.normalize(face_normals(mesh.vertices, mesh.faces), dim=1, eps=1e-20)
     lifted = gather_rows(outward, gbuffer.face)
-    maps = DepthMaps.of(mesh.vertices, mesh.faces, gbuffer.position, lifted, SIDE)
+    maps = [DepthMaps.of(mesh.vertices, mesh.faces, gbuffer.position, lifted, SIDE)]
+    for vertices, faces in others:
+        middle = (vertices.amin(0) + vertices.amax(0)) / 2
+        maps.append(DepthMaps.of(vertices - middle, faces, gbuffer.position - middle, lifted, SIDE))
     for direction, flux, axes in zip(suns.direction, suns.flux, frames(suns.direction), strict=True):
-        lit, _ = maps.visibility(axes)
+        lit = torch.stack([each.visibility(axes)[0] for each in maps]).prod(0)
         change += (lit * (gbuffer.normal @ direction).clamp(min=0))[:, None] * (flux / torch.pi)
     return change

@@ -1,4 +1,4 @@
-"""What the vertices of a mesh see of the mesh: one depth map per direction, as for a sun standing there."""
+"""What points see of a mesh, its own vertices as a rule: one depth map per direction, as for a sun standing there."""
 
 import torch
 from torch import Tensor
@@ -13,20 +13,29 @@ SIDE = 512  # pixels of a depth map
 _HORIZON = -0.2  # directions further below a vertex's horizon are blocked, whatever the depth map says
 
 
-@torch.no_grad()
 def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> VertexVisibility:
     """Return what the vertices (V, 3) of a mesh (F, 3) with base colours (F, 3) see; `side`: pixels of a depth map.
 
     What nothing blocks gets the mean colour as that of its blockers, which matters to no one.
     """
-    normals = vertex_normals(vertices, faces)
-    maps = DepthMaps.of(vertices, faces, vertices, normals, side)
+    return point_visibility(vertices, faces, colors, vertices, vertex_normals(vertices, faces), side)
+
+
+@torch.no_grad()
+def point_visibility(
+    vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor, side: int = SIDE
+) -> VertexVisibility:
+    """Return what surface points (P, 3) with unit normals (P, 3) see past a mesh, their own or another.
+
+    vertices (V, 3), about the origin, faces (F, 3) and base colours (F, 3): the mesh; `side` as there.
+    """
+    maps = DepthMaps.of(vertices, faces, points, normals, side)
     directions = cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3)
     cosine = directions @ normals.T
     weight = cosine.clamp(min=0) * cubemap.solid_angles(BLOCKS, vertices.device).reshape(-1, 1)
     table = torch.zeros(cosine.shape, dtype=torch.uint8, device=vertices.device)
     # A trace of the mean colour stands for blockers that are not there.
-    total, reflected = torch.full_like(vertices[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(vertices)
+    total, reflected = torch.full_like(points[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(points)
     for k, axes in enumerate(frames(directions)):
         lit, blocker = maps.visibility(axes)
         lit = torch.where(cosine[k] > _HORIZON, lit, 0.0)

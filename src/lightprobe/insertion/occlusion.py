@@ -1,0 +1,196 @@
+"""What the thing and the known object see of the sky past themselves and each other, and of the ground's light.
+
+Visibility lives on points of the surface (`render.visibility`). A finely triangulated thing has them at its vertices,
+of many close vertices only some; a large triangle gets a grid of its own.
+
+The ground fills the directions below the horizon. Where shadows fall on it, it gives less: a direction below the
+horizon counts as open to the share of the ground's light that there is where it meets the ground.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+import torch
+from torch import Tensor
+
+from lightprobe.geometry.mesh import decimate
+from lightprobe.insertion.ground_light import GroundLight
+from lightprobe.insertion.thing import Thing
+from lightprobe.light import cubemap
+from lightprobe.light.photometry import luma
+from lightprobe.light.prefilter import BLOCKS
+from lightprobe.render.vertex_visibility import point_visibility
+from lightprobe.render.visibility import VertexVisibility, ambient_occlusion
+
+_POINTS = 40_000  # of visibility, about; more are thinned out
+_CASTER_FACES = 60_000  # of a mesh that casts shadows; finer ones are simplified
+_EDGE = 0.06  # of the thing's extent, from which triangles get a grid of their own
+_FINEST = 24  # grid cells along the edge of a triangle
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Where a thing's visibility is known, and how any point of its surface is interpolated between them."""
+
+    points: Tensor  # (N, 3)
+    normals: Tensor  # (N, 3)
+    vertex: Tensor  # (V,) int64: the point that stands for each vertex
+    cells: Tensor  # (F,) int64: grid cells along the edges of each face; 1: its vertices do
+    first: Tensor  # (F,) int64: first point of the face's own grid
+    faces: Tensor  # (F, 3)
+
+    @staticmethod
+    def of(thing: Thing) -> "SurfacePoints":
+        """Return the points of a placed thing, on its device."""
+        corners, normals = (values[thing.faces.long()] for values in (thing.vertices, thing.normals))
+        extent = float((thing.vertices.amax(0) - thing.vertices.amin(0)).norm())
+        longest = (corners - corners.roll(1, 1)).norm(dim=2).amax(1)
+        cells = torch.ceil(longest / (_EDGE * extent)).long().clamp(1, _FINEST)
+        vertex, kept = _thinned(thing, extent)
+        count = torch.where(cells > 1, (cells + 1) * (cells + 2) // 2, 0)
+        first = len(kept) + torch.cumsum(count, 0) - count
+        points, bent = [thing.vertices[kept]], [thing.normals[kept]]
+        for n in torch.unique(cells[cells > 1]).tolist():
+            own = (cells == n).nonzero()[:, 0]
+            weights = _grid(n).to(corners)
+            points.append(torch.einsum("gc,fcx->fgx", weights, corners[own]).reshape(-1, 3))
+            bent.append(torch.einsum("gc,fcx->fgx", weights, normals[own]).reshape(-1, 3))
+        order = torch.cat([torch.arange(len(kept), device=first.device), *_places(cells, first)])
+        gathered = [torch.empty_like(torch.cat(v)).index_copy_(0, order, torch.cat(v)) for v in (points, bent)]
+        unit = torch.nn.functional.normalize(gathered[1], dim=1, eps=1e-12)
+        return SurfacePoints(gathered[0], unit, vertex, cells, first, thing.faces.long())
+
+    def taps(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
+        """Return points (P, 3) int64 and weights (P, 3) of surface points by face (P,) and coordinates (P, 3)."""
+        n, start = self.cells[face], self.first[face]
+        x, y = (barycentric[:, 1:] * n[:, None]).clamp(min=0).unbind(1)
+        i = torch.minimum(x.floor().long(), n - 1)
+        j = torch.minimum(y.floor().long(), n - 1 - i).clamp(min=0)
+        fx, fy = (x - i).clamp(0, 1), (y - j).clamp(0, 1)
+        upper = (fx + fy > 1) & (i + j < n - 1)
+
+        def point(a: Tensor, b: Tensor) -> Tensor:
+            return start + a * (n + 1) - a * (a - 1) // 2 + b
+
+        low = torch.stack([point(i, j), point(i + 1, j), point(i, j + 1)], 1)
+        high = torch.stack([point(i + 1, j + 1), point(i, j + 1), point(i + 1, j)], 1)
+        inner = torch.stack([(1 - fx - fy).clamp(min=0), fx, fy], 1)
+        outer = torch.stack([fx + fy - 1, 1 - fx, 1 - fy], 1)
+        index, weight = torch.where(upper[:, None], high, low), torch.where(upper[:, None], outer, inner)
+        weight = weight / weight.sum(1, keepdim=True).clamp(min=1e-9)
+        single = (n == 1)[:, None]
+        return (
+            torch.where(single, self.vertex[self.faces[face]], index), torch.where(single, barycentric, weight)
+        )  # fmt: skip
+
+
+def _grid(n: int) -> Tensor:
+    """Return the barycentric coordinates of the grid points of a triangle with n cells along its edges, (G, 3)."""
+    pairs = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
+    i, j = torch.tensor(pairs, dtype=torch.float32).T / n
+    return torch.stack([1 - i - j, i, j], 1)
+
+
+def _places(cells: Tensor, first: Tensor) -> list[Tensor]:
+    """Return where the grid points of the faces lie among all points, in the order in which they are made."""
+    places = []
+    for n in torch.unique(cells[cells > 1]).tolist():
+        count = (n + 1) * (n + 2) // 2
+        places.append((first[cells == n][:, None] + torch.arange(count, device=first.device)).reshape(-1))
+    return places
+
+
+def _thinned(thing: Thing, extent: float) -> tuple[Tensor, Tensor]:
+    """Return for each vertex the kept one that stands for it (V,), and which are kept (N,).
+
+    Vertices of one small cube of space whose normals look into one octant are one.
+    """
+    count = len(thing.vertices)
+    if count <= _POINTS:
+        every = torch.arange(count, device=thing.vertices.device)
+        return every, every
+    cell = extent / np.sqrt(_POINTS)  # surfaces fill about as many cells as their area asks for
+    low = thing.vertices.amin(0)
+    key = ((thing.vertices - low) / cell).long()
+    octant = ((thing.normals > 0).long() * torch.tensor([1, 2, 4], device=key.device)).sum(1)
+    side = int(key.max()) + 1
+    flat = ((key[:, 0] * side + key[:, 1]) * side + key[:, 2]) * 8 + octant
+    _, inverse = torch.unique(flat, return_inverse=True)
+    kept = torch.full((int(inverse.max()) + 1,), count, device=key.device)
+    kept = kept.scatter_reduce(0, inverse, torch.arange(count, device=key.device), "amin")
+    return inverse, kept
+
+
+def simplified(vertices: Tensor, faces: Tensor, colors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return a mesh (V, 3), (F, 3) with face colours (F, 3), of at most about 60 000 faces."""
+    if len(faces) <= _CASTER_FACES:
+        return vertices, faces, colors
+    points, index = np.unique(vertices.cpu().numpy(), axis=0, return_inverse=True)
+    welded = index.reshape(-1)[faces.cpu().numpy()].astype(np.int32)
+    v, f = decimate(points, welded, _CASTER_FACES)
+    middles = vertices[faces.long()].mean(1).cpu().numpy()
+    nearest = scipy.spatial.cKDTree(middles).query(v[f].mean(1))[1]
+    device = vertices.device
+    return torch.from_numpy(v).to(device), torch.from_numpy(f).to(device), colors[torch.from_numpy(nearest).to(device)]
+
+
+def past(
+    vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor
+) -> VertexVisibility:
+    """Return what points (N, 3) with normals (N, 3) see past a mesh (V, 3), (F, 3), colours (F, 3), wherever it is."""
+    middle = (vertices.amin(0) + vertices.amax(0)) / 2
+    return point_visibility(vertices - middle, faces, colors, points - middle, normals)
+
+
+def both(one: VertexVisibility, other: VertexVisibility, normals: Tensor) -> VertexVisibility:
+    """Return what points with normals (N, 3) see past two meshes."""
+    open_ = (one.unoccluded.float() * other.unoccluded.float() / 255).round().to(torch.uint8)
+    shares = [1 - ambient_occlusion(each, normals)[:, None] for each in (one, other)]
+    colors = shares[0] * one.occluder_color + shares[1] * other.occluder_color
+    plain = 0.5 * (one.occluder_color + other.occluder_color)
+    total = shares[0] + shares[1]
+    return VertexVisibility(open_, torch.where(total > 1e-3, colors / total.clamp(min=1e-6), plain))
+
+
+@dataclass(frozen=True)
+class GroundPlan:
+    """A square of ground around both objects, and the share of its open light that its points have."""
+
+    corner: Tensor  # (2,)
+    cell: float
+    height: float  # of the ground
+    share: Tensor  # (S, S) at most 1
+
+    @staticmethod
+    def of(light: GroundLight, total: Tensor, corner: Tensor, cell: float, height: float, *, thing: bool) -> "GroundPlan":
+        """Return the plan of `plan_ground_light`, with or without the thing; total (3,): of ground in the open."""
+        irradiance = light.without + light.added if thing else light.without
+        return GroundPlan(corner, cell, height, (luma(irradiance) / luma(total).clamp(min=1e-12)).clamp(0, 1))
+
+    def at(self, points: Tensor) -> Tensor:
+        """Return the share (...,) at ground points (..., 2); 1 outside of the square."""
+        side = self.share.shape[0]
+        place = (points - self.corner) / self.cell
+        grid = (2 * place / side - 1).reshape(1, 1, -1, 2)
+        lost = torch.nn.functional.grid_sample((1 - self.share)[None, None], grid, align_corners=False)
+        return 1 - lost.reshape(points.shape[:-1])
+
+
+def over_ground(visibility: VertexVisibility, points: Tensor, normals: Tensor, plan: GroundPlan) -> VertexVisibility:
+    """Return the visibility of points (N, 3) whose directions below the horizon are as bright as the ground there.
+
+    normals (N, 3). What the shadows on the ground take is not given back as light off other surfaces.
+    """
+    directions = cubemap.directions(BLOCKS, points.device).reshape(-1, 3)
+    below = (directions[:, 2] < 0).nonzero()[:, 0]
+    table = visibility.unoccluded.clone()
+    above = (points[:, 2] - plan.height).clamp(min=0)
+    for k in below.tolist():
+        d = directions[k]
+        share = plan.at(points[:, :2] + above[:, None] * (d[:2] / -d[2]))
+        table[:, k] = (table[:, k].float() * share).round().to(torch.uint8)
+    shaded = replace(visibility, unoccluded=table)
+    before, after = (1 - ambient_occlusion(each, normals)[:, None] for each in (visibility, shaded))
+    kept = torch.where(after > 1e-3, before / after.clamp(min=1e-6), 1.0).clamp(0, 1)
+    return replace(shaded, occluder_color=visibility.occluder_color * kept)

@@ -1,0 +1,179 @@
+"""Where the thing stands: the ground that the known object rests on, the thing's height, and its place in the photo.
+
+All in the normalised frame, z up. The ground is a horizontal plane.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.insertion.thing import Thing
+from lightprobe.scene.camera import Camera, Similarity
+
+_FOOT = 0.05  # of the object's height, above its lowest point, in which it can touch the ground
+_SECTORS = 24  # around its axis, whose lowest points tell how high the ground is
+_PLAUSIBLE = 0.08, 2.5  # heights relative to the known object's that a file's units are believed for
+_USUAL = 0.6  # the height otherwise
+_GAP = 0.15  # of the thing's radius, between it and the object
+_BEARINGS = 24  # places around the object that are tried
+_LARGEST_SCALE = 100.0
+_CELLS = 48  # of the grid in which two objects are found to be in one place
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the user asks for; None: chosen here."""
+
+    at: tuple[float, float] | None = None
+    """Pixel of the photo, from the upper left corner, at which the middle of the thing's foot stands."""
+    scale: float | None = None
+    """Height relative to the known object's."""
+    turn: float = 0.0
+    """Degrees about the vertical, anticlockwise seen from above."""
+
+    def check(self) -> None:
+        """Raise `ConfigError` for numbers that cannot be meant."""
+        if self.at is not None and not all(map(math.isfinite, self.at)):
+            raise ConfigError(f"--at {self.at[0]},{self.at[1]} is no pixel.")
+        if self.scale is not None and not 1 / _LARGEST_SCALE <= self.scale <= _LARGEST_SCALE:
+            raise ConfigError(f"--scale {self.scale:g} must be from {1 / _LARGEST_SCALE:g} to {_LARGEST_SCALE:g}.")
+        if not math.isfinite(self.turn):
+            raise ConfigError("--turn must be a number of degrees.")
+
+
+@dataclass(frozen=True)
+class Placed:
+    """The thing at its place."""
+
+    thing: Thing  # normalised frame
+    ground: float  # height of the ground
+    at: tuple[float, float]  # pixel of its foot
+    scale: float  # height relative to the known object's
+    warnings: tuple[str, ...]
+
+
+def ground_height(vertices: Tensor) -> float:
+    """Return the height of the ground under a mesh (V, 3): the median of the lowest points of sectors around its axis.
+
+    A single bulge below, where photos from above see nothing, moves it as little as a missing foot.
+    """
+    points = vertices.detach().cpu().numpy().astype(np.float64)
+    low, height = points[:, 2].min(), np.ptp(points[:, 2])
+    foot = points[points[:, 2] < low + _FOOT * height]
+    middle = (foot[:, :2].min(0) + foot[:, :2].max(0)) / 2
+    angle = np.arctan2(foot[:, 1] - middle[1], foot[:, 0] - middle[0])
+    sector = ((angle / (2 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
+    lowest = np.full(_SECTORS, np.inf)
+    np.minimum.at(lowest, sector, foot[:, 2])
+    return float(np.median(lowest[np.isfinite(lowest)]))
+
+
+def place(thing: Thing, known: Tensor, similarity: Similarity, camera: Camera, mask: np.ndarray, wish: Wish) -> Placed:
+    """Return the thing where `wish` has it, or beside the known object (V, 3), free of it and in the frame.
+
+    camera: normalised frame; mask (H, W): coverage of the known object in the photo.
+    Raises `ConfigError` for a pixel that does not see the ground.
+    """
+    wish.check()
+    ground, height = ground_height(known), float(known[:, 2].amax() - known[:, 2].amin())
+    scale, warnings = _scale(thing, height * similarity.scale, wish)
+    standing = _standing(thing, scale * height / max(float(thing.size[2]), 1e-9), wish.turn, ground)
+    if wish.at is None:
+        spot, free = _beside(standing, known, camera, mask)
+        if not free:
+            warnings.append(
+                "There is no free place for the thing beside the object in this photo; give one with --at and --scale."
+            )
+    else:
+        spot = ground_point(camera, wish.at, ground)
+    moved = standing.vertices + standing.vertices.new_tensor([spot[0], spot[1], 0.0])
+    if wish.at is not None and _overlap(moved, known):
+        warnings.append("The thing stands within the known object; give another place with --at.")
+    pixel = camera.project(np.array([[spot[0], spot[1], ground]]))[0]
+    at = (float(pixel[0]), float(pixel[1]))
+    return Placed(replace(standing, vertices=moved), ground, at, scale, tuple(warnings))
+
+
+def ground_point(camera: Camera, at: tuple[float, float], ground: float) -> np.ndarray:
+    """Return the point (2,) of the ground that a pixel sees; raise `ConfigError` when it sees none."""
+    if not (0 <= at[0] <= camera.width and 0 <= at[1] <= camera.height):
+        raise ConfigError(f"--at {at[0]:g},{at[1]:g} lies outside of the photo's {camera.width} x {camera.height}.")
+    local = np.array([(at[0] - camera.cx) / camera.fx, -(at[1] - camera.cy) / camera.fy, -1.0])
+    ray = camera.camera_to_world[:3, :3] @ local
+    along = (ground - camera.position[2]) / ray[2] if abs(ray[2]) > 1e-9 else -1.0
+    if not 0 < along < 1e4:
+        raise ConfigError(
+            f"--at {at[0]:g},{at[1]:g} does not see the ground that the object stands on; give a pixel below the "
+            "horizon."
+        )
+    return (camera.position + along * ray)[:2]
+
+
+def _scale(thing: Thing, known: float, wish: Wish) -> tuple[float, list[str]]:
+    """Return the height relative to the known object's, `known` in the user's units, and what to say about it."""
+    if wish.scale is not None:
+        return wish.scale, []
+    own = float(thing.size[2]) / known
+    if _PLAUSIBLE[0] <= own <= _PLAUSIBLE[1]:
+        return own, []
+    return _USUAL, [
+        f"In its file's units the thing would be {own:.3g} times as high as the known object, so it is drawn {_USUAL} "
+        "times as high; --scale gives another height."
+    ]
+
+
+def _standing(thing: Thing, factor: float, turn: float, ground: float) -> Thing:
+    """Return the thing at its size, turned, with the middle of its foot on the ground at x = y = 0."""
+    cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    rotation = torch.tensor([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]], dtype=torch.float64)
+    points = thing.vertices.double()
+    points = (points - (points.amin(0) + points.amax(0)) / 2) @ rotation * factor  # large coordinates round
+    points[:, 2] += ground - ground_height(points)
+    foot = points[points[:, 2] < ground + _FOOT * factor * float(thing.size[2])][:, :2]
+    points[:, :2] -= (foot.amin(0) + foot.amax(0)) / 2
+    return replace(thing, vertices=points.float(), normals=thing.normals @ rotation.float())
+
+
+def _beside(standing: Thing, known: Tensor, camera: Camera, mask: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return the best of the places around the known object, and whether it is free and in the frame.
+
+    Best: the whole thing in the frame, none of it before or behind the object, as far from the frame's edges as may be.
+    """
+    points = standing.vertices[:: max(1, len(standing.vertices) // 2000)].numpy().astype(np.float64)
+    body = known.numpy().astype(np.float64)[:, :2]
+    middle = (body.min(0) + body.max(0)) / 2
+    reach = np.linalg.norm(body - middle, axis=1).max() + (1 + _GAP) * np.linalg.norm(points[:, :2], axis=1).max()
+    best, score = middle, -np.inf
+    for bearing in 2 * np.pi * np.arange(_BEARINGS) / _BEARINGS:
+        spot = middle + reach * np.array([np.cos(bearing), np.sin(bearing)])
+        x, y, depth = camera.project(points + [spot[0], spot[1], 0.0]).T
+        margin = np.minimum(np.minimum(x, camera.width - x) / camera.width, np.minimum(y, camera.height - y) / camera.height)
+        inside = (margin > 0) & (depth > 0)
+        column, row = (np.clip(v, 0, n - 1).astype(int) for v, n in ((x, camera.width), (y, camera.height)))
+        hidden = float((mask[row, column] * inside).mean())
+        value = float(inside.mean()) - hidden + 0.5 * min(float(margin.min()), 0.1)
+        if value > score:
+            best, score = spot, value
+    return best, score >= 0.97
+
+
+def _overlap(points: Tensor, known: Tensor) -> bool:
+    """Return whether vertices of two objects share a column of space: a cell of the ground, at a common height."""
+    both = torch.cat([points, known.to(points)])
+    low, size = points.amin(0), (points.amax(0) - points.amin(0)).clamp(min=1e-9)
+    cell = ((both - low) / size[:2].amax() * _CELLS).long()
+    within = ((both[:, :2] >= low[:2]) & (both[:, :2] <= low[:2] + size[:2])).all(1)
+    key = torch.where(within, cell[:, 0] * (2 * _CELLS) + cell[:, 1], -1)
+    mine, others = key[: len(points)], key[len(points) :]
+    top = torch.full((4 * _CELLS**2,), -torch.inf).to(points)
+    bottom = -top
+    top = top.scatter_reduce(0, mine.clamp(min=0), points[:, 2], "amax")
+    bottom = bottom.scatter_reduce(0, mine.clamp(min=0), points[:, 2], "amin")
+    hit = others >= 0
+    heights, cells = known.to(points)[hit, 2], others[hit]
+    margin = 0.02 * float(size[2])
+    return bool(((heights > bottom[cells] + margin) & (heights < top[cells] - margin)).any())

@@ -1,0 +1,147 @@
+"""Textures of a glTF material: any shape, repeated or clamped, with coarser levels for far views.
+
+Texels stay 8-bit in memory and become linear numbers when they are looked up. A texture is reduced to 2048 texels along
+its longer side; an object in a photo shows no more.
+"""
+
+import functools
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image, JpegImagePlugin, PngImagePlugin
+from torch import Tensor
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import srgb_decode
+from lightprobe.imaging.opening import decode_errors
+from lightprobe.insertion.glb_file import GlbFile, number, numbers
+
+_LARGEST = 8192  # texels along an edge that are decoded
+_LARGEST_TOTAL = 2**28  # texels of all pictures of a file
+_KEPT = 2048  # texels along an edge that are kept
+_CLAMP, _MIRROR = 33071, 33648  # glTF's wrap modes; all else repeats
+_READERS = ((b"\x89PNG\r\n\x1a\n", PngImagePlugin.PngImageFile), (b"\xff\xd8\xff", JpegImagePlugin.jpeg_factory))
+
+
+@dataclass(frozen=True)
+class Texture:
+    """One texture of a material."""
+
+    levels: tuple[Tensor, ...]  # (h, w, 4) uint8 each, from the finest; halved from one to the next
+    srgb: bool  # whether red, green and blue carry the sRGB curve
+    wrap: tuple[int, int]  # along u and v, as glTF numbers them
+    uv_set: int
+    transform: np.ndarray  # (2, 3) of KHR_texture_transform
+
+    def to(self, device: torch.device) -> "Texture":
+        """Return the texture on another device."""
+        return Texture(tuple(t.to(device) for t in self.levels), self.srgb, self.wrap, self.uv_set, self.transform)
+
+    def sample(self, uvs: Tensor, footprint: Tensor) -> Tensor:
+        """Return values (N, 4), colours linear, at texture coordinates (N, 4), two of each set; bilinear.
+
+        footprint (N,): the area in units of uv that a sample stands for; it chooses the level.
+        """
+        linear = uvs.new_tensor(self.transform)
+        uv = uvs[:, 2 * self.uv_set : 2 * self.uv_set + 2] @ linear[:, :2].T + linear[:, 2]
+        texels = footprint * abs(float(np.linalg.det(self.transform[:, :2]))) * self.levels[0][..., 0].numel()
+        wanted = (0.5 * torch.log2(texels.clamp(min=1e-12))).round().long().clamp(0, len(self.levels) - 1)
+        found = uvs.new_zeros(len(uvs), 4)
+        for number_, level in enumerate(self.levels):
+            rows = (wanted == number_).nonzero()[:, 0]
+            if len(rows):
+                found[rows] = self._bilinear(level, uv[rows])
+        return found
+
+    def _bilinear(self, level: Tensor, uv: Tensor) -> Tensor:
+        height, width = level.shape[:2]
+        place = uv * uv.new_tensor([width, height]) - 0.5
+        low = place.floor()
+        (fx, fy), (x, y) = (place - low).unbind(1), low.long().unbind(1)
+        flat, table = level.reshape(-1, 4), _table(self.srgb, level.device)
+        total = uv.new_zeros(len(uv), 4)
+        for dx, wx in ((0, 1 - fx), (1, fx)):
+            for dy, wy in ((0, 1 - fy), (1, fy)):
+                texel = _wrapped(y + dy, height, self.wrap[1]) * width + _wrapped(x + dx, width, self.wrap[0])
+                code = flat[texel].long()
+                total += (wx * wy)[:, None] * torch.cat([table[0][code[:, :3]], table[1][code[:, 3:]]], 1)
+        return total
+
+
+@functools.lru_cache(maxsize=8)
+def _table(srgb: bool, device: torch.device) -> Tensor:
+    """Return the values of the codes 0 to 255, of colours and of alpha, (2, 256)."""
+    codes = torch.arange(256, dtype=torch.float32, device=device) / 255
+    return torch.stack([srgb_decode(codes) if srgb else codes, codes])
+
+
+def _wrapped(texel: Tensor, count: int, mode: int) -> Tensor:
+    if mode == _CLAMP:
+        return texel.clamp(0, count - 1)
+    if mode == _MIRROR:
+        folded = texel.remainder(2 * count)
+        return torch.where(folded < count, folded, 2 * count - 1 - folded)
+    return texel.remainder(count)
+
+
+class TextureReader:
+    """Decodes the pictures of a file, each once, and no more of them than fit."""
+
+    def __init__(self, file: GlbFile):
+        self._file = file
+        self._decoded: dict[int, Image.Image] = {}
+        self._left = _LARGEST_TOTAL
+
+    def read(self, info: dict[str, Any], *, srgb: bool) -> Texture:
+        """Return the texture that a material names; raises `InputError` for a picture that cannot be used."""
+        entry = self._file.entry("textures", info["index"])
+        if "source" not in entry:
+            raise InputError(
+                f"{self._file.path} has a texture in a format that is not read; export it with PNG or JPEG textures."
+            )
+        sampler = self._file.entry("samplers", entry["sampler"]) if "sampler" in entry else {}
+        extension = info.get("extensions", {}).get("KHR_texture_transform", {})
+        uv_set = extension.get("texCoord", info.get("texCoord", 0))
+        if uv_set not in (0, 1):
+            raise InputError(f"{self._file.path} uses more than two sets of texture coordinates; export it with one.")
+        wrap = (int(sampler.get("wrapS", 10497)), int(sampler.get("wrapT", 10497)))
+        return Texture(_levels(self._image(entry["source"])), srgb, wrap, int(uv_set), _transform(extension))
+
+    def _image(self, source: int) -> Image.Image:
+        if source not in self._decoded:
+            data, path = self._file.picture(source), self._file.path
+            reader = next((reader for magic, reader in _READERS if data.startswith(magic)), None)
+            if reader is None:
+                raise InputError(f"{path} has a texture that is neither PNG nor JPEG; export it with such textures.")
+            with decode_errors(path):
+                image = reader(io.BytesIO(data))
+                width, height = image.size
+                self._left -= width * height
+                if max(width, height) > _LARGEST or self._left < 0:
+                    raise InputError(
+                        f"{path} has textures of {width} x {height} texels, more than are read; export it with smaller "
+                        "ones."
+                    )
+                scale = min(1.0, _KEPT / max(width, height))
+                size = max(1, round(width * scale)), max(1, round(height * scale))
+                self._decoded[source] = image.convert("RGBA").resize(size, Image.Resampling.BOX)
+        return self._decoded[source]
+
+
+def _levels(image: Image.Image) -> tuple[Tensor, ...]:
+    levels = [image]
+    while max(image.size) > 1:
+        image = image.resize((max(1, image.width // 2), max(1, image.height // 2)), Image.Resampling.BOX)
+        levels.append(image)
+    return tuple(torch.from_numpy(np.array(level)) for level in levels)
+
+
+def _transform(extension: dict[str, Any]) -> np.ndarray:
+    """Return the (2, 3) matrix of KHR_texture_transform: translation times rotation times scale."""
+    offset, scale = (numbers(extension.get(k, d), 2) for k, d in (("offset", [0, 0]), ("scale", [1, 1])))
+    angle = number(extension.get("rotation", 0))
+    rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    return np.concatenate([rotation * scale, offset[:, None]], 1)

@@ -1,0 +1,171 @@
+"""How right `lightprobe insert` is: a second object put into path-traced photos of the demo's coffee pot.
+
+    python tools/measure_insertion.py FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern camera]
+
+Three scenes: the pot on a matt ground under a photographed light of the demo, seen by a camera of its own. The photo
+is path-traced without the second object, rounded to 8 bits, and `insert` puts a GLB of the second object into it, once
+with the true light, object and mask, and with `--run`, a run that learnt the pot, also with what the run predicts and
+reconstructed. The truth is path-traced with both objects, at the place where `insert` put the second one.
+
+PSNR in dB of displayed (sRGB) values, over the pixels that either changes by more than 3 of 255: all of them, and
+apart those that the thing covers, those of the ground, and those of the pot. Pictures and scores.json go to FOLDER.
+Mitsuba is needed (`pip install 'lightprobe[dev]'`) with an LLVM library newer than 15.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+
+from demo_scene.files import read_exr
+from demo_scene.models import Model, Subject
+from insertion.stills import CASES, Case, camera_of, glb, model_of, moved, true_decomposition
+from lightprobe.core.files import write_bytes, write_json
+from lightprobe.evaluation import relight
+from lightprobe.imaging import read_ldr, srgb_encode, write_exr, write_png
+from lightprobe.insertion import Insertion, PhotoView, Wish, insert, load_thing
+from lightprobe.insertion.placement import ground_height, place
+from lightprobe.light.environment import Environment
+from lightprobe.models import Decomposition
+from lightprobe.scene.camera import Camera
+
+_CHANGED = 3 / 255
+_MEAN = 0.3  # linear mean of the known object in a photo
+_HDRI = Path(__file__).parent / "demo_scene" / "hdri"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One path-traced scene and its files."""
+
+    case: Case
+    known: Decomposition
+    camera: Camera
+    environment: np.ndarray  # (h, 2h, 3) in the photo's exposure
+    photo: np.ndarray  # (H, W, 3) linear, of 8 bits
+    truth: np.ndarray  # (H, W, 3) linear
+    mask: np.ndarray  # (H, W) of the pot
+    folder: Path
+
+
+def make_scene(case: Case, folder: Path, side: int, samples: int) -> Scene:
+    """Path-trace a scene into a folder, or read it from there."""
+    pot, other = model_of(Subject.COFFEE_POT), model_of(case.thing)
+    known = true_decomposition(pot)
+    ground = ground_height(known.asset.mesh.vertices)
+    camera = camera_of(case, side, ground)
+    environment = np.roll(read_exr(_HDRI / f"{case.light}.exr", "RGB"), case.turn, axis=1)
+    image, cover = relight(known, Environment.from_panorama(environment), camera)
+    environment = environment * (_MEAN / float(image.sum() / (3 * cover.sum())))
+    mask = cover.numpy()
+    folder.mkdir(parents=True, exist_ok=True)
+    write_bytes(folder / "thing.glb", glb(other))
+    write_exr(folder / "light.exr", environment)
+    write_json(folder / "camera.json", camera.to_json())
+    write_png(folder / "mask.png", np.repeat(mask[..., None], 3, 2), srgb=False)
+    if not (folder / "truth.exr").exists():
+        _trace(case, folder, pot, other, known, camera, environment, mask, samples)
+    photo = read_ldr(folder / "photo.png")[0]
+    return Scene(case, known, camera, environment, photo, read_exr(folder / "truth.exr", "RGB"), mask, folder)
+
+
+def _trace(
+    case: Case, folder: Path, pot: Model, other: Model, known: Decomposition, camera: Camera, environment: np.ndarray,
+    mask: np.ndarray, samples: int,
+) -> None:  # fmt: skip
+    from insertion.truth import photograph
+
+    thing = load_thing(folder / "thing.glb")
+    vertices = known.asset.mesh.vertices
+    placed = place(thing, vertices, known.similarity, camera, mask, Wish(scale=case.scale))
+    matrix, offset = similarity(thing.vertices.numpy(), placed.thing.vertices.numpy())
+    there = moved(other, matrix, offset)
+    without = photograph(pot, None, environment, camera, placed.ground, samples)
+    write_png(folder / "photo.png", without)
+    write_exr(folder / "photo.exr", without)
+    write_json(folder / "place.json", {"at": list(placed.at), "scale": placed.scale})
+    write_exr(folder / "truth.exr", photograph(pot, there, environment, camera, placed.ground, samples))
+
+
+def similarity(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrix (3, 3) and offset (3,) that take points (N, 3) to points (N, 3)."""
+    both = np.concatenate([source, np.ones((len(source), 1))], 1).astype(np.float64)
+    found = np.linalg.lstsq(both, target.astype(np.float64), rcond=None)[0]
+    return found[:3].T, found[3]
+
+
+def score(scene: Scene, inserted: Insertion) -> dict[str, float]:
+    """Return the PSNR of an insertion over the pixels it or the truth changes, and of three parts of them."""
+    before, mine, truth = (srgb_encode(v.clip(0, 1)) for v in (scene.photo, inserted.color, scene.truth))
+    noise = srgb_encode(read_exr(scene.folder / "photo.exr", "RGB").clip(0, 1))
+    changed = (np.abs(mine - before).max(-1) > _CHANGED) | (np.abs(truth - noise).max(-1) > _CHANGED)
+    cover, pot = inserted.mask > 0.5, scene.mask > 0.5
+    parts = {"all": changed, "thing": cover, "ground": changed & ~cover & ~pot, "pot": changed & pot & ~cover}
+    square = np.square(mine - truth).mean(-1)
+    found = {key: float(-10 * np.log10(square[part].mean())) for key, part in parts.items() if part.sum() > 20}
+    return found | {"changed": float(changed.mean())}
+
+
+def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
+    """Return scores by light and object: true, and those of a run."""
+    thing, view = load_thing(scene.folder / "thing.glb"), PhotoView(scene.photo, scene.mask, scene.camera)
+    anchor = json.loads((scene.folder / "place.json").read_text())
+    wish = Wish(tuple(anchor["at"]), anchor["scale"])
+    true = insert(scene.known, Environment.from_panorama(scene.environment), view, thing, wish)
+    _show(scene, true, "true")
+    scores = {"true light and object": score(scene, true)}
+    if run is not None:
+        from lightprobe.core.run import RunFolder
+        from lightprobe.prediction import Predictor
+        from lightprobe.scene.background import Background
+        from lightprobe.scene.photo import Pixels
+
+        predictor = Predictor.load(run)
+        pixels = Pixels.of(scene.photo * (scene.mask[..., None] > 0), scene.mask)
+        behind = Background.of(scene.photo, scene.mask, scene.camera)
+        RunFolder.open(run)
+        predicted = predictor.predict(pixels, scene.camera, background=behind)
+        for name, known, light in (
+            ("predicted light", scene.known, predicted.environment),
+            ("predicted light, reconstructed object", predictor.decomposition, predicted.environment),
+        ):
+            found = insert(known, light, view, thing, wish)
+            _show(scene, found, name.replace(" ", "_").replace(",", ""))
+            scores[name] = score(scene, found)
+    return scores
+
+
+def _show(scene: Scene, inserted: Insertion, name: str) -> None:
+    """Write photo, insertion, truth and four times their difference side by side."""
+    mine, truth = (srgb_encode(v.clip(0, 1)) for v in (inserted.color, scene.truth))
+    row = np.concatenate([srgb_encode(scene.photo.clip(0, 1)), mine, truth, 4 * np.abs(mine - truth)], 1)
+    Image.fromarray((row.clip(0, 1) * 255 + 0.5).astype(np.uint8)).save(scene.folder / f"{name}.png")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Read the command line and measure."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--run", type=Path, metavar="RUN", help="a run that learnt the demo's coffee pot")
+    parser.add_argument("--side", type=int, default=256, help="pixels of the photos")
+    parser.add_argument("--samples", type=int, default=512, help="paths of a pixel")
+    parser.add_argument("--cases", nargs="+", default=[case.name for case in CASES])
+    given = parser.parse_args(arguments)
+    torch.set_num_threads(1)
+    scores = {}
+    for case in CASES:
+        if case.name in given.cases:
+            scene = make_scene(case, given.folder / case.name, given.side, given.samples)
+            scores[case.name] = measure(scene, given.run)
+            for name, found in scores[case.name].items():
+                print(f"{case.name}, {name}: " + ", ".join(f"{key} {value:.2f}" for key, value in found.items()))
+    write_json(given.folder / "scores.json", scores)
+
+
+if __name__ == "__main__":
+    main()
