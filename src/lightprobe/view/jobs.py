@@ -36,9 +36,11 @@ class TaskName(StrEnum):
     PREDICT = "predict"
     INSERT = "insert"
     FORMING = "forming"
+    LOAD = "load"
+    """Only what the first prediction of a run would wait for."""
 
 
-DEADLINES = {TaskName.PREDICT: 240.0, TaskName.INSERT: 400.0, TaskName.FORMING: 240.0}
+DEADLINES = {TaskName.PREDICT: 600.0, TaskName.INSERT: 600.0, TaskName.FORMING: 300.0, TaskName.LOAD: 300.0}
 """Seconds after which a job is stopped; the first of a run also loads it."""
 
 

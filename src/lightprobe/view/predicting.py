@@ -10,12 +10,14 @@ import numpy as np
 import torch
 from PIL import Image
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.files import atomic_path, checksum, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.evaluation.prediction_files import exposure, tone_mapped
 from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.export import write_picture
+from lightprobe.export.light_file import PhotoFacts, write_light_file
 from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_png
 from lightprobe.light.files import plane
 from lightprobe.localization.located import write_overlay
@@ -29,13 +31,15 @@ from lightprobe.view.sources import RunSource
 if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
     from lightprobe.localization import Locator
 
+MAP = "light.exr"
 SIDE = 1024  # pixels of the longer side of a picture for the page
 _MAP_ROWS = 256  # of the pictures of maps
 _BALL = 192  # pixels across a ball
 
 _TITLES = {
     "photo.jpg": "photo", "overlay.png": "the object's outline in the photo", "mask.png": "mask",
-    "camera.json": "camera", "light.exr": "environment map, OpenEXR", "light.hdr": "environment map, Radiance HDR",
+    "camera.json": "camera", MAP: "environment map, OpenEXR", "light.hdr": "environment map, Radiance HDR",
+    "light.light.json": "the light in numbers: lamps, harmonics, exposure",
     "light.png": "environment map, picture", "confidence.exr": "confidence, OpenEXR",
     "confidence.png": "confidence, picture", "balls.png": "diffuse, matte and mirror ball",
     "render.png": "the object under this light",
@@ -74,12 +78,24 @@ class Models:
         return loaded.locator
 
     def _of(self, run: RunFolder) -> _Loaded:
-        newest = max((p.stat().st_mtime_ns for p in (run.asset_file, run.config_file) if p.exists()), default=0)
+        newest = max(
+            (p.stat().st_mtime_ns for p in (run.asset_file, run.config_file, run.calibration_file) if p.exists()),
+            default=0,
+        )
         key = (str(run.path), newest)
         if self._loaded is None or self._loaded.key != key:
             self._loaded = None  # two objects need not be held at once
             self._loaded = _Loaded(key, Predictor.load(run.path, self.device, recorded_config(run)))
         return self._loaded
+
+
+def load(models: Models, request: dict[str, Any]) -> dict[str, Any]:
+    """Load the predictor of a run and what new photos are located by, so that the first photo need not wait for it."""
+    run = RunFolder.open(Path(request["run"]))
+    models.predictor(run)
+    if run.views_file.is_file():
+        models.locator(run)
+    return {}
 
 
 def predict(models: Models, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
@@ -93,10 +109,14 @@ def predict(models: Models, request: dict[str, Any], tell: Callable[[str], None]
     predictor = models.predictor(run)
     photo = _read(models, run, predictor, upload, folder, tell)
     tell("predicting the light")
-    prediction = predictor.predict(photo.pixels, photo.camera, background=photo.background, doubt=photo.doubt)
+    prediction = predictor.predict(
+        photo.pixels, photo.camera, background=photo.background, doubt=photo.doubt, sources=True
+    )
     tell("drawing")
     color = read_ldr(upload)[0]
     _write_maps(prediction, photo.camera, folder)
+    facts = PhotoFacts(request["name"], photo.camera, photo.ev100)
+    write_light_file(folder / MAP, prediction, facts, Sun.INSIDE)
     small = _smaller(photo.camera)
     write_picture(folder / "render.png", *relight(predictor.decomposition, prediction.environment, small))
     _write_photo(folder / "photo.jpg", color)
@@ -123,7 +143,7 @@ def _read(models: Models, run: RunFolder, predictor: Predictor, upload: Path, fo
 
 
 def _write_maps(prediction: Prediction, camera: Camera, folder: Path) -> None:
-    prediction.save(folder / "light.exr", confidence=folder / "confidence.exr")
+    prediction.save(folder / MAP, confidence=folder / "confidence.exr")
     prediction.environment.save(folder / "light.hdr")
     image = prediction.environment.panorama()
     write_png(folder / "light.png", _enlarged(srgb_encode(tone_mapped(image, exposure(image)))), srgb=False)
@@ -159,9 +179,11 @@ def _told(photo: NewPhoto, prediction: Prediction, folder: Path, seconds: float)
     if photo.location is not None:
         pose = photo.location.located.verdict.status.value
         sentences = [*photo.location.located.verdict.sentences, *sentences]
+    sources = [] if prediction.split is None else [source.to_json() for source in prediction.split.sources]
     files = [{"name": name, "title": title} for name, title in _TITLES.items() if (folder / name).is_file()]
     return {
         "files": files, "verdict": prediction.verdict.status.value, "pose": pose, "sentences": sentences,
         "seconds": {**prediction.seconds, "all": seconds}, "camera": photo.camera.to_json(),
-        "confidence": float(prediction.confidence.mean()), "background": prediction.background.value, "sources": [],
+        "confidence": float(prediction.confidence.mean()), "background": prediction.background.value,
+        "sources": sources,
     }  # fmt: skip

@@ -17,8 +17,8 @@ from starlette.requests import Request
 from lightprobe.core.errors import InputError, LightprobeError, shown
 from lightprobe.core.files import disk_errors
 from lightprobe.imaging import IMAGE_SUFFIXES, image_size, is_video
+from lightprobe.insertion import load_thing
 from lightprobe.light.environment import read_panorama
-from lightprobe.view.glb import check_glb
 from lightprobe.view.light_files import light_suffix
 
 _MIB = 2**20  # bytes
@@ -135,7 +135,7 @@ def _checked(kind: UploadKind, path: Path, name: str) -> Path:
             read_panorama(path)
             return path
         path = path.rename(path.with_suffix(".glb"))
-        check_glb(path, name)
+        load_thing(path)
         return path
     except LightprobeError as error:
         path.unlink(missing_ok=True)

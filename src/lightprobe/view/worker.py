@@ -17,9 +17,9 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import LightprobeError, LightprobeWarning
 from lightprobe.core.failures import reporting_errors
 from lightprobe.view.forming import FormingObjects
-from lightprobe.view.inserting import insert
+from lightprobe.view.inserting import insert_thing
 from lightprobe.view.jobs import TaskName
-from lightprobe.view.predicting import Models, predict
+from lightprobe.view.predicting import Models, load, predict
 from lightprobe.view.uploads import renamed
 
 Tell = Callable[[str], None]
@@ -30,7 +30,7 @@ class Tasks:
 
     def __init__(self, device: str):
         where = resolve_device(device)
-        self._models, self._forming, self._device = Models(where), FormingObjects(where), device
+        self._models, self._forming = Models(where), FormingObjects(where)
 
     def answer(self, request: dict[str, Any], tell: Tell) -> dict[str, Any]:
         """Return the result of a request; raise `LightprobeError` when it cannot be had."""
@@ -38,7 +38,9 @@ class Tasks:
             case TaskName.PREDICT:
                 return predict(self._models, request, tell)
             case TaskName.INSERT:
-                return insert(request, tell, self._device)
+                return insert_thing(self._models, request, tell)
+            case TaskName.LOAD:
+                return load(self._models, request)
             case TaskName.FORMING:
                 return self._forming.write(Path(request["run"]), Path(request["folder"]), tell)
 

@@ -14,6 +14,7 @@ from lightprobe.view.uploads import UploadKind
 
 router = APIRouter(prefix="/jobs")
 
+_SHOWN = (TaskName.PREDICT, TaskName.INSERT)
 _Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -32,7 +33,7 @@ class Placement(BaseModel):
 @router.get("")
 def all_jobs(session: SessionArg) -> list[dict[str, Any]]:
     """Return the predictions and insertions that are kept, the newest first."""
-    return [job.to_json() for job in reversed(session.jobs.all()) if job.task is not TaskName.FORMING]
+    return [job.to_json() for job in reversed(session.jobs.all()) if job.task in _SHOWN]
 
 
 @router.get("/{id}")

@@ -6,7 +6,7 @@ from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
-from lightprobe.view.jobs import TaskName
+from lightprobe.view.jobs import JobState, TaskName
 from lightprobe.view.light_files import light_texels
 from lightprobe.view.routes.shared import SessionArg, light_response
 from lightprobe.view.uploads import UploadKind
@@ -21,6 +21,16 @@ async def predict_photo(index: int, request: Request, session: SessionArg) -> di
     upload = await session.uploads.receive(UploadKind.PHOTO, request)
     asked = {"run": str(source.run.path), "run_index": index, "upload": str(upload.path), "name": upload.name}
     return session.jobs.submit(TaskName.PREDICT, upload.name, {**asked, "photo": upload.id}).to_json()
+
+
+@router.post("/runs/{index}/load")
+def load_run(index: int, session: SessionArg) -> dict[str, bool]:
+    """Have a run loaded before its first photo comes, unless that was done or something else is at work."""
+    source = session.run(index)
+    busy = any(job.state in (JobState.WAITING, JobState.RUNNING) for job in session.jobs.all())
+    if not busy and source.mesh_file.is_file():
+        session.jobs.submit(TaskName.LOAD, "", {"run": str(source.run.path), "run_index": index})
+    return {"begun": not busy}
 
 
 @router.post("/lights")

@@ -1,6 +1,6 @@
 // The page "Photo": a photo in, the light around the object and all that follows from it out.
 
-import { follow, jobFile, upload } from "./api.js";
+import { follow, jobFile, sendJson, upload } from "./api.js";
 import { guarded } from "./app.js";
 import { $, el, say } from "./dom.js";
 import { placing } from "./placing.js";
@@ -8,6 +8,7 @@ import { lightMap, sidePictures, verdict, wiped } from "./results.js";
 import { aboutRun, on, predictions, refreshJobs, state } from "./state.js";
 
 let ready = false;
+let loaded = null; // the run that the server was told to load
 let current = null; // the job that is shown
 
 export async function show(changed = false) {
@@ -23,6 +24,10 @@ export async function show(changed = false) {
     $("result").replaceChildren(el("p", { textContent: "This run has no object yet: light can be read off photos when its training is done." }));
   }
   await refreshJobs();
+  if (about.object && loaded !== state.run) {
+    loaded = state.run;
+    await sendJson("POST", `/api/runs/${state.run}/load`);
+  }
 }
 
 function clear() {
@@ -75,7 +80,7 @@ async function predict(file) {
 async function watch(job, words, bar) {
   current = job.id;
   bar.removeAttribute("value");
-  const stop = el("button", { type: "button", textContent: "Stop", onclick: () => guarded(() => fetch(`/api/jobs/${job.id}/stop`, { method: "POST", headers: { "X-Lightprobe": "1" } })) });
+  const stop = el("button", { type: "button", textContent: "Stop", onclick: () => guarded(() => sendJson("POST", `/api/jobs/${job.id}/stop`)) });
   $("result").append(stop);
   try {
     job = await follow(job, (now) => {

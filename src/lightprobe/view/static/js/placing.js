@@ -9,7 +9,7 @@ let thing = null; // the last GLB: {id, name}
 
 /** Return the controls, and below them what comes of them. */
 export function placing(photo) {
-  const place = { at: null, scale: 1, turn: 0 };
+  const place = { at: null, scale: null, turn: 0 };
   const picture = el("div", { className: "pair placing" });
   const photoImage = el("img", { src: jobFile(photo, "photo.jpg"), alt: "The photo: click where the thing is to stand" });
   const cross = el("span", { className: "mark", hidden: true });
@@ -39,7 +39,7 @@ export function placing(photo) {
   const tools = el("div", { className: "under" }, el("label", { className: "button" }, file, "Choose a GLB…"), name);
   return el("details", {}, el("summary", { textContent: "Put your own object beside it" }), tools, picture, where,
     el("div", { className: "under" }, el("span", { className: "quiet", textContent: "Place %" }), ...numbers),
-    slider("Size", 0.1, 3, 0.05, 1, (value) => (place.scale = value), (value) => `${value.toFixed(2)} ×`),
+    slider("Height", 0, 3, 0.05, 0, (value) => (place.scale = value || null), (value) => (value ? `${value.toFixed(2)} × the object` : "as in its file")),
     slider("Turn", -180, 180, 5, 0, (value) => (place.turn = value), (value) => `${value}°`), go, out);
 }
 
@@ -87,7 +87,7 @@ async function insert(photo, place, out, go) {
 function inserted(job) {
   const image = el("img", { src: jobFile(job, job.result.picture), alt: `${job.title} in the photo` });
   const links = job.result.files.map(({ name, title }) => el("li", {}, el("a", { href: jobFile(job, name, true), download: name, textContent: name }), ` – ${title}`));
-  const doubts = (job.result.warnings ?? []).map((text) => el("p", { className: "verdict doubtful", textContent: text }));
+  const doubts = [...job.result.sentences, ...(job.result.warnings ?? [])].map((text) => el("p", { className: "verdict doubtful", textContent: text }));
   return el("div", {}, el("div", { className: "pair" }, image), ...doubts, el("ul", { className: "files" }, ...links));
 }
 
