@@ -9,6 +9,7 @@ import secrets
 import shutil
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -78,9 +79,9 @@ class Job:
 class Jobs:
     """All jobs since the start, and the thread that hands them to the worker."""
 
-    def __init__(self, folder: Path, device: str):
-        """Keep files in `folder`; the worker computes on `device`."""
-        self._folder, self._device = folder, device
+    def __init__(self, folder: Path, command: Sequence[str]):
+        """Keep files in `folder`; `command` starts a worker."""
+        self._folder, self._command = folder, command
         self._jobs: dict[str, Job] = {}
         self._lock = threading.Lock()
         self._queue: queue.Queue[Job | None] = queue.Queue()
@@ -173,7 +174,7 @@ class Jobs:
         limit, late = DEADLINES[job.task], threading.Event()
         with self._lock:
             if self._worker is None or not self._worker.alive:
-                self._worker = WorkerProcess(self._device)
+                self._worker = WorkerProcess(self._command)
             worker = self._worker
 
         def stop() -> None:

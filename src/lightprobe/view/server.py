@@ -51,10 +51,11 @@ def _run(sources: Sources, address: Address, folder: Path, device: str) -> None:
     from lightprobe.view.app import Session, create_app
     from lightprobe.view.jobs import Jobs
     from lightprobe.view.uploads import Uploads
+    from lightprobe.view.worker_process import worker_command
 
     for part in ("uploads", "jobs", "pictures"):
         (folder / part).mkdir()
-    jobs = Jobs(folder / "jobs", device)
+    jobs = Jobs(folder / "jobs", worker_command(device))
     try:
         session = Session(sources, Uploads(folder / "uploads"), jobs, folder / "pictures")
         app = create_app(session, address.hosts, address.token)

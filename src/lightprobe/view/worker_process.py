@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from lightprobe.core.errors import InputError, ResourceError
@@ -13,12 +13,16 @@ class WorkerEndedError(ResourceError):
     """The process ended in the middle of a job."""
 
 
+def worker_command(device: str) -> tuple[str, ...]:
+    """Return the command of a worker that computes on `device`."""
+    return sys.executable, "-P", "-m", "lightprobe.view.worker", device
+
+
 class WorkerProcess:
     """A process of `view.worker`."""
 
-    def __init__(self, device: str):
+    def __init__(self, command: Sequence[str]):
         """Start it; in a session of its own, so that Ctrl-C reaches the server alone."""
-        command = [sys.executable, "-P", "-m", "lightprobe.view.worker", device]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )  # fmt: skip
