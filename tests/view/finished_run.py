@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ def side_light(number: int) -> Environment:
 
 def begun_run(folder: Path) -> RunFolder:
     """Return a run whose training has begun: the scene is read, the first steps are recorded."""
-    scene = load_scene(write_toy_scene(folder / "scene", train=4, test=1))
+    scene = load_scene(write_toy_scene(folder / "scene", train=12, test=1))
     run = RunFolder.create(folder / "run")
     run.record_scene(scene_record(scene))
     run.record_config("decompose", {"seed": 0, **asdict(SETTINGS)})
@@ -58,7 +58,11 @@ def finished_run(folder: Path) -> RunFolder:
     flat[..., 2] = 1
     textures = Textures(color, torch.full((size, size), 0.6), torch.zeros(size, size), flat)
     lights = {photo.name: side_light(number) for number, photo in enumerate(scene.train)}
-    decomposition = Decomposition(Asset(sphere_mesh(3), textures), lights, scene.similarity)
+    ball = sphere_mesh(3)
+    vertices = torch.from_numpy(
+        scene.similarity.apply(ball.vertices.numpy())
+    ).float()  # of radius 1 in the user's frame
+    decomposition = Decomposition(Asset(replace(ball, vertices=vertices), textures), lights, scene.similarity)
     write_run_outputs(decomposition, run)
     decomposition.save(run)
     run.append_metrics("decompose", 7, {"stage": "pass2", "held_out_before": 20.0, "held_out": 21.5})

@@ -62,14 +62,14 @@ def test_the_page_and_its_parts_come_from_the_package(client):
 
 def test_a_run_tells_its_photos_cameras_and_lights(client):
     about = client.get("/api/runs/0").json()
-    assert [photo["split"] for photo in about["photos"]] == ["train"] * 4 + ["test"]
-    assert [photo["light"] for photo in about["photos"]] == [True] * 4 + [False]
+    assert [photo["split"] for photo in about["photos"]] == ["train"] * 12 + ["test"]
+    assert [photo["light"] for photo in about["photos"]] == [True] * 12 + [False]
     assert about["object"]
     assert client.get("/api/runs/0/object.glb").content.startswith(b"glTF")
     assert client.get("/api/runs/0/photos/0/picture").content.startswith(b"\x89PNG")
     for path in ("/api/runs/1", "/api/runs/-1", "/api/runs/x", "/api/runs/0/photos/99/picture"):
         sentence(client.get(path), 422)
-    assert "no light of its own" in sentence(client.get("/api/runs/0/photos/4/light"), 422)
+    assert "no light of its own" in sentence(client.get("/api/runs/0/photos/12/light"), 422)
 
 
 def test_a_light_comes_as_half_floats_from_the_bottom_up(client, run):
