@@ -28,11 +28,14 @@ from insertion.stills import CASES, Case, camera_of, glb, model_of, moved, true_
 from lightprobe.core.files import write_bytes, write_json
 from lightprobe.evaluation import relight
 from lightprobe.imaging import read_ldr, srgb_encode, write_exr, write_png
-from lightprobe.insertion import Insertion, PhotoView, Wish, insert, load_thing
+from lightprobe.insertion import Insertion, PhotoView, Thing, Wish, insert, load_thing
 from lightprobe.insertion.placement import ground_height, place
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
+from lightprobe.prediction import Predictor
+from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.photo import Pixels
 
 _CHANGED = 3 / 255
 _MEAN = 0.3  # linear mean of the known object in a photo
@@ -120,24 +123,19 @@ def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
     _show(scene, true, "true")
     scores = {"true light and object": score(scene, true)}
     if run is not None:
-        from lightprobe.core.run import RunFolder
-        from lightprobe.prediction import Predictor
-        from lightprobe.scene.background import Background
-        from lightprobe.scene.photo import Pixels
-
-        predictor = Predictor.load(run)
-        pixels = Pixels.of(scene.photo * (scene.mask[..., None] > 0), scene.mask)
-        behind = Background.of(scene.photo, scene.mask, scene.camera)
-        RunFolder.open(run)
-        predicted = predictor.predict(pixels, scene.camera, background=behind)
-        for name, known, light in (
-            ("predicted light", scene.known, predicted.environment),
-            ("predicted light, reconstructed object", predictor.decomposition, predicted.environment),
-        ):
-            found = insert(known, light, view, thing, wish)
-            _show(scene, found, name.replace(" ", "_").replace(",", ""))
-            scores[name] = score(scene, found)
+        found = _of_run(scene, Predictor.load(run), thing, wish)
+        _show(scene, found, "predicted")
+        scores["predicted light, reconstructed object"] = score(scene, found)
     return scores
+
+
+def _of_run(scene: Scene, predictor: Predictor, thing: Thing, wish: Wish) -> Insertion:
+    """Return the insertion under the light that a run predicts from the photo, beside the object it reconstructed."""
+    pixels = Pixels.of(scene.photo * (scene.mask[..., None] > 0), scene.mask)
+    behind = Background.of(scene.photo, scene.mask, scene.camera)
+    predicted = predictor.predict(pixels, scene.camera, background=behind)
+    view = PhotoView(scene.photo, scene.mask, scene.camera)
+    return insert(predictor.decomposition, predicted.environment, view, thing, wish)
 
 
 def _show(scene: Scene, inserted: Insertion, name: str) -> None:
@@ -163,7 +161,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             scene = make_scene(case, given.folder / case.name, given.side, given.samples)
             scores[case.name] = measure(scene, given.run)
             for name, found in scores[case.name].items():
-                print(f"{case.name}, {name}: " + ", ".join(f"{key} {value:.2f}" for key, value in found.items()))
+                print(
+                    f"{case.name}, {name}: " + ", ".join(f"{key} {value:.2f}" for key, value in found.items()),
+                    flush=True,
+                )
     write_json(given.folder / "scores.json", scores)
 
 

@@ -1,1 +1,1 @@
-"""Scenes that say how right an inserted thing is: two generated objects on a ground, path-traced with and without it."""
+"""How right an inserted thing is: two generated objects on a ground, path-traced with and without the second."""

@@ -2,8 +2,8 @@
 
 import mitsuba as mi
 import numpy as np
-from composed_photos import background
 
+from composed_photos import background
 from demo_scene.models import Model
 from demo_scene.render import Studio, View, painted_mesh
 from lightprobe.scene.camera import Camera

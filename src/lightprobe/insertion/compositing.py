@@ -138,6 +138,6 @@ def _exposure_warnings(change: KnownChange, photo: PhotoView) -> list[str]:
     if 1 / _WRONG_EXPOSURE <= ratio <= _WRONG_EXPOSURE or np.isnan(ratio):
         return []
     return [
-        f"Under this light the known object would be {ratio:.2g} times as bright as in the photo, and the thing is drawn "
-        "in that light; is the map in the photo's exposure, as lightprobe predict writes it?"
+        f"Under this light the known object would be {ratio:.2g} times as bright as in the photo, and the thing is "
+        "drawn in that light; is the map in the photo's exposure, as lightprobe predict writes it?"
     ]

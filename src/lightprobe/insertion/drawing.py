@@ -46,9 +46,7 @@ class Window:
 
     def cut(self, camera: Camera) -> Camera:
         """Return the camera that takes this part."""
-        return replace(
-            camera, cx=camera.cx - self.left, cy=camera.cy - self.top, width=self.width, height=self.height
-        )
+        return replace(camera, cx=camera.cx - self.left, cy=camera.cy - self.top, width=self.width, height=self.height)
 
 
 def window_of(vertices: Tensor, camera: Camera) -> Window | None:
@@ -210,5 +208,3 @@ def draw_known_change(asset: Asset, stage: Stage, camera: Camera) -> KnownChange
     planes[surface.pixel, 5:] = images[0]
     planes = planes.reshape(view.height, view.width, 8)
     return KnownChange(planes[..., :3], planes[..., 3], planes[..., 4] > 0, planes[..., 5:])
-
-

@@ -9,7 +9,7 @@ triangles are slid along the patch's direction onto the ground and rasterised, t
 pixel knows the first surface on its way to the sky.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -52,7 +52,9 @@ class GroundLight:
 
 
 @torch.no_grad()
-def camera_ground_light(patches: SkyPatches, known: Caster, thing: Caster, camera: Camera, ground: float) -> GroundLight:
+def camera_ground_light(
+    patches: SkyPatches, known: Caster, thing: Caster, camera: Camera, ground: float
+) -> GroundLight:
     """Return the light on the ground at the pixels (H, W) of a normalised-frame camera."""
     longest = max(camera.width, camera.height)
     sizes = {False: min(1.0, _COARSE / longest), True: min(_FINER, _FINE / longest)}

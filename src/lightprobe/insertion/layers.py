@@ -26,7 +26,9 @@ class LayerFiles:
     @staticmethod
     def of(picture: Path) -> "LayerFiles":
         """Return the files named after a picture: NAME.beauty.exr and so on beside it."""
-        return LayerFiles(picture, *(picture.with_name(f"{picture.stem}.{n}.exr") for n in ("beauty", "shadow", "mask")))
+        return LayerFiles(
+            picture, *(picture.with_name(f"{picture.stem}.{n}.exr") for n in ("beauty", "shadow", "mask"))
+        )
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The light that the thing stands in: the photo's map above the horizon, the ground below it, and both objects' shadows.
+"""The light that the thing stands in: the photo's map above the horizon, the ground below it, and the shadows of both.
 
 The map is that of the known object, in the photo's exposure. Below the horizon the photo itself shows what there is,
 where it is opaque: the ground's radiance is its median colour around the object's foot, with the object's own shadow
@@ -31,6 +31,7 @@ _RING = 2.5  # radii of the known object, within which the photo shows the groun
 _MARGIN = 0.02  # of the photo's longer side, around the mask, that may still show the object
 _LEAST = 50  # pixels that tell the ground's colour
 _PLAN = 96  # cells along the edge of the ground plan
+_PLAN_CUTS = 6  # of the sky for it: 64 patches
 _REACH = 4.0  # radii of both objects, that the ground plan reaches
 
 
@@ -84,13 +85,13 @@ def set_stage(
     """
     thing, ground = placed.thing, placed.ground
     known = asset.mesh
-    known_colors, thing_colors = _face_colors(asset), thing_face_colors(thing)
     points = SurfacePoints.of(thing)
-    solid = simplified(thing.vertices, thing.faces, thing_colors)
+    solid = simplified(thing.vertices, thing.faces, thing_face_colors(thing))
+    body = simplified(known.vertices, known.faces, _face_colors(asset))
     alone = asset.visibility or textured_visibility(known, asset.textures.flat())
     known_normals = _vertex_normals(known.vertices, known.faces)
     own = past(*solid, points.points, points.normals)
-    thing_sees = both(own, past(known.vertices, known.faces, known_colors, points.points, points.normals), points.normals)
+    thing_sees = both(own, past(*body, points.points, points.normals), points.normals)
     known_sees = both(alone, past(*solid, known.vertices, known_normals), known_normals)
 
     ring = _ring(camera, mask, asset, ground) if opaque else np.zeros(0, np.int64)
@@ -98,17 +99,20 @@ def set_stage(
     patches = SkyPatches.of(environment)
     light = Light.of(environment, None if seen is None else seen.median(0).values)
     casters = (
-        Caster(known.vertices, known.faces, _radiance(known.faces, known_colors, alone, known_normals, light)),
-        Caster(solid[0], solid[1], _thing_radiance(solid, points, thing_sees, light)),
+        Caster(body[0], body[1], _caster_radiance(body, known.vertices, _arriving(alone, known_normals, light))),
+        Caster(
+            solid[0], solid[1], _caster_radiance(solid, points.points, _arriving(thing_sees, points.normals, light))
+        ),
     )
     lit = camera_ground_light(patches, *casters, camera, ground)
     if seen is not None:  # the ground in the open
         share = lit.without.reshape(-1, 3)[torch.from_numpy(ring).to(seen.device)] / patches.total().clamp(min=1e-12)
         light = Light.of(environment, (seen / share.clamp(min=0.05)).median(0).values)
     corner, cell = _plan_square(known.vertices, thing.vertices)
-    plan = plan_ground_light(patches, *casters, ground, corner, cell, _PLAN)
+    rough = SkyPatches.of(environment, _PLAN_CUTS)
+    plan = plan_ground_light(rough, *casters, ground, corner, cell, _PLAN)
     before, after = (
-        GroundPlan.of(plan, patches.total(), corner, cell, ground, thing=with_thing) for with_thing in (False, True)
+        GroundPlan.of(plan, rough.total(), corner, cell, ground, thing=with_thing) for with_thing in (False, True)
     )
     return Stage(
         light, lit, points, over_ground(thing_sees, points.points, points.normals, after),
@@ -145,23 +149,14 @@ def _arriving(visibility: VertexVisibility, normals: Tensor, light: Light) -> Te
     return found[:, :3] + visibility.occluder_color * (1 - found[:, 6:]) * found[:, 3:6]
 
 
-def _radiance(
-    faces: Tensor, colors: Tensor, visibility: VertexVisibility, normals: Tensor, light: Light
-) -> Tensor:
-    """Return the radiance (F, 3) that leaves faces (F, 3) of colours (F, 3) as from a matt surface."""
-    return colors * _arriving(visibility, normals, light)[faces.long()].mean(1)
+def _caster_radiance(solid: tuple[Tensor, Tensor, Tensor], points: Tensor, arriving: Tensor) -> Tensor:
+    """Return the radiance (F, 3) that leaves a caster's faces as from a matt surface.
 
-
-def _thing_radiance(
-    solid: tuple[Tensor, Tensor, Tensor], points: SurfacePoints, visibility: VertexVisibility, light: Light
-) -> Tensor:
-    """Return the same of the thing's caster, each face lit as the surface point nearest to its middle."""
+    points (N, 3) of the surface at which `arriving` (N, 3) is known; a face has that of the point nearest its middle.
+    """
     vertices, faces, colors = solid
-    arriving = _arriving(visibility, points.normals, light)
-    if len(faces) == len(points.faces) and bool((points.cells == 1).all()):
-        return colors * arriving[points.vertex[points.faces]].mean(1)
     middles = vertices[faces.long()].mean(1).cpu().numpy()
-    nearest = scipy.spatial.cKDTree(points.points.cpu().numpy()).query(middles)[1]
+    nearest = scipy.spatial.cKDTree(points.cpu().numpy()).query(middles)[1]
     return colors * arriving[torch.from_numpy(nearest).to(colors.device)]
 
 

@@ -20,11 +20,13 @@ from lightprobe.insertion.thing import Thing
 from lightprobe.light import cubemap
 from lightprobe.light.photometry import luma
 from lightprobe.light.prefilter import BLOCKS
+from lightprobe.render.depth_maps import frames
 from lightprobe.render.vertex_visibility import point_visibility
 from lightprobe.render.visibility import VertexVisibility, ambient_occlusion
 
 _POINTS = 40_000  # of visibility, about; more are thinned out
-_CASTER_FACES = 60_000  # of a mesh that casts shadows; finer ones are simplified
+_CASTER_FACES = 20_000  # of a mesh that casts shadows; finer ones are simplified
+_SIDE = 384  # pixels of a depth map
 _EDGE = 0.06  # of the thing's extent, from which triangles get a grid of their own
 _FINEST = 24  # grid cells along the edge of a triangle
 
@@ -123,24 +125,43 @@ def _thinned(thing: Thing, extent: float) -> tuple[Tensor, Tensor]:
 
 
 def simplified(vertices: Tensor, faces: Tensor, colors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return a mesh (V, 3), (F, 3) with face colours (F, 3), of at most about 60 000 faces."""
-    if len(faces) <= _CASTER_FACES:
-        return vertices, faces, colors
+    """Return a mesh (V, 3), (F, 3) with face colours (F, 3) as one that casts shadows: of at most 20 000 faces or so.
+
+    Vertices at one point are one, so that a solid is closed and only the faces that look at a light need be drawn.
+    """
     points, index = np.unique(vertices.cpu().numpy(), axis=0, return_inverse=True)
     welded = index.reshape(-1)[faces.cpu().numpy()].astype(np.int32)
+    device = vertices.device
+    if len(faces) <= _CASTER_FACES:
+        return torch.from_numpy(points).to(device), torch.from_numpy(welded).to(device), colors
     v, f = decimate(points, welded, _CASTER_FACES)
     middles = vertices[faces.long()].mean(1).cpu().numpy()
     nearest = scipy.spatial.cKDTree(middles).query(v[f].mean(1))[1]
-    device = vertices.device
     return torch.from_numpy(v).to(device), torch.from_numpy(f).to(device), colors[torch.from_numpy(nearest).to(device)]
 
 
-def past(
-    vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor
-) -> VertexVisibility:
+def past(vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor) -> VertexVisibility:
     """Return what points (N, 3) with normals (N, 3) see past a mesh (V, 3), (F, 3), colours (F, 3), wherever it is."""
     middle = (vertices.amin(0) + vertices.amax(0)) / 2
-    return point_visibility(vertices - middle, faces, colors, points - middle, normals)
+    asked = _can_block(vertices, points)
+    return point_visibility(vertices - middle, faces, colors, points - middle, normals, _SIDE, asked=asked)
+
+
+def _can_block(vertices: Tensor, points: Tensor) -> Tensor:
+    """Return in which directions (384,) bool a mesh (V, 3) can be in the way of points (N, 3).
+
+    Seen along a direction their bounding rectangles overlap, and the mesh is not all behind; where a horizontal line
+    between the two keeps them apart, the direction leads to the mesh's side.
+    """
+    directions = cubemap.directions(BLOCKS, points.device).reshape(-1, 3)
+    axes = frames(directions).reshape(-1, 3)
+    mesh, own = vertices @ axes.T, points @ axes.T  # (V, 3 * 384)
+    overlap = ((mesh.amax(0) >= own.amin(0)) & (mesh.amin(0) <= own.amax(0))).reshape(-1, 3)[:, :2].all(1)
+    ahead = (mesh.amax(0) >= own.amin(0)).reshape(-1, 3)[:, 2]
+    between = vertices.mean(0) - points.mean(0)
+    between = torch.cat([between[:2], between.new_zeros(1)])
+    apart = bool((vertices @ between).amin() > (points @ between).amax())
+    return overlap & ahead & ((directions @ between > 0) | (not apart))
 
 
 def both(one: VertexVisibility, other: VertexVisibility, normals: Tensor) -> VertexVisibility:
@@ -163,7 +184,9 @@ class GroundPlan:
     share: Tensor  # (S, S) at most 1
 
     @staticmethod
-    def of(light: GroundLight, total: Tensor, corner: Tensor, cell: float, height: float, *, thing: bool) -> "GroundPlan":
+    def of(
+        light: GroundLight, total: Tensor, corner: Tensor, cell: float, height: float, *, thing: bool
+    ) -> "GroundPlan":
         """Return the plan of `plan_ground_light`, with or without the thing; total (3,): of ground in the open."""
         irradiance = light.without + light.added if thing else light.without
         return GroundPlan(corner, cell, height, (luma(irradiance) / luma(total).clamp(min=1e-12)).clamp(0, 1))

@@ -150,8 +150,10 @@ def _beside(standing: Thing, known: Tensor, camera: Camera, mask: np.ndarray) ->
     best, score = middle, -np.inf
     for bearing in 2 * np.pi * np.arange(_BEARINGS) / _BEARINGS:
         spot = middle + reach * np.array([np.cos(bearing), np.sin(bearing)])
-        x, y, depth = camera.project(points + [spot[0], spot[1], 0.0]).T
-        margin = np.minimum(np.minimum(x, camera.width - x) / camera.width, np.minimum(y, camera.height - y) / camera.height)
+        x, y, depth = camera.project(points + np.array([spot[0], spot[1], 0.0])).T
+        margin = np.minimum(
+            np.minimum(x, camera.width - x) / camera.width, np.minimum(y, camera.height - y) / camera.height
+        )
         inside = (margin > 0) & (depth > 0)
         column, row = (np.clip(v, 0, n - 1).astype(int) for v, n in ((x, camera.width), (y, camera.height)))
         hidden = float((mask[row, column] * inside).mean())

@@ -19,7 +19,7 @@ from lightprobe.imaging import LUMA
 from lightprobe.light import equirect
 from lightprobe.light.environment import Environment
 
-_CUTS = 8  # times the map is halved: 256 patches
+CUTS = 8  # times the map is halved: 256 patches
 _UNIFORM = 0.3  # weight of the uniform sky
 _STRONG = 0.012  # share of the irradiance from which a patch is spread
 _MOST = 24  # directions of one patch
@@ -36,8 +36,8 @@ class SkyPatches:
     strong: Tensor  # (K,) bool: its shadow has edges to be drawn finely
 
     @staticmethod
-    def of(environment: Environment) -> "SkyPatches":
-        """Return the patches of a light, on its device."""
+    def of(environment: Environment, cuts: int = CUTS) -> "SkyPatches":
+        """Return the patches of a light, at most about 2^cuts, on its device."""
         image = environment.panorama().astype(np.float64)
         rows = image.shape[0] // 2
         direction = equirect.directions(image.shape[0])[:rows].numpy().astype(np.float64)
@@ -48,11 +48,11 @@ class SkyPatches:
         weight = bright / max(bright.sum(), 1e-30) + _UNIFORM * angle / angle.sum()
         patches = [
             patch
-            for window in _windows(weight)
+            for window in _windows(weight, cuts)
             for patch in _directions(window, direction, power, angle, weight, solid, float(bright.sum()))
         ]
         columns = [torch.tensor(np.array(column)).to(environment.device) for column in zip(*patches, strict=True)]
-        return SkyPatches(*(column.float() for column in columns[:3]), columns[3])
+        return SkyPatches(columns[0].float(), columns[1].float(), columns[2].float(), columns[3])
 
     def total(self) -> Tensor:
         """Return the irradiance (3,) of ground that sees the whole sky."""
@@ -66,11 +66,11 @@ class SkyPatches:
 _Window = tuple[slice, slice]
 
 
-def _windows(weight: np.ndarray) -> list[_Window]:
-    """Return rectangles of a map (H, W) of about equal weight; single texels are not cut further."""
+def _windows(weight: np.ndarray, cuts: int) -> list[_Window]:
+    """Return 2^cuts rectangles of a map (H, W) of about equal weight; single texels are not cut further."""
     height, width = weight.shape
     windows: list[_Window] = [(slice(0, height), slice(0, width))]
-    for _ in range(_CUTS):
+    for _ in range(cuts):
         windows = [part for window in windows for part in _halves(window, weight)]
     return windows
 

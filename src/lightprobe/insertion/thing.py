@@ -11,7 +11,7 @@ from torch import Tensor
 
 from lightprobe.core.errors import InputError
 from lightprobe.geometry.mesh import is_closed
-from lightprobe.insertion.glb_file import GlbFile, number, numbers, sound
+from lightprobe.insertion.glb_file import GlbFile, numbers, sound
 from lightprobe.insertion.materials import Material
 from lightprobe.insertion.textures import TextureReader
 
@@ -46,7 +46,7 @@ class Thing:
 
     def to(self, device: torch.device) -> "Thing":
         """Return the thing on another device."""
-        moved = {key: value.to(device) for key, value in vars(self).items() if isinstance(value, Tensor)}
+        moved: dict[str, Any] = {key: v.to(device) for key, v in vars(self).items() if isinstance(v, Tensor)}
         return replace(self, **moved, materials=tuple(material.to(device) for material in self.materials))
 
 

@@ -23,11 +23,13 @@ def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int
 
 @torch.no_grad()
 def point_visibility(
-    vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor, side: int = SIDE
-) -> VertexVisibility:
+    vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor, side: int = SIDE,
+    *, asked: Tensor | None = None,
+) -> VertexVisibility:  # fmt: skip
     """Return what surface points (P, 3) with unit normals (P, 3) see past a mesh, their own or another.
 
     vertices (V, 3), about the origin, faces (F, 3) and base colours (F, 3): the mesh; `side` as there.
+    asked (384,) bool: directions in which it can be in the way, by default all.
     """
     maps = DepthMaps.of(vertices, faces, points, normals, side)
     directions = cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3)
@@ -37,6 +39,9 @@ def point_visibility(
     # A trace of the mean colour stands for blockers that are not there.
     total, reflected = torch.full_like(points[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(points)
     for k, axes in enumerate(frames(directions)):
+        if asked is not None and not asked[k]:
+            table[k] = 255 * (cosine[k] > _HORIZON)
+            continue
         lit, blocker = maps.visibility(axes)
         lit = torch.where(cosine[k] > _HORIZON, lit, 0.0)
         table[k] = (255 * lit).round().to(torch.uint8)

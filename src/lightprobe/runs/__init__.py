@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lightprobe.runs.bench import BenchOptions, run_bench, write_pages
     from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
+    from lightprobe.runs.insertion import InsertedObject, insert_object
     from lightprobe.runs.locations import LocationFiles, locate_photos
     from lightprobe.runs.outputs import export_run, relight_run, render_run
     from lightprobe.runs.predictions import PredictionFiles, predict_one_light, predict_photos
@@ -21,14 +22,16 @@ if TYPE_CHECKING:
     from lightprobe.runs.videos import predict_video
 
 __all__ = [
-    "BenchOptions", "EvaluatedRun", "EvaluationOptions", "LocationFiles", "OnProgress", "PredictionFiles",
-    "distill_run", "evaluate_run", "export_run", "fit_run", "locate_photos", "predict_one_light", "predict_photos",
-    "predict_video", "prepare_scene", "relight_run", "render_run", "run_bench", "train_run", "write_pages",
+    "BenchOptions", "EvaluatedRun", "EvaluationOptions", "InsertedObject", "LocationFiles", "OnProgress",
+    "PredictionFiles", "distill_run", "evaluate_run", "export_run", "fit_run", "insert_object", "locate_photos",
+    "predict_one_light", "predict_photos", "predict_video", "prepare_scene", "relight_run", "render_run", "run_bench",
+    "train_run", "write_pages",
 ]  # fmt: skip
 
 _HOME = {
     "BenchOptions": "bench", "EvaluatedRun": "evaluation", "EvaluationOptions": "evaluation",
-    "LocationFiles": "locations", "OnProgress": "progress", "PredictionFiles": "predictions",
+    "InsertedObject": "insertion", "LocationFiles": "locations", "OnProgress": "progress",
+    "PredictionFiles": "predictions",
     "distill_run": "training", "evaluate_run": "evaluation", "export_run": "outputs", "fit_run": "training",
     "locate_photos": "locations", "predict_one_light": "predictions", "predict_photos": "predictions",
     "predict_video": "videos", "prepare_scene": "preparing", "relight_run": "outputs", "render_run": "outputs",

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import image_size, read_exif_ev100
 from lightprobe.prediction import Predictor
@@ -13,6 +15,7 @@ from lightprobe.scene import Photo, load_pixels, new_photo
 from lightprobe.scene.background import Background, is_opaque, load_background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
+from lightprobe.scene.pixels import load_thumbnail
 
 if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
     from lightprobe.localization import Locator
@@ -79,6 +82,18 @@ class NewPhotos:
         if self._background and is_opaque(files.image):
             background = Background.of(located.color, located.mask, located.camera)
         return NewPhoto(located.pixels, located.camera, background, ev100, found)
+
+    def whole(self, index: int, photo: NewPhoto) -> tuple[np.ndarray, np.ndarray]:
+        """Return all that a photo shows at full size, once `read` has returned it: colour and the object's coverage.
+
+        (H, W, 3) linear and straight, background included, and (H, W), both float32.
+        """
+        if photo.location is not None:
+            return photo.location.located.color, photo.location.located.mask
+        known = self._photos[index]
+        if known is None:
+            raise ValueError("Located, if its camera is not known.")
+        return load_thumbnail(known, max(photo.camera.width, photo.camera.height))
 
 
 def _photo(run: RunFolder, files: PhotoFiles, camera: Path | None) -> Photo | None:

@@ -1,0 +1,80 @@
+"""A thing of the user's put into a photo of a run's object, and the files it goes to."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from lightprobe.core.device import resolve_device
+from lightprobe.core.errors import ConfigError
+from lightprobe.core.run import RunFolder
+from lightprobe.insertion import PhotoView, Wish, insert, load_thing
+from lightprobe.insertion.layers import LayerFiles
+from lightprobe.light.environment import Environment
+from lightprobe.prediction import Predictor, recorded_config
+from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
+from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
+from lightprobe.scene.background import is_opaque
+from lightprobe.scene.record import read_record
+
+
+@dataclass(frozen=True)
+class InsertedObject:
+    """What `insert_object` has written, and what it chose."""
+
+    picture: Path
+    beauty: Path
+    shadow: Path
+    mask: Path
+    at: tuple[float, float]  # pixel of the photo at which the thing's foot stands
+    scale: float  # its height relative to the known object's
+    seconds: float
+    warnings: tuple[str, ...]
+    location: LocatedPhoto | None  # the photo's camera and mask, if they were found
+
+
+def insert_object(
+    run: Path | str, photo: Path | str, thing: Path | str, output: Path | str, *,
+    at: tuple[float, float] | None = None, scale: float | None = None, turn: float = 0.0,
+    env: Path | str | None = None, camera: Path | str | None = None, mask: Path | str | None = None,
+    device: str | torch.device = "auto",
+) -> InsertedObject:  # fmt: skip
+    """Write the photo with the GLB file `thing` beside the run's object, lit as the photo is: OUTPUT.png and layers.
+
+    at: pixel of the thing's foot; scale: its height relative to the known object's; turn: degrees about the vertical;
+    each by default chosen. env: an equirectangular map in the photo's exposure, by default predicted from the photo.
+    camera, mask: as for a prediction, by default found. Layers: OUTPUT.beauty.exr, .shadow.exr and .mask.exr.
+    Raises `InputError` for a run, photo, thing or map that cannot be used, `ConfigError` for a name, place or height
+    that cannot be meant; nothing is written then.
+    """
+    start, output, image = time.perf_counter(), Path(output), Path(photo)
+    if output.suffix.lower() != ".png":
+        raise ConfigError(f"Cannot write the picture as '{output.name}': name it .png; its layers are OpenEXR files.")
+    if output.resolve() == image.resolve():
+        raise ConfigError(f"The picture would replace the photo {image}; give it another name.")
+    wish = Wish(at, scale, turn)
+    wish.check()
+    found, folder, where = load_thing(Path(thing)), RunFolder.open(Path(run)), resolve_device(device)
+    light = None if env is None else Environment.load(Path(env), where)
+    if camera is None:
+        read_record(folder)  # it has the cameras
+    given = photo_mask(image, None if mask is None else Path(mask))
+    location = LocationFiles().within(folder.path / "predictions", image)
+    photos = NewPhotos(folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True)
+    predictor = Predictor.load(folder.path, where, recorded_config(folder))
+    photos.find_cameras_with(predictor)
+    new = photos.read(0)
+    warnings = [] if new.location is None else new.location.warnings()
+    if light is None:
+        prediction = predictor.predict(new.pixels, new.camera, background=new.background, doubt=new.doubt)
+        light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
+    color, alpha = photos.whole(0, new)
+    view = PhotoView(color, alpha, new.camera, opaque=is_opaque(image))
+    inserted = insert(predictor.decomposition, light, view, found, wish)
+    files = LayerFiles.of(output)
+    inserted.write(files)
+    return InsertedObject(
+        files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
+        time.perf_counter() - start, (*warnings, *inserted.warnings), new.location,
+    )  # fmt: skip

@@ -1,0 +1,119 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.evaluation import relight
+from lightprobe.imaging import read_hdr, read_ldr
+from lightprobe.insertion import PhotoView, Wish, insert, load_thing
+from lightprobe.insertion.layers import LayerFiles
+from lightprobe.light.environment import Environment
+from tests.insertion.glbs import box, write
+from tests.known_scene import SIMILARITY, known_decomposition, soft_sky
+from tests.shapes import camera_at
+
+SIZE = 96
+GROUND = 0.3  # linear radiance of the ground in the photo
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """A ball's photo on a plain ground, its light, and a box."""
+    decomposition, light = known_decomposition(), Environment.from_panorama(soft_sky(2))
+    camera = camera_at((7.0, 0.0, 4.0), size=SIZE, focal=100)
+    pose = camera.camera_to_world.copy()
+    pose[:3, 3] += SIMILARITY.center
+    camera = dataclasses.replace(camera, camera_to_world=pose)
+    image, cover = (t.numpy() for t in relight(decomposition, light, camera))
+    color = (image + (1 - cover[..., None]) * GROUND).astype(np.float32)
+    thing = load_thing(write(tmp_path_factory.mktemp("thing") / "box.glb", box()))
+    return decomposition, light, PhotoView(color, cover, camera), thing
+
+
+def foot(studio, x: float, y: float) -> tuple[float, float]:
+    """The pixel of a point of the ground, normalised frame."""
+    decomposition, _, photo, _ = studio
+    camera = photo.camera.normalised(decomposition.similarity)
+    return tuple(camera.project(np.array([[x, y, -1.0]]))[0, :2].tolist())
+
+
+@pytest.fixture(scope="module")
+def beside(studio):
+    decomposition, light, photo, thing = studio
+    return insert(decomposition, light, photo, thing, Wish(scale=0.4))
+
+
+def test_the_layers_make_the_picture(studio, beside, tmp_path):
+    photo = studio[2]
+    made = photo.color * beside.shadow * (1 - beside.mask[..., None]) + beside.beauty
+    assert np.abs(made - beside.color).max() < 0.02  # grain of a clean photo
+    beside.write(LayerFiles.of(tmp_path / "out.png"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "out.beauty.exr", "out.mask.exr", "out.png", "out.shadow.exr",
+    ]  # fmt: skip
+    rgba = read_hdr(tmp_path / "out.beauty.exr")
+    assert np.array_equal(rgba[..., 3], beside.mask)
+    shown = read_ldr(tmp_path / "out.png")[0]
+    assert np.abs(shown - beside.color.clip(0, 1)).max() < 0.01
+
+
+def test_the_thing_is_drawn_and_throws_a_soft_shadow(studio, beside):
+    photo = studio[2]
+    solid = beside.mask > 0.99
+    assert 100 < solid.sum() < 3000
+    red, green, blue = beside.color[solid].mean(0)
+    assert red > 2 * green > 2 * blue  # the box is red
+    ground = (photo.mask == 0) & (beside.mask == 0)
+    factor = beside.shadow[ground].mean(-1)
+    assert factor.min() < 0.8
+    assert np.median(factor) > 0.95
+    steps = np.abs(np.diff(beside.shadow.mean(-1), axis=1))[ground[:, 1:] & ground[:, :-1]]
+    assert steps.max() < 0.35
+    assert (beside.shadow[:3] == pytest.approx(1, abs=0.03)) or photo.mask[:3].any()
+
+
+def test_what_is_far_from_the_thing_stays(studio, beside):
+    photo = studio[2]
+    far = (beside.mask == 0) & (np.abs(beside.shadow - 1).max(-1) < 1e-3)
+    assert far.mean() > 0.2
+    assert np.abs(beside.color - photo.color)[far].max() < 1e-3
+
+
+def test_the_object_hides_what_is_behind_it_and_is_hidden_by_what_is_before(studio):
+    decomposition, light, photo, thing = studio
+    behind, before = (
+        insert(decomposition, light, photo, thing, Wish(at=foot(studio, x, 0.0), scale=0.5)) for x in (-1.7, 1.7)
+    )
+    inside = photo.mask > 0.99
+    assert behind.mask[inside].max() == 0
+    assert before.mask[inside].max() == 1
+    assert (behind.mask > 0.5).sum() > 0
+
+
+def test_the_thing_shades_the_object_that_stands_by(studio):
+    decomposition, light, photo, thing = studio
+    sky = torch.zeros_like(light.texels) + 0.05
+    sky[2, :, :, :] = 3.0  # bright from +y, where the thing stands
+    near = insert(decomposition, Environment(sky), photo, thing, Wish(at=foot(studio, 0.3, 1.75), scale=0.8))
+    inside = (photo.mask > 0.99) & (near.mask == 0)
+    left = near.shadow.mean(-1)[inside]
+    assert left.min() < 0.85
+
+
+def test_a_cut_out_photo_stays_one(studio):
+    decomposition, light, photo, thing = studio
+    cut = dataclasses.replace(photo, opaque=False, color=photo.color * (photo.mask[..., None] > 0))
+    found = insert(decomposition, light, cut, thing, Wish(scale=0.4))
+    assert found.alpha is not None
+    assert found.alpha[found.mask > 0.99].min() == pytest.approx(1)
+    shadow = (photo.mask == 0) & (found.mask == 0) & (found.alpha > 0.1)
+    assert shadow.any()
+    assert found.color[shadow].max() < 0.02
+    assert np.quantile(found.alpha, 0.2) < 0.05
+
+
+def test_a_light_in_another_exposure_is_told(studio):
+    decomposition, light, photo, thing = studio
+    found = insert(decomposition, light.scaled(6.0), photo, thing, Wish(scale=0.4))
+    assert any("exposure" in sentence for sentence in found.warnings)

@@ -1,0 +1,74 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.insertion.placement import Wish, ground_height, place
+from lightprobe.insertion.thing import load_thing
+from lightprobe.scene.camera import Similarity
+from tests.insertion.glbs import box, write
+from tests.shapes import camera_at, sphere
+
+KNOWN = torch.from_numpy(sphere(3)[0])
+CAMERA = camera_at((4.0, 0.0, 1.6), size=200, focal=170)
+MASK = np.zeros((200, 200), np.float32)
+MASK[60:140, 60:140] = 1
+ONE = Similarity(np.zeros(3), 1.0)
+
+
+@pytest.fixture
+def thing(tmp_path):
+    return load_thing(write(tmp_path / "box.glb", box()))
+
+
+def test_a_bulge_under_the_foot_does_not_lower_the_ground():
+    foot = torch.cat([KNOWN, torch.tensor([[0.3, 0.2, -1.03]])])
+    assert ground_height(foot) == pytest.approx(-1, abs=0.03)
+    assert ground_height(KNOWN) == pytest.approx(-1, abs=0.01)
+
+
+def test_the_foot_stands_at_the_pixel_and_the_height_is_as_asked(thing):
+    placed = place(thing, KNOWN, ONE, CAMERA, MASK, Wish(at=(150.0, 150.0), scale=0.5))
+    assert placed.at == pytest.approx((150, 150), abs=1e-6)
+    assert float(placed.thing.size[2]) == pytest.approx(1.0, abs=1e-5)
+    foot = placed.thing.vertices[placed.thing.vertices[:, 2] < placed.ground + 1e-4].mean(0)
+    assert CAMERA.project(foot[None].numpy())[0, :2] == pytest.approx([150, 150], abs=0.1)
+
+
+def test_by_default_it_stands_free_and_in_the_frame(thing):
+    placed = place(thing, KNOWN, ONE, CAMERA, MASK, Wish(scale=0.3))
+    pixel = CAMERA.project(placed.thing.vertices.numpy().astype(np.float64))
+    assert placed.warnings == ()
+    assert (pixel[:, :2] > 0).all()
+    assert (pixel[:, :2] < 200).all()
+    assert MASK[pixel[:, 1].astype(int), pixel[:, 0].astype(int)].max() == 0
+
+
+def test_the_files_height_counts_where_it_is_plausible(thing):
+    assert place(thing, KNOWN, ONE, CAMERA, MASK, Wish(at=(150, 150))).scale == pytest.approx(1.0, abs=0.01)
+    odd = place(thing, KNOWN, Similarity(np.zeros(3), 1e-3), CAMERA, MASK, Wish(at=(150, 150)))
+    assert odd.scale == 0.6
+    assert "--scale" in odd.warnings[0]
+
+
+def test_turning_is_anticlockwise_from_above(thing):
+    long = dataclasses.replace(thing, vertices=thing.vertices * torch.tensor([3.0, 1, 1]))
+    straight, turned = (
+        place(long, KNOWN, ONE, CAMERA, MASK, Wish(at=(150, 150), scale=0.5, turn=angle)).thing for angle in (0, 90)
+    )
+    middle = straight.vertices.mean(0)
+    corner = (straight.vertices[0] - middle)[[1, 0, 2]] * torch.tensor([-1.0, 1, 1])
+    torch.testing.assert_close(turned.vertices[0] - turned.vertices.mean(0), corner, atol=1e-4, rtol=0)
+
+
+def test_a_place_in_the_object_is_told_and_the_sky_is_refused(thing):
+    inside = place(thing, KNOWN, ONE, CAMERA, MASK, Wish(at=(100.0, 130.0), scale=0.5))
+    assert "within the known object" in inside.warnings[0]
+    with pytest.raises(ConfigError, match="horizon"):
+        place(thing, KNOWN, ONE, CAMERA, MASK, Wish(at=(100.0, 2.0)))
+    with pytest.raises(ConfigError, match="outside"):
+        place(thing, KNOWN, ONE, CAMERA, MASK, Wish(at=(300.0, 150.0)))
+    with pytest.raises(ConfigError, match="--scale"):
+        place(thing, KNOWN, ONE, CAMERA, MASK, Wish(scale=-1.0))

@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.errors import InputError
+from lightprobe.geometry.mesh import face_normals
+from lightprobe.insertion.thing import load_thing
+from tests.insertion.glbs import Writer, box, png, write
+
+
+def test_a_box_is_read_z_up_with_flat_outward_normals(tmp_path):
+    thing = load_thing(write(tmp_path / "box.glb", box()))
+    assert thing.vertices.amin(0).tolist() == [-1, -1, 0]
+    assert thing.vertices.amax(0).tolist() == [1, 1, 2]
+    outward = torch.nn.functional.normalize(face_normals(thing.vertices, thing.faces), dim=1)
+    torch.testing.assert_close(thing.normals[thing.faces[:, 0].long()], outward)
+    middles = thing.vertices[thing.faces.long()].mean(1) - torch.tensor([0.0, 0, 1])
+    assert ((outward * middles).sum(1) > 0).all()
+
+
+def test_nodes_turn_scale_and_mirror(tmp_path):
+    made = box()
+    made.document["nodes"] = [
+        {"children": [1], "translation": [0, 5, 0], "rotation": [0, 0, np.sqrt(0.5), np.sqrt(0.5)]},
+        {"mesh": 0, "scale": [3, 1, -1]},
+    ]
+    thing = load_thing(write(tmp_path / "box.glb", made))
+    assert np.allclose(thing.vertices.amin(0), [-2, -1, 2], atol=1e-5)  # x <- -y, y <- x, turned about z, then z up
+    assert np.allclose(thing.vertices.amax(0), [0, 1, 8], atol=1e-5)
+    middles = thing.vertices[thing.faces.long()].mean(1) - thing.vertices.mean(0)
+    assert ((face_normals(thing.vertices, thing.faces) * middles).sum(1) > 0).all()
+    assert ((thing.normals[thing.faces[:, 0].long()] * middles).sum(1) > 0).all()
+
+
+def textured(made: Writer, **material) -> Writer:
+    texture = made.view(png((128, 255, 51)))
+    made.document |= {
+        "images": [{"bufferView": texture, "mimeType": "image/png"}], "textures": [{"source": 0}],
+        "materials": [material],
+    }  # fmt: skip
+    attributes = made.document["meshes"][0]["primitives"][0]["attributes"]
+    attributes["TEXCOORD_0"] = made.array(np.full((8, 2), 3.3, np.float32), "VEC2")
+    return made
+
+
+def test_textures_and_factors_multiply(tmp_path):
+    pbr = {
+        "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}, "metallicFactor": 0.5,
+        "roughnessFactor": 0.25, "baseColorFactor": [1, 0.5, 1, 1],
+    }  # fmt: skip
+    made = textured(box(), pbrMetallicRoughness=pbr, emissiveTexture={"index": 0}, emissiveFactor=[2, 0, 0])
+    thing = load_thing(write(tmp_path / "box.glb", made))
+    one = thing.materials[0].sample(thing.uvs[:1], thing.colors[:1], torch.full((1,), 1e-6))
+    assert one.base_color[0].tolist() == pytest.approx([0.2158, 0.5, 0.0331], abs=1e-3)  # sRGB decoded
+    assert float(one.roughness) == pytest.approx(0.25, abs=1e-3)  # green, linear
+    assert float(one.metallic) == pytest.approx(0.1, abs=1e-3)  # blue
+    assert one.emission[0].tolist() == pytest.approx([0.4317, 0, 0], abs=1e-3)
+
+
+def test_an_open_two_sided_sheet_gets_its_other_side_and_a_solid_does_not(tmp_path):
+    made = box()
+    made.document["materials"][0]["doubleSided"] = True
+    assert (load_thing(write(tmp_path / "solid.glb", made)).twin == -1).all()
+    made.document["accessors"][1]["count"] -= 3
+    sheet = load_thing(write(tmp_path / "sheet.glb", made))
+    assert len(sheet.faces) == 22
+    twins = face_normals(sheet.vertices, sheet.faces[sheet.twin])
+    torch.testing.assert_close(twins, -face_normals(sheet.vertices, sheet.faces))
+
+
+def external(made: Writer) -> None:
+    made.document["buffers"] = [{"byteLength": 4, "uri": "../../etc/passwd"}]
+
+
+def external_picture(made: Writer) -> None:
+    made.document["images"] = [{"uri": "https://example.com/a.png"}]
+
+
+def ten_million_faces(made: Writer) -> None:
+    made.document["accessors"][1]["count"] = 30_000_000
+
+
+def many_copies(made: Writer) -> None:
+    made.document["nodes"] = [{"children": list(range(1, 90_000))}] + [{"mesh": 0}] * 89_999
+    made.document["accessors"][1]["count"] = 36
+    made.document["meshes"][0]["primitives"] *= 4
+
+
+def not_a_number(made: Writer) -> None:
+    made.binary[4:8] = b"\xff\xff\xff\x7f"
+
+
+def own_parent(made: Writer) -> None:
+    made.document["nodes"] = [{"mesh": 0, "children": [0]}]
+
+
+def out_of_range(made: Writer) -> None:
+    made.binary[-4:] = b"\xff\0\0\0"
+
+
+def animations_only(made: Writer) -> None:
+    made.document["nodes"] = [{}]
+
+
+def beyond_the_file(made: Writer) -> None:
+    made.document["bufferViews"][0]["byteLength"] = 10**6
+
+
+def compressed(made: Writer) -> None:
+    made.document["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+
+
+def huge_texture(made: Writer) -> None:
+    picture = bytearray(png((1, 2, 3)))
+    picture[16:24] = (60_000).to_bytes(4, "big") * 2
+    pbr = {"baseColorTexture": {"index": 0}}
+    textured(made, pbrMetallicRoughness=pbr)
+    made.document["images"][0]["bufferView"] = made.view(bytes(picture))
+
+
+def infinite_node(made: Writer) -> None:
+    made.document["nodes"] = [{"mesh": 0, "scale": [1e300, 1e300, 1e300]}]
+
+
+def no_extent(made: Writer) -> None:
+    made.document["nodes"] = [{"mesh": 0, "scale": [0, 0, 0]}]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (external, "refers to other files"), (external_picture, "refers to other files"),
+        (ten_million_faces, "10000000 faces"), (many_copies, "simplify"), (not_a_number, "NaN"),
+        (own_parent, "no sound GLB"), (out_of_range, "no sound GLB"), (animations_only, "no triangles"),
+        (beyond_the_file, "no sound GLB"), (compressed, "KHR_draco_mesh_compression"), (huge_texture, "60000"),
+        (infinite_node, "far"), (no_extent, "no extent"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_in_one_sentence(tmp_path, spoil, word):
+    made = box()
+    spoil(made)
+    with pytest.raises(InputError, match=word) as caught:
+        load_thing(write(tmp_path / "bad.glb", made))
+    assert "\n" not in str(caught.value)
+    assert "bad.glb" in str(caught.value)
+
+
+@pytest.mark.parametrize("data", [b"", b"glTF", b"solid cube", b'{"asset": {}}', b"glTF" + bytes(40)])
+def test_what_is_no_glb_is_refused(tmp_path, data):
+    (tmp_path / "bad.glb").write_bytes(data)
+    with pytest.raises(InputError, match=r"bad\.glb"):
+        load_thing(tmp_path / "bad.glb")
+
+
+def test_a_document_cut_anywhere_is_refused(tmp_path):
+    whole = box().bytes()
+    for size in range(0, len(whole) - 1, 97):
+        (tmp_path / "cut.glb").write_bytes(whole[:size])
+        with pytest.raises(InputError):
+            load_thing(tmp_path / "cut.glb")
