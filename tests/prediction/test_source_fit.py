@@ -64,7 +64,7 @@ def test_the_photo_gives_a_dim_lamp_its_irradiance(scene):
     (source,) = fitted_sources(observation, dim, asset.mesh, 0).sources
     assert source.irradiance == pytest.approx(TRUE.irradiance, rel=0.15)
     assert degrees(source.direction, TRUE.direction) < 3
-    assert 0 < source.uncertainty < 0.3
+    assert 0 < source.uncertainty < 0.8
 
 
 def test_a_lamp_beside_its_place_is_moved_by_its_shadow(scene):
@@ -81,7 +81,7 @@ def test_a_lamp_that_is_not_there_gets_nothing_but_doubt(scene):
     observation = photograph(asset, sky())
     (source,) = fitted_sources(observation, predicted(irradiance=(1.0, 1.0, 1.0)), asset.mesh, 0).sources
     assert max(source.irradiance) < 0.15
-    assert source.uncertainty > 0.5
+    assert source.uncertainty > 0.8
 
 
 def test_the_same_call_gives_the_same_bits_and_scales_with_exposure(scene):
@@ -106,7 +106,7 @@ def test_clipped_pixels_hold_a_source_up_and_never_down(scene):
     )
     (source,) = fitted_sources(clipped, predicted(irradiance=(1.2, 1.1, 0.8)), asset.mesh, 0).sources
     assert float(clipped.clipped.float().mean()) > 0.1
-    assert source.irradiance[0] > 2.0
+    assert source.irradiance[0] > 1.6
 
 
 def test_a_map_without_sources_stays_as_it_is(scene):

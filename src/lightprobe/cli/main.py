@@ -22,6 +22,7 @@ COMMANDS = {
     "render": ("using", "the object under an environment, from a camera"),
     "relight": ("using", "a turntable and the test views under a new environment"),
     "eval": ("evaluation", "numbers and a report on the test photos"),
+    "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
     "bench": ("bench", "every scene and method, and the tables"),
     "view": ("viewing", "runs in the browser: object, light, training, masks"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),

@@ -85,9 +85,9 @@ def predict(
     """Predict the environment around the object from one photo, from several one by one or together, or from a video.
 
     Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions. NAME.light.json
-    beside the map has its suns and lamps, their brightness solved from the shadows in the photo, and more. Without --camera the
-    object is found in the photo first, as by `lightprobe locate`; photos of the run's own scene have their cameras in
-    the run. A photo that no light explains gets a warning and a lower confidence, or no map at all.
+    beside the map has its suns and lamps, their brightness solved from the shadows in the photo, and more. Without
+    --camera the object is found in the photo first, as by `lightprobe locate`; photos of the run's own scene have their
+    cameras in the run. A photo that no light explains gets a warning and a lower confidence, or no map at all.
 
     Examples:
       lightprobe predict runs/cup new.jpg
@@ -251,14 +251,23 @@ def export(
     run: RunArg,
     *,
     output: Annotated[Path, option(aliases=["-o"], metavar="DIR", help="Folder for the files.")],
+    env: Annotated[
+        Path | None, option(metavar="ENV.exr", help="A predicted light, or any equirectangular one, to write, too.")
+    ] = None,
+    sun: _SunArg = Sun.SEPARATE,
+    size: _SizeArg = None,
+    usd: Annotated[FlagCreatePairsOff[bool], option(help="Also write scene.usdc and scene.usdz.")] = False,
     device: Device = "auto",
 ) -> None:
     """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and others.
 
-    The light of another photo is what `lightprobe predict` writes, as .exr or .hdr.
+    With --env also that light as light.exr and light.hdr, and scene.glb: the mesh with the light's suns and lamps
+    (KHR_lights_punctual), which the maps then do not have; --sun inside leaves them there. --usd needs the extra usd.
 
     Examples:
       lightprobe export runs/cup -o cup_files
+      lightprobe export runs/cup -o cup_files --env light.exr --size 1024x512 --usd
     """
-    written = export_run(run, output, device=device)
+    height = None if size is None else map_height(size)
+    written = export_run(run, output, environment=env, sun=sun, height=height, usd=usd, device=device)
     print(f"{len(written)} files in {output}; mesh: {written[0]}")

@@ -1,6 +1,6 @@
 """A `Decomposition` in, files other programs read out: GLB, textures and environment maps in the user's own frame."""
 
-from lightprobe.export.bundle import export, write_mesh, write_run_outputs
+from lightprobe.export.bundle import SceneLight, export, write_mesh, write_run_outputs
 from lightprobe.export.pictures import write_picture
 
-__all__ = ["export", "write_mesh", "write_picture", "write_run_outputs"]
+__all__ = ["SceneLight", "export", "write_mesh", "write_picture", "write_run_outputs"]

@@ -1,25 +1,43 @@
-"""A decomposition in files other programs read: GLB, textures and environment maps, all in the user's own frame."""
+"""A decomposition in files other programs read: GLB, USD, textures and environment maps, all in the user's frame."""
 
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from lightprobe.core.files import named_file
 from lightprobe.core.run import RunFolder
-from lightprobe.export.glb import write_glb
-from lightprobe.export.gltf_mesh import gltf_mesh
-from lightprobe.export.pictures import write_pictures
+from lightprobe.export.glb import GltfPictures, write_glb
+from lightprobe.export.gltf_mesh import GltfMesh, gltf_mesh
+from lightprobe.export.lamps import DirectionalLight
+from lightprobe.export.pictures import NAMES, write_pictures
+from lightprobe.export.usd import check_usd, write_usd
 from lightprobe.light.environment import Environment
+from lightprobe.light.files import write_map
+from lightprobe.light.sources import LightSource
+from lightprobe.light.upsampling import resized_map
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 
 
-def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> None:
-    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png beside it.
+@dataclass(frozen=True)
+class SceneLight:
+    """A light that the object is exported under: a map, and the lamps that are not in it."""
+
+    image: np.ndarray  # (H, 2H, 3) float32 >= 0, equirectangular
+    lamps: tuple[LightSource, ...]
+
+
+def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> tuple[GltfMesh, GltfPictures]:
+    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png beside it; return its parts.
 
     Positions are in the user's frame and units, turned to glTF's y-up axes.
     """
     pictures = write_pictures(asset, glb.parent)
-    write_glb(glb, gltf_mesh(asset.mesh, similarity), pictures)
+    mesh = gltf_mesh(asset.mesh, similarity)
+    write_glb(glb, mesh, pictures)
+    return mesh, pictures
 
 
 def write_run_outputs(decomposition: Decomposition, run: RunFolder) -> None:
@@ -29,13 +47,32 @@ def write_run_outputs(decomposition: Decomposition, run: RunFolder) -> None:
         light.save(run.environment_file(photo))
 
 
-def export(decomposition: Decomposition, folder: Path, environments: dict[str, Environment]) -> list[Path]:
-    """Write mesh.glb, its textures, and each environment as EXR and HDR under env/; return the files written.
+def export(
+    decomposition: Decomposition, folder: Path, environments: dict[str, Environment], *,
+    light: SceneLight | None = None, height: int | None = None, usd: bool = False,
+) -> list[Path]:  # fmt: skip
+    """Write the object and its lights for other programs; return the files written, mesh.glb first.
 
-    `environments` maps a photo's name to its light: those of Phase I, predictions, or both.
+    mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a `light`, also
+    light.exr, light.hdr and scene.glb, the mesh with the light's lamps. usd: scene.usdc and scene.usdz, the mesh with
+    the light, if there is one. height: rows of all maps, by default their own.
+    Raises `ConfigError` when USD's library is missing, before anything is written.
     """
+    if usd:
+        check_usd()
     maps = {named_file(folder / "env", name, suffix): name for name in environments for suffix in (".exr", ".hdr")}
-    write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
+    mesh, pictures = write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
+    written = [folder / name for name in ("mesh.glb", *(f"{name}.png" for name in NAMES))]
     for path, photo in maps.items():
-        environments[photo].save(path)
-    return [*(folder / name for name in ("mesh.glb", "base_color.png", "orm.png", "normal.png")), *maps]
+        environments[photo].save(path, height)
+    written += maps
+    lamps = [] if light is None else [DirectionalLight.of(source) for source in light.lamps]
+    if light is not None:
+        image = light.image if height is None else resized_map(light.image, height)
+        for name in ("light.exr", "light.hdr"):
+            write_map(folder / name, image)
+        write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
+        written += [folder / "light.exr", folder / "light.hdr", folder / "scene.glb"]
+    if usd:
+        written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps)
+    return written

@@ -1,4 +1,4 @@
-"""A binary glTF 2.0 file with one textured object.
+"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual) where there are some.
 
 Layout: a 12-byte header, a JSON chunk padded with spaces and a binary chunk padded with zeros, each to four bytes;
 every array and picture starts at a multiple of four (glTF 2.0, sections 3.6 and 4.4).
@@ -6,6 +6,7 @@ every array and picture starts at a multiple of four (glTF 2.0, sections 3.6 and
 
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,11 @@ import numpy as np
 
 from lightprobe.core.files import write_bytes
 from lightprobe.export.gltf_mesh import GltfMesh
+from lightprobe.export.lamps import DirectionalLight
 
 _FLOAT, _UINT = 5126, 5125  # component types of glTF 2.0
 _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of buffer views
+_LIGHTS = "KHR_lights_punctual"
 _SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # trilinear, clamped
 
 
@@ -62,13 +65,18 @@ class _Binary:
         return len(self.accessors) - 1
 
 
-def write_glb(path: Path, mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object") -> None:
+def write_glb(
+    path: Path, mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object",
+    lights: Sequence[DirectionalLight] = (),
+) -> None:  # fmt: skip
     """Write the object as a GLB file, atomically; raise `ResourceError` when the disk refuses."""
-    write_bytes(path, encode_glb(mesh, pictures, name=name))
+    write_bytes(path, encode_glb(mesh, pictures, name=name, lights=lights))
 
 
-def encode_glb(mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object") -> bytes:
-    """Return the bytes of a GLB file with one node, one mesh and one metallic-roughness material."""
+def encode_glb(
+    mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object", lights: Sequence[DirectionalLight] = ()
+) -> bytes:
+    """Return the bytes of a GLB file with one mesh of one metallic-roughness material, and a node for each light."""
     binary = _Binary()
     attributes = {
         "POSITION": binary.array(mesh.positions, "VEC3", bounds=True),
@@ -94,7 +102,28 @@ def encode_glb(mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object") 
         "bufferViews": binary.views,
         "buffers": [{"byteLength": len(binary.data)}],
     }
-    return _container(document, bytes(binary.data))
+    return _container(_with_lights(document, lights), bytes(binary.data))
+
+
+def _with_lights(document: dict[str, Any], lights: Sequence[DirectionalLight]) -> dict[str, Any]:
+    """Return the document of one node with directional lights in nodes of their own."""
+    if not lights:
+        return document
+    named = [(f"sun_{k + 1}", light) for k, light in enumerate(lights)]
+    punctual = [
+        {"type": "directional", "name": name, "color": list(light.color), "intensity": light.intensity}
+        for name, light in named
+    ]
+    nodes = [
+        {"name": name, "rotation": list(light.quaternion()), "extensions": {_LIGHTS: {"light": k}}}
+        for k, (name, light) in enumerate(named)
+    ]
+    return document | {
+        "extensionsUsed": [_LIGHTS],
+        "extensions": {_LIGHTS: {"lights": punctual}},
+        "nodes": [*document["nodes"], *nodes],
+        "scenes": [{"nodes": list(range(1 + len(nodes)))}],
+    }
 
 
 def _material(name: str) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         return tuple(LightSource.from_json(one) for one in given), Sun(value["map"]["sun"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{path} says what no light source can be ({shown(str(error))}); remove it, and sources are found in the map."
+            f"{path} says what no light source can be ({shown(str(error))}); remove it, and they are found in the map."
         ) from error
 
 

@@ -88,15 +88,15 @@ class Environment:
 
         Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
         """
-        return Environment.from_panorama(read_panorama(Path(path)), resolution).to(device or torch.device("cpu"))
+        return Environment.from_panorama(read_map(Path(path)), resolution).to(device or torch.device("cpu"))
 
     def save(self, path: Path | str, height: int | None = None) -> None:
         """Write it as an equirectangular .exr or .hdr of 2R rows, or `height`; `ConfigError` for any other suffix."""
         write_map(Path(path), self.panorama(height))
 
 
-def read_panorama(path: Path) -> np.ndarray:
-    """Return the linear radiance (H, 2H, 3) float32 of an equirectangular EXR or Radiance map.
+def read_map(path: Path) -> np.ndarray:
+    """Return an equirectangular EXR or Radiance map (H, 2H, 3) float32 >= 0, all of its texels.
 
     Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
     """
@@ -106,7 +106,7 @@ def read_panorama(path: Path) -> np.ndarray:
         raise InputError(f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H.")
     if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
         raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
-    return image[..., :3]
+    return np.ascontiguousarray(image[..., :3], np.float32)
 
 
 def load_environments(folder: Path, resolution: int) -> list[Environment]:

@@ -22,7 +22,7 @@ from lightprobe.light import cubemap
 
 BASIS = ("Y00", "Y1-1", "Y10", "Y11", "Y2-2", "Y2-1", "Y20", "Y21", "Y22")
 WINDOW = tuple(0.5 * (1 + math.cos(math.pi * level / 3)) for level in range(3))
-_LEVEL = (0, 1, 1, 1, 2, 2, 2, 2, 2)
+_LEVEL = (0, 1, 1, 1, 2, 2, 2, 2, 2)  # l of each
 
 
 def basis(directions: Tensor) -> Tensor:

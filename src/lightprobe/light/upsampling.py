@@ -20,11 +20,11 @@ import numpy as np
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import resize_area
 
-HEIGHTS = (64, 128, 256, 512, 1024, 2048)
+HEIGHTS = (64, 128, 256, 512, 1024, 2048)  # rows of the maps that may be asked for
 _SIZE = re.compile(r"(\d{1,5})(?:x(\d{1,5}))?")
-_ITERATIONS, _CLOSE = 60, 1e-4  # of the fixed point, and the largest relative error at which it may stop
+_ITERATIONS, _CLOSE = 60, 1e-3  # of the fixed point, and the largest relative error at which it may stop
 _MIDPOINTS = 8  # samples along a texel up to which they are those of the wanted map; beyond, Gauss' rule does as well
-_GAUSS = 5
+_GAUSS = 4  # points of that rule
 _BLACK = 1e-6  # of a channel's mean: what is darker is interpolated as this, and scaled to its mean at the end
 _AT_ONCE = 2**18  # texels of the wanted map that are computed at once
 

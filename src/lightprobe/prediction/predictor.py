@@ -75,7 +75,9 @@ class Predictor:
         self.device = full_precision(device or torch.device("cpu"))
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         # The networks know the object as it was trained; what they say of it is calibrated at the end.
-        self._asset = self.decomposition.asset if decomposition.trained is None else decomposition.trained.to(self.device)
+        self._asset = (
+            self.decomposition.asset if decomposition.trained is None else decomposition.trained.to(self.device)
+        )
         self.model = None if model is None else model.to(self.device)
         self.config = config or PredictConfig()
         self.solve_config = solve_config or SolveConfig()

@@ -1,22 +1,23 @@
 """How bright the suns and lamps of a predicted light are, and where exactly, by the photo's own shadows.
 
-A predicted map is blurred, and shares its light between a lamp and what is around it as the network expects. The photo
-decides: it is linear in its light, and a lamp's part of it has the object's own shadows, sharp ones. Per channel,
+The photo is linear in its light, and a source's part of it has the object's own shadows, sharp ones. Per channel,
 
-    minimise  mean_p w_p (sum_k a_k x_k + sum_j b_j y_j - I)^2_p / v  N  +  sum_k (x_k - 1)^2 / s_x^2
+    minimise  mean_p w_p (sum_k a_k x_k + sum_j b_j y_j - I)^2_p N / v  +  sum_k (x_k - 1)^2 / s_x^2
               + sum_j (y_j - 1)^2 / s_y^2,    x, y >= 0
 
 a_k is the image of source k as predicted, b_j that of the rest of the light, times the squared component of the
-direction along one of the six half axes (these sum to 1). x and y are factors on the prediction; w weighs pixels as in
-`prediction.solve`, clipped pixels are one-sided, v is the mean square that no factors explain. Errors of an object are
-alike all over a part of it, so all pixels count as only N independent ones. Non-negative least squares.
+direction along one of the six half axes (these sum to 1). x and y are factors on the prediction; v is the mean square
+that no factors explain. Errors of an object are alike all over a part of it, so all pixels count as only N independent
+ones. Clipped pixels are one-sided. Iteratively reweighted non-negative least squares: the weights w make the sum one of
+absolute displayed errors, at the render's brightness. Plain squares, weighted by the photo's, let the errors of normals
+and roughness dim the sources by a third (docs/decisions/key-lights.md).
 
-The key source is also moved: to where the same problem leaves the smallest rest, along a shrinking pattern of six
-directions around it, unless that is as good as nothing.
+The key source is moved as well, to where N ln(error there / error here) says more than its distance in units of the
+deviation that predicted directions have.
 
-The uncertainty of a source is one standard deviation of its irradiance relative to it, from the inverse Hessian of the
-above: large where the photo does not tell the source from the rest, or the object explains the photo badly. That of
-its direction comes from how fast the rest grows around the best place.
+The uncertainty of a source is one standard deviation of its irradiance relative to it: that of the above, from its
+inverse Hessian, and the one that fitted key lights have against true ones where the object is a reconstructed one, as
+a photo cannot tell what its object gets wrong. A direction has one of the same two parts.
 """
 
 import math
@@ -33,7 +34,7 @@ from lightprobe.kernels import gather_rows
 from lightprobe.light import cubemap
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.environment import Environment
-from lightprobe.light.photometry import beyond_clipping, relative_tone_weight
+from lightprobe.light.photometry import beyond_clipping, exposure_unit, one_sided_residual, tone_slope
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.light.resize import resize_light
 from lightprobe.light.sources import LightSource, SplitLight, split_light
@@ -42,15 +43,17 @@ from lightprobe.render.depth_maps import DepthMaps, frames
 from lightprobe.render.split_sum import reflectance
 from lightprobe.render.transport import Transport
 
-_PIXELS = 3072
-_INDEPENDENT = 100.0  # pixels that all pixels together count as
-_SOURCE_SPREAD, _REST_SPREAD = 1.0, 0.5  # what is expected of the factors' departure from 1
-_ROUNDS = 3  # of clipped pixels and of v
+_PIXELS = 3072  # of the photo, at most
+_INDEPENDENT = 20.0  # pixels that all pixels together count as
+_SOURCE_SPREAD, _REST_SPREAD = 0.4, 0.1  # what is expected of the factors' departure from 1
+_ROUNDS = 4  # of weights, clipped pixels and v
+_FLOOR = 0.005  # displayed error below which all pixels count alike
 _SHADOW_SIDE = 512  # pixels of a depth map
 _RINGS = tuple(math.radians(angle) for angle in (8.0, 4.0, 2.0))  # of directions that are tried
 _AROUND = 6  # on each ring
-_BETTER = 0.99  # of the mean square error: less is no reason to move
-_LEAST_DIRECTION = math.radians(1.0)  # of the uncertainty of any direction
+_BLACK = 1e-3  # of the predicted irradiance: a source with less is not there, and its deviation is relative to this
+# Deviations of fitted key lights from true ones, relative and in radians, see docs/decisions/key-lights.md
+_USUAL_ERROR, _USUAL_TURN = 0.65, math.radians(4)
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,6 @@ class _Pixels:
     diffuse: Tensor  # (P, 3) what is reflected of diffuse light
     color: Tensor  # (P, 3)
     clipped: Tensor  # (P, 3) bool
-    weight: Tensor  # (P,), sums to 1
     resolution: int
 
     @staticmethod
@@ -76,12 +78,10 @@ class _Pixels:
         seen = observation.gbuffer.select(rows)
         outward = torch.nn.functional.normalize(face_normals(mesh.vertices, mesh.faces), dim=1, eps=1e-20)
         maps = DepthMaps.of(mesh.vertices, mesh.faces, seen.position, gather_rows(outward, seen.face), _SHADOW_SIDE)
-        color = observation.pixels.color[chosen]
-        weight = relative_tone_weight(color, observation.light_level)
         transport = Transport(seen, prefilters.cached(resolution, rows.device))
         return _Pixels(
-            replace(observation, gbuffer=seen), transport, maps, rows, reflectance(seen).diffuse, color,
-            observation.clipped[chosen], weight / weight.sum(), resolution,
+            replace(observation, gbuffer=seen), transport, maps, rows, reflectance(seen).diffuse,
+            observation.pixels.color[chosen], observation.clipped[chosen], resolution,
         )  # fmt: skip
 
     def lit(self, source: LightSource) -> Tensor:
@@ -110,8 +110,8 @@ class _Solution:
     """Factors of the K sources and the rest's parts, per channel."""
 
     factors: np.ndarray  # (3, K + 6)
-    error: float  # weighted mean square of what is not explained, all channels, in units of the photo's
-    hessian: np.ndarray  # (3, K + 6, K + 6)
+    error: float  # mean square of what is not explained, displayed
+    deviation: np.ndarray  # (3, K + 6) of the factors
 
 
 @torch.no_grad()
@@ -135,17 +135,22 @@ def fitted_sources(observation: Observation, environment: Environment, mesh: Mes
 def _scaled(source: LightSource, solved: _Solution, index: int) -> LightSource:
     """Return source `index` with its factors, and with the deviation of its luma relative to it."""
     factor = solved.factors[:, index]
-    deviation = np.sqrt([np.linalg.inv(h)[index, index] for h in solved.hessian])
     share = np.asarray(source.irradiance)
-    relative = float((deviation * share).sum() / max((factor * share).sum(), 1e-3 * share.sum()))
-    return replace(source.scaled(torch.from_numpy(factor)), uncertainty=relative)
+    least = _BLACK * share.sum()
+    relative = float((solved.deviation[:, index] * share).sum() / max((factor * share).sum(), least, 1e-30))
+    return replace(source.scaled(torch.from_numpy(factor)), uncertainty=math.hypot(relative, _USUAL_ERROR))
 
 
 def _moved(
     pixels: _Pixels, key: LightSource, images: list[Tensor], rest: list[Tensor], solved: _Solution
 ) -> tuple[LightSource, _Solution, list[Tensor], float]:
     """Return the key source where it explains the photo best, all that follows from it, and its direction's doubt."""
-    best, errors, begin = (key, images[0], solved), [], solved.error
+    best, errors = (key, images[0], solved), []
+
+    def gain(turned: LightSource, trial: _Solution) -> float:
+        apart = math.acos(min(1.0, sum(a * b for a, b in zip(turned.direction, key.direction, strict=True))))
+        return _INDEPENDENT * math.log(solved.error / trial.error) - (apart / _USUAL_TURN) ** 2
+
     for ring in _RINGS:
         tried = []
         for direction in _ring(torch.tensor(best[0].direction, dtype=torch.float64), ring):
@@ -154,11 +159,9 @@ def _moved(
             image = pixels.lit(source)
             tried.append((source, image, _solve(pixels, [image, *images[1:], *rest])))
         errors.append((ring, float(np.mean([one[2].error for one in tried]))))
-        nearest = min(tried, key=lambda one: one[2].error)
-        if nearest[2].error < best[2].error:
+        nearest = max(tried, key=lambda one: gain(one[0], one[2]))
+        if gain(nearest[0], nearest[2]) > gain(best[0], best[2]):
             best = nearest
-    if best[2].error > _BETTER * begin:
-        best = (key, images[0], solved)
     return best[0], best[2], [best[1], *images[1:]], _direction_doubt(best[2].error, errors)
 
 
@@ -167,33 +170,39 @@ def _direction_doubt(least: float, errors: list[tuple[float, float]]) -> float:
 
     exp(-N error / (2 least)) is a Gaussian of the direction where the error is a parabola.
     """
-    growth = [max(error / max(least, 1e-30) - 1, 1e-4) / ring**2 for ring, error in errors]
-    deviation = 1 / math.sqrt(_INDEPENDENT * float(np.median(growth)))
-    return float(min(max(deviation, _LEAST_DIRECTION), math.pi / 2))
+    growth = [max(error / least - 1, 1e-4) / ring**2 for ring, error in errors]
+    return min(math.hypot(1 / math.sqrt(_INDEPENDENT * float(np.median(growth))), _USUAL_TURN), math.pi / 2)
 
 
 def _solve(pixels: _Pixels, columns: list[Tensor]) -> _Solution:
     """Return the factors of the images `columns` (P, 3), sources first and the rest's six parts last."""
-    matrix = torch.stack(columns, 0).double().cpu().numpy()  # (M, P, 3)
-    photo, clipped = pixels.color.double().cpu().numpy(), pixels.clipped
-    spread = np.array([_SOURCE_SPREAD] * (len(columns) - 6) + [_REST_SPREAD] * 6)
-    weight = np.repeat(pixels.weight.double().cpu().numpy()[:, None], 3, 1)
-    factors = np.ones((3, len(columns)))
-    error = np.full(3, np.inf)
-    hessian = np.zeros((3, len(columns), len(columns)))
+    matrix = torch.stack(columns, 0).double().permute(2, 1, 0)  # (3, P, M)
+    photo, clipped = pixels.color.double(), pixels.clipped
+    unit = exposure_unit(photo)
+    spread = matrix.new_tensor([_SOURCE_SPREAD] * (len(columns) - 6) + [_REST_SPREAD] * 6)
+    factors, deviation = matrix.new_ones(3, len(columns)), matrix.new_ones(3, len(columns))
     for _ in range(_ROUNDS):
-        render = np.einsum("mpc,cm->pc", matrix, factors)
-        hidden = beyond_clipping(torch.from_numpy(render), torch.from_numpy(photo), clipped.cpu()).numpy()
-        active = np.where(hidden, 0.0, weight)
-        error = np.maximum((active * (render - photo) ** 2).sum(0), 1e-8 * (weight * photo**2).sum(0) + 1e-30)
-        for c in range(3):
-            root = np.sqrt(_INDEPENDENT * active[:, c] / error[c])
-            system = np.concatenate([(root * matrix[:, :, c]).T, np.diag(1 / spread)])
-            factors[c], _ = scipy.optimize.nnls(system, np.concatenate([root * photo[:, c], 1 / spread]))
-            hessian[c] = system.T @ system
-    render = np.einsum("mpc,cm->pc", matrix, factors)
-    hidden = beyond_clipping(torch.from_numpy(render), torch.from_numpy(photo), clipped.cpu()).numpy()
-    return _Solution(factors, float((np.where(hidden, 0.0, weight) * (render - photo) ** 2).sum()), hessian)
+        render = (matrix @ factors[..., None])[..., 0].T
+        slope, residual = tone_slope(render / unit), one_sided_residual(render, photo, clipped) / unit
+        weight = slope.square() / (slope * residual.abs() + _FLOOR)
+        weight = torch.where(beyond_clipping(render, photo, clipped), 0.0, weight)
+        weight = weight / weight.sum(0).clamp(min=1e-30)
+        noise = (weight * residual.square()).sum(0).clamp(min=1e-8) * unit**2  # (3,)
+        pull = (_INDEPENDENT * weight / noise).T[..., None]  # (3, P, 1)
+        hessian = matrix.mT @ (pull * matrix) + torch.diag(spread**-2)
+        right = (matrix.mT @ (pull * photo.T[..., None]))[..., 0] + spread**-2
+        factors = torch.stack([_non_negative(h, r) for h, r in zip(hessian, right, strict=True)])
+        deviation = torch.linalg.inv(hessian).diagonal(dim1=1, dim2=2).sqrt()
+    render = (matrix @ factors[..., None])[..., 0].T
+    shown = tone_slope(render / unit) * one_sided_residual(render, photo, clipped) / unit
+    return _Solution(factors.cpu().numpy(), float(shown.square().mean().clamp(min=1e-8)), deviation.cpu().numpy())
+
+
+def _non_negative(hessian: Tensor, right: Tensor) -> Tensor:
+    """Return x >= 0 (M,) that minimises x^T H x / 2 - x^T r for a positive definite H (M, M)."""
+    lower = torch.linalg.cholesky(hessian).cpu()
+    wanted = torch.linalg.solve_triangular(lower, right.cpu()[:, None], upper=False)[:, 0]
+    return torch.from_numpy(scipy.optimize.nnls(lower.T.numpy(), wanted.numpy())[0]).to(hessian)
 
 
 def _ring(middle: Tensor, angle: float) -> Tensor:

@@ -5,14 +5,17 @@ from pathlib import Path
 
 import torch
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight, turntable
 from lightprobe.export import export, write_picture
+from lightprobe.export.usd import check_usd
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
+from lightprobe.runs.light_files import scene_light
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import read_camera
 from lightprobe.scene.record import read_record
@@ -61,16 +64,24 @@ def relight_run(
             on_progress("relight", done + 1, len(views))
 
 
-def export_run(run_folder: Path | str, output: Path, *, device: str | torch.device = "auto") -> list[Path]:
+def export_run(
+    run_folder: Path | str, output: Path, *, environment: Path | None = None, sun: Sun = Sun.SEPARATE,
+    height: int | None = None, usd: bool = False, device: str | torch.device = "auto",
+) -> list[Path]:  # fmt: skip
     """Write mesh.glb, its textures and the training photos' lights into a new or empty folder; return the files.
 
-    The first is the mesh. Raises `InputError` for a run that cannot be used, `ConfigError` for a folder with files.
+    The first is the mesh. environment: a map to write, too, with scene.glb, the mesh and the map's suns and lamps
+    (`runs.light_files`), unless `sun` leaves them inside the map. height, usd: as in `export.bundle.export`.
+    Raises `InputError` for a run or map that cannot be used, `ConfigError` for a folder with files.
     """
     run = RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
+    if usd:
+        check_usd()
+    light = None if environment is None else scene_light(environment, sun)
     decomposition = Decomposition.load(run, resolve_device(device))
     with filled_folder(output) as files:
-        written = export(decomposition, files, decomposition.lights)
+        written = export(decomposition, files, decomposition.lights, light=light, height=height, usd=usd)
         return [output / path.relative_to(files) for path in written]
 
 

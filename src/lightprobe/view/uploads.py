@@ -18,7 +18,7 @@ from lightprobe.core.errors import InputError, LightprobeError, shown
 from lightprobe.core.files import disk_errors
 from lightprobe.imaging import IMAGE_SUFFIXES, image_size, is_video
 from lightprobe.insertion import load_thing
-from lightprobe.light.environment import read_panorama
+from lightprobe.light.environment import read_map
 from lightprobe.view.light_files import light_suffix
 
 _MIB = 2**20  # bytes
@@ -132,7 +132,7 @@ def _checked(kind: UploadKind, path: Path, name: str) -> Path:
             return kept
         if kind is UploadKind.LIGHT:
             path = path.rename(path.with_suffix(light_suffix(path, name)))
-            read_panorama(path)
+            read_map(path)
             return path
         path = path.rename(path.with_suffix(".glb"))
         load_thing(path)

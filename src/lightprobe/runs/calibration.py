@@ -1,0 +1,198 @@
+"""Finding a run's calibration (`models.calibration`) from something known: a light, an albedo, or a meter's reading.
+
+All three are told by one photo. With g the factor of light per channel:
+
+    known light     the object under the map, base colours over g, has to look like the photo: g is the median over
+                    pixels of render / photo; a least-squares factor would dim what does not match
+    known albedo    of a point on the object: g = the run's base colour there / the albedo. Of a card beside it, of
+                    albedo a and pixel value p: g = pi p / (a E), E the irradiance that the run predicts on the card
+    light meter     g = lux / (K E), E the predicted irradiance on a surface that faces up, by luminance, K the cd/m^2
+                    of a unit of the photo (EXIF); one number for all channels
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.core.device import resolve_device
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.failures import writing
+from lightprobe.core.files import remove
+from lightprobe.core.run import RunFolder
+from lightprobe.evaluation import relight
+from lightprobe.export.light_file import candela_per_unit
+from lightprobe.imaging import LUMA
+from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
+from lightprobe.models import Decomposition
+from lightprobe.models.calibration import Calibration, is_plausible
+from lightprobe.prediction import Predictor
+from lightprobe.render.asset import rasterize_asset
+from lightprobe.runs.locations import LocationFiles, photo_mask
+from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
+from lightprobe.scene.camera import Camera
+
+_ROUNDS = 3  # of a factor that also changes what the object reflects onto itself
+_OPAQUE = 0.9  # coverage from which a pixel shows the object alone
+_PATCH = 0.01  # of the photo's longer side: half the edge of the square of pixels around a point
+_DARK = 1e-3  # linear value below which a ratio says nothing
+_FEWEST = 16  # pixels that a light is compared on
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of a photo whose albedo is known."""
+
+    x: float  # pixels from the left
+    y: float  # from the top
+    albedo: tuple[float, float, float]  # linear RGB
+
+
+def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Path | None, mask: Path | None,
+                       device: str | torch.device = "auto") -> Calibration:  # fmt: skip
+    """Find and store a run's calibration by a photo under a known light, a map in the photo's exposure.
+
+    Raises `InputError` for files that cannot be used, and when the light cannot be this photo's.
+    """
+    opened = _Opened.of(run, photo, camera, mask, device)
+    light = Environment.load(environment, opened.device)
+    factor = torch.ones(3)
+    decomposition, seen = opened.decomposition, opened.photo
+    for _ in range(_ROUNDS):
+        asset = _calibration(factor, "").applied(decomposition.asset)
+        image, cover = relight(replace(decomposition, asset=asset), light, seen.camera)
+        inside = (cover.cpu() > _OPAQUE) & (torch.from_numpy(seen.pixels.alpha) > _OPAQUE)
+        whole = inside & ~torch.from_numpy(seen.pixels.clipped).any(-1)
+        if int(whole.sum()) < _FEWEST:
+            raise InputError(f"{photo} shows too little of the object that is not clipped; expose it for the object.")
+        factor = factor * _median_ratio(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
+    return _stored(opened.run, factor, f"{photo.name} under {environment.name}")
+
+
+def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | None, mask: Path | None,
+                        up: bool = False, device: str | torch.device = "auto") -> Calibration:  # fmt: skip
+    """Find and store a run's calibration by a point of a photo: on the object, or on a card beside it.
+
+    up: whether the card lies flat and faces up; else it faces the camera. Raises `InputError` as `calibrate_by_light`.
+    """
+    opened = _Opened.of(run, photo, camera, mask, device)
+    patch = _patch(opened.photo, point)
+    albedo = torch.tensor(point.albedo)
+    gbuffer = rasterize_asset(
+        opened.decomposition.asset, opened.photo.camera.normalised(opened.decomposition.similarity), opened.device
+    )
+    chosen = torch.from_numpy(np.isin(gbuffer.pixel.cpu().numpy(), np.flatnonzero(patch)))
+    if bool(chosen.any()):
+        color = gbuffer.base_color.cpu()[chosen].median(0).values
+        return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
+    value = torch.from_numpy(np.median(opened.photo.pixels.color[patch], axis=0)).float()
+    if bool((value >= 0.98).any()) or bool((value <= 0).any()):
+        raise InputError(f"The pixels of {photo} at {point.x:g},{point.y:g} are black or clipped; expose for the card.")
+    normal = torch.tensor([0.0, 0.0, 1.0]) if up else _towards_camera(opened.photo.camera)
+    received = _irradiance(opened.predicted(), normal)
+    return _stored(opened.run, math.pi * value / (albedo * received), f"a card in {photo.name}")
+
+
+def calibrate_by_meter(run: Path, photo: Path, lux: float, *, camera: Path | None, mask: Path | None,
+                       device: str | torch.device = "auto") -> Calibration:  # fmt: skip
+    """Find and store a run's calibration by a light meter's reading beside the object, its sensor facing up.
+
+    Raises `InputError` as `calibrate_by_light`, and for a photo whose EXIF does not tell its exposure.
+    """
+    if not (math.isfinite(lux) and lux > 0):
+        raise ConfigError(f"--lux must be above 0, not {lux}.")
+    opened = _Opened.of(run, photo, camera, mask, device)
+    unit = candela_per_unit(opened.photo.ev100)
+    if unit is None:
+        raise InputError(
+            f"{photo} does not tell its exposure (time, f-number and ISO in EXIF), which a meter's reading needs; "
+            "calibrate with a grey card (--albedo) instead."
+        )
+    received = float(_irradiance(opened.predicted(), torch.tensor([0.0, 0.0, 1.0])) @ torch.from_numpy(LUMA))
+    return _stored(opened.run, torch.full((3,), lux / (unit * received)), f"{lux:g} lux beside {photo.name}")
+
+
+def reset_calibration(run_folder: Path) -> bool:
+    """Forget a run's calibration; return whether there was one."""
+    run = RunFolder.open(run_folder)
+    with writing(run):
+        there = run.calibration_file.exists()
+        remove(run.calibration_file)
+    return there
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """A run in its own gauge, and a photo of its object."""
+
+    run: RunFolder
+    photo: NewPhoto
+    decomposition: Decomposition
+    device: torch.device
+
+    @staticmethod
+    def of(folder: Path, image: Path, camera: Path | None, mask: Path | None, device: str | torch.device) -> "_Opened":
+        run, where = RunFolder.open(folder), resolve_device(device)
+        found = LocationFiles().within(run.path / "predictions", image)
+        photos = NewPhotos(run, [PhotoFiles(image, photo_mask(image, mask), found)], camera, False)
+        decomposition = Decomposition.load(run, where, calibrated=False)
+        photos.find_cameras_with(Predictor(decomposition, device=where))
+        return _Opened(run, photos.read(0), decomposition, where)
+
+    def predicted(self) -> Tensor:
+        """Return the light (6, R, R, 3) that the run finds in the photo, in its own gauge."""
+        found = Predictor.load(self.run.path, self.device).predict(self.photo.pixels, self.photo.camera)
+        light = found.environment.texels.cpu()
+        return light if found.calibration is None else light / found.calibration.tensor()
+
+
+def _patch(photo: NewPhoto, point: Point) -> np.ndarray:
+    """Return the pixels (H, W) bool around a point; raise `ConfigError` when it is not in the photo."""
+    height, width = photo.pixels.alpha.shape
+    if not (0 <= point.x < width and 0 <= point.y < height):
+        raise ConfigError(f"--at {point.x:g},{point.y:g} is outside of the photo, which is {width} x {height} pixels.")
+    row, column = np.mgrid[:height, :width]
+    reach = max(1.0, _PATCH * max(height, width))
+    return (np.abs(column + 0.5 - point.x) <= reach) & (np.abs(row + 0.5 - point.y) <= reach)
+
+
+def _median_ratio(render: Tensor, photo: Tensor) -> Tensor:
+    """Return the median (3,) of render / photo over pixels (N, 3), where neither is black."""
+    usable = (torch.minimum(render, photo) > _DARK).all(-1)
+    if int(usable.sum()) < _FEWEST:
+        raise InputError("Under this light the object is black where the photo is not; give the photo's own light.")
+    return (render[usable] / photo[usable]).median(0).values.float()
+
+
+def _towards_camera(camera: Camera) -> Tensor:
+    return torch.from_numpy(camera.camera_to_world[:3, 2].copy()).float()
+
+
+def _irradiance(light: Tensor, normal: Tensor) -> Tensor:
+    """Return the irradiance (3,) of a surface with a unit normal (3,) under a light (6, R, R, 3)."""
+    resolution = light.shape[1]
+    cosine = (cubemap.directions(resolution) @ normal).clamp(min=0) * cubemap.solid_angles(resolution)
+    return (light * cosine[..., None]).sum((0, 1, 2))
+
+
+def _calibration(factor: Tensor, source: str) -> Calibration:
+    r, g, b = (float(value) for value in factor)
+    return Calibration((r, g, b), source)
+
+
+def _stored(run: RunFolder, factor: Tensor, source: str) -> Calibration:
+    """Write the calibration into the run and return it; raise `InputError` when no run could be off by so much."""
+    if not is_plausible(factor.tolist()):
+        numbers = ", ".join(f"{value:.3g}" for value in factor.tolist())
+        raise InputError(
+            f"The run's brightness would be off by {numbers}, which cannot be: check the photo, its camera and what is "
+            "known of it, and that the light is in the photo's exposure."
+        )
+    found = _calibration(factor, source)
+    with writing(run):
+        found.save(run.calibration_file)
+    return found

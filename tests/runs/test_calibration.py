@@ -1,0 +1,129 @@
+"""Calibrations of a run whose object came out brighter than it is, by what is known of one photo."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.evaluation import relight
+from lightprobe.export.light_file import candela_per_unit
+from lightprobe.imaging import write_exr, write_png
+from lightprobe.light.environment import Environment
+from lightprobe.models import Decomposition
+from lightprobe.models.calibration import Calibration
+from lightprobe.prediction import Predictor
+from lightprobe.runs import calibration as calibrations
+from lightprobe.runs.calibration import Point, calibrate_by_albedo, calibrate_by_light, calibrate_by_meter
+from lightprobe.scene import load_photo
+from lightprobe.scene.record import scene_record
+from tests.known_scene import CPU, known_scene
+
+FACTOR = torch.tensor(
+    [1.3, 1.0, 0.8]
+)  # of the true light over the run's: base colours came out so many times too bright
+
+
+@pytest.fixture(scope="module")
+def lit(tmp_path_factory):
+    """A run, a photo of the true object, its camera file and its true light."""
+    folder = tmp_path_factory.mktemp("calibration")
+    true, scene = known_scene(folder)
+    photo = scene.test[0]
+    textures = true.asset.textures
+    bright = dataclasses.replace(textures, base_color=(textures.base_color * FACTOR).clamp(max=1))
+    run = RunFolder.create(folder / "run")
+    run.record_scene(scene_record(scene))
+    lights = {one.name: Environment(torch.ones(6, 16, 16, 3)) for one in scene.train}
+    decomposition = Decomposition(dataclasses.replace(true.asset, textures=bright), lights, true.similarity)
+    decomposition.save(run)
+    light = Environment.load(photo.truth.environment).scaled(0.6)
+    image, cover = relight(true, light, photo.camera)
+    shot = folder / "shot.png"
+    write_png(shot, (image / cover.clamp(min=1e-6)[..., None]).numpy(), cover.numpy(), bits=16)
+    write_exr(folder / "light.exr", light.panorama())
+    (folder / "camera.json").write_text(json.dumps(photo.camera.to_json()))
+    return run, true, shot, folder, light
+
+
+@pytest.fixture
+def clean(lit):
+    yield lit
+    calibrations.reset_calibration(lit[0].path)
+
+
+def test_a_known_light_tells_the_factor(clean):
+    run, true, shot, folder, _ = clean
+    before = run.asset_file.read_bytes()
+    found = calibrate_by_light(run.path, shot, folder / "light.exr", camera=folder / "camera.json", mask=None)
+    assert found.factor == pytest.approx(FACTOR.tolist(), rel=0.03)
+    assert run.asset_file.read_bytes() == before
+    loaded = Decomposition.load(run, CPU)
+    error = (loaded.asset.textures.base_color - true.asset.textures.base_color).abs().mean()
+    assert float(error) < 0.02
+    assert torch.equal(
+        loaded.trained.textures.base_color, Decomposition.load(run, CPU, calibrated=False).asset.textures.base_color
+    )
+    (name,) = list(loaded.lights)[:1]
+    assert loaded.lights[name].mean().tolist() == pytest.approx(found.factor)
+    again = calibrate_by_light(run.path, shot, folder / "light.exr", camera=folder / "camera.json", mask=None)
+    assert again == found  # not on top of itself
+
+
+def test_a_point_of_known_albedo_on_the_object_tells_the_factor(clean):
+    run, _, shot, folder, _ = clean
+    color = (Decomposition.load(run, CPU).asset.textures.base_color / FACTOR).mean((0, 1))
+    point = Point(28, 28, tuple(color.tolist()))
+    found = calibrate_by_albedo(run.path, shot, point, camera=folder / "camera.json", mask=None)
+    assert found.factor == pytest.approx(FACTOR.tolist(), rel=0.5)  # the albedo is only the object's mean
+
+
+def test_predictions_are_in_the_true_gauge_and_still_explain_the_photo(clean):
+    run, _, shot, folder, _ = clean
+    pixels, camera = load_photo(shot, camera=folder / "camera.json")
+    before = Predictor.load(run.path).predict(pixels, camera, sources=True)
+    Calibration((2.0, 1.0, 0.5), "x").save(run.calibration_file)
+    after = Predictor.load(run.path).predict(pixels, camera, sources=True)
+    torch.testing.assert_close(after.environment.texels, before.environment.texels * torch.tensor([2.0, 1.0, 0.5]))
+    assert after.calibration is not None
+    for one, other in zip(before.split.sources, after.split.sources, strict=True):
+        assert other.irradiance == pytest.approx([2 * one.irradiance[0], one.irradiance[1], one.irradiance[2] / 2])
+
+
+def test_a_card_and_a_meter_measure_the_predicted_light(clean, monkeypatch):
+    run, _, shot, folder, _ = clean
+    camera = folder / "camera.json"
+    opened = calibrations._Opened.of(run.path, shot, camera, None, "cpu")
+    flat = torch.full((6, 8, 8, 3), 2.0)  # irradiance 2 pi whichever way a card faces
+    monkeypatch.setattr(calibrations._Opened, "predicted", lambda self: flat)
+    color = opened.photo.pixels.color.copy()
+    color[:6, :6] = 0.18 * torch.tensor([3.0, 2.0, 1.0]).numpy()  # of a grey card under radiance 3, 2 and 1
+    photo = dataclasses.replace(opened.photo, pixels=dataclasses.replace(opened.photo.pixels, color=color), ev100=10.0)
+    monkeypatch.setattr(calibrations._Opened, "of", staticmethod(lambda *_: dataclasses.replace(opened, photo=photo)))
+    card = calibrate_by_albedo(run.path, shot, Point(2, 2, (0.18, 0.18, 0.18)), camera=camera, mask=None)
+    assert card.factor == pytest.approx((1.5, 1.0, 0.5), rel=1e-3)
+    lux = candela_per_unit(10.0) * 2 * math.pi * 1.25
+    meter = calibrate_by_meter(run.path, shot, lux, camera=camera, mask=None)
+    assert meter.factor == pytest.approx((1.25, 1.25, 1.25), rel=1e-2)
+
+
+def test_what_cannot_be_is_one_sentence_and_stores_nothing(clean):
+    run, _, shot, folder, _ = clean
+    camera = folder / "camera.json"
+    write_exr(folder / "dark.exr", np.full((16, 32, 3), 1e-6, np.float32))
+    write_exr(folder / "glaring.exr", np.full((16, 32, 3), 1e3, np.float32))
+    with pytest.raises(InputError, match="cannot be"):
+        calibrate_by_light(run.path, shot, folder / "glaring.exr", camera=camera, mask=None)
+    with pytest.raises(InputError, match="own light"):
+        calibrate_by_light(run.path, shot, folder / "dark.exr", camera=camera, mask=None)
+    with pytest.raises(InputError, match=r"EXIF.*--albedo"):
+        calibrate_by_meter(run.path, shot, 500.0, camera=camera, mask=None)
+    with pytest.raises(ConfigError, match="outside of the photo"):
+        calibrate_by_albedo(run.path, shot, Point(900, 2, (0.18, 0.18, 0.18)), camera=camera, mask=None)
+    with pytest.raises(ConfigError, match="--lux"):
+        calibrate_by_meter(run.path, shot, -1.0, camera=camera, mask=None)
+    assert not run.calibration_file.exists()
