@@ -145,6 +145,15 @@ def _show(scene: Scene, inserted: Insertion, name: str) -> None:
     Image.fromarray((row.clip(0, 1) * 255 + 0.5).astype(np.uint8)).save(scene.folder / f"{name}.png")
 
 
+def write_picture(rows: Sequence[Path], path: Path) -> None:
+    """Write photo, insertion and truth out of the scenes' pictures, one scene below the other."""
+    parts = []
+    for row in rows:
+        with Image.open(row) as image:
+            parts.append(np.asarray(image)[:, : 3 * image.height])
+    Image.fromarray(np.concatenate(parts)).save(path, quality=80)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line and measure."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
@@ -153,6 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--side", type=int, default=256, help="pixels of the photos")
     parser.add_argument("--samples", type=int, default=512, help="paths of a pixel")
     parser.add_argument("--cases", nargs="+", default=[case.name for case in CASES])
+    parser.add_argument("--picture", type=Path, metavar="P.jpg", help="photo, insertion and truth of all scenes")
     given = parser.parse_args(arguments)
     torch.set_num_threads(1)
     scores = {}
@@ -166,6 +176,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     flush=True,
                 )
     write_json(given.folder / "scores.json", scores)
+    if given.picture is not None:
+        name = "true" if given.run is None else "predicted"
+        write_picture([given.folder / case / f"{name}.png" for case in scores], given.picture)
 
 
 if __name__ == "__main__":

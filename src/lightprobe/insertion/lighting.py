@@ -13,6 +13,7 @@ import scipy
 import torch
 from torch import Tensor
 
+from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.insertion.ground_light import Caster, GroundLight, camera_ground_light, plan_ground_light
 from lightprobe.insertion.occlusion import GroundPlan, SurfacePoints, both, over_ground, past, simplified
 from lightprobe.insertion.placement import Placed
@@ -89,7 +90,7 @@ def set_stage(
     solid = simplified(thing.vertices, thing.faces, thing_face_colors(thing))
     body = simplified(known.vertices, known.faces, _face_colors(asset))
     alone = asset.visibility or textured_visibility(known, asset.textures.flat())
-    known_normals = _vertex_normals(known.vertices, known.faces)
+    known_normals = vertex_normals(known.vertices, known.faces)
     own = past(*solid, points.points, points.normals)
     thing_sees = both(own, past(*body, points.points, points.normals), points.normals)
     known_sees = both(alone, past(*solid, known.vertices, known_normals), known_normals)
@@ -108,12 +109,7 @@ def set_stage(
     if seen is not None:  # the ground in the open
         share = lit.without.reshape(-1, 3)[torch.from_numpy(ring).to(seen.device)] / patches.total().clamp(min=1e-12)
         light = Light.of(environment, (seen / share.clamp(min=0.05)).median(0).values)
-    corner, cell = _plan_square(known.vertices, thing.vertices)
-    rough = SkyPatches.of(environment, _PLAN_CUTS)
-    plan = plan_ground_light(rough, *casters, ground, corner, cell, _PLAN)
-    before, after = (
-        GroundPlan.of(plan, rough.total(), corner, cell, ground, thing=with_thing) for with_thing in (False, True)
-    )
+    before, after = _plans(environment, *casters, ground)
     return Stage(
         light, lit, points, over_ground(thing_sees, points.points, points.normals, after),
         over_ground(alone, known.vertices, known_normals, before),
@@ -134,12 +130,6 @@ def thing_face_colors(thing: Thing) -> Tensor:
 
 def _face_colors(asset: Asset) -> Tensor:
     return sample(asset.textures.flat(), asset.mesh.uvs[asset.mesh.uv_faces.long()].mean(1))[:, :3].contiguous()
-
-
-def _vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
-    from lightprobe.geometry.mesh import vertex_normals
-
-    return vertex_normals(vertices, faces)
 
 
 def _arriving(visibility: VertexVisibility, normals: Tensor, light: Light) -> Tensor:
@@ -178,6 +168,17 @@ def _ring(camera: Camera, mask: np.ndarray, asset: Asset, ground: float) -> np.n
     reach = _RING * np.linalg.norm(body - middle, axis=1).max()
     near = (along > 0) & np.isfinite(along) & (np.linalg.norm(point - middle, axis=1) < reach)
     return (row * width + column)[near]
+
+
+def _plans(environment: Environment, known: Caster, thing: Caster, ground: float) -> tuple[GroundPlan, GroundPlan]:
+    """Return the plans of the ground's light around both objects, without and with the thing."""
+    corner, cell = _plan_square(known.vertices, thing.vertices)
+    patches = SkyPatches.of(environment, _PLAN_CUTS)
+    light = plan_ground_light(patches, known, thing, ground, corner, cell, _PLAN)
+    without, with_thing = (
+        GroundPlan.of(light, patches.total(), corner, cell, ground, thing=there) for there in (False, True)
+    )
+    return without, with_thing
 
 
 def _plan_square(*vertices: Tensor) -> tuple[Tensor, float]:

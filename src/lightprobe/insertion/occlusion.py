@@ -129,7 +129,7 @@ def simplified(vertices: Tensor, faces: Tensor, colors: Tensor) -> tuple[Tensor,
 
     Vertices at one point are one, so that a solid is closed and only the faces that look at a light need be drawn.
     """
-    points, index = np.unique(vertices.cpu().numpy(), axis=0, return_inverse=True)
+    points, index = np.unique(vertices.cpu().numpy() + 0.0, axis=0, return_inverse=True)
     welded = index.reshape(-1)[faces.cpu().numpy()].astype(np.int32)
     device = vertices.device
     if len(faces) <= _CASTER_FACES:

@@ -10,7 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from lightprobe.core.device import generator
 from lightprobe.core.errors import ConfigError
+from lightprobe.geometry.mesh import face_normals
 from lightprobe.insertion.thing import Thing
 from lightprobe.scene.camera import Camera, Similarity
 
@@ -21,6 +23,7 @@ _USUAL = 0.6  # the height otherwise
 _GAP = 0.15  # of the thing's radius, between it and the object
 _BEARINGS = 24  # places around the object that are tried
 _LARGEST_SCALE = 100.0
+_SPREAD = 20_000  # points that tell where the thing is
 _CELLS = 48  # of the grid in which two objects are found to be in one place
 
 
@@ -91,7 +94,7 @@ def place(thing: Thing, known: Tensor, similarity: Similarity, camera: Camera, m
     else:
         spot = ground_point(camera, wish.at, ground)
     moved = standing.vertices + standing.vertices.new_tensor([spot[0], spot[1], 0.0])
-    if wish.at is not None and _overlap(moved, known):
+    if wish.at is not None and _overlap(_surface_points(moved, standing.faces), known):
         warnings.append("The thing stands within the known object; give another place with --at.")
     pixel = camera.project(np.array([[spot[0], spot[1], ground]]))[0]
     at = (float(pixel[0]), float(pixel[1]))
@@ -163,8 +166,21 @@ def _beside(standing: Thing, known: Tensor, camera: Camera, mask: np.ndarray) ->
     return best, score >= 0.97
 
 
+def _surface_points(vertices: Tensor, faces: Tensor) -> Tensor:
+    """Return points (N, 3) spread evenly over a mesh (V, 3), (F, 3), its vertices among them."""
+    area = face_normals(vertices, faces).norm(dim=1)
+    random = generator(0, "surface")
+    face = torch.multinomial(area + 1e-30, _SPREAD, replacement=True, generator=random)
+    share = -torch.rand(_SPREAD, 3, generator=random).clamp(min=1e-9).log()  # a flat Dirichlet distribution
+    share = share / share.sum(1, keepdim=True)
+    return torch.cat([vertices, (vertices[faces[face].long()] * share[..., None]).sum(1)])
+
+
 def _overlap(points: Tensor, known: Tensor) -> bool:
-    """Return whether vertices of two objects share a column of space: a cell of the ground, at a common height."""
+    """Return whether the known object (V, 3) has vertices within a thing with surface points (N, 3).
+
+    Within: in a cell of the ground where the thing is, between its lowest and its highest point there.
+    """
     both = torch.cat([points, known.to(points)])
     low, size = points.amin(0), (points.amax(0) - points.amin(0)).clamp(min=1e-9)
     cell = ((both - low) / size[:2].amax() * _CELLS).long()

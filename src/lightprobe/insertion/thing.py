@@ -246,7 +246,7 @@ def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Mater
 
 def _encloses(part: _Part) -> bool:
     """Return whether a part bounds a solid, where vertices that textures and creases have split are one again."""
-    points, index = np.unique(part.vertices.astype(np.float32), axis=0, return_inverse=True)
+    points, index = np.unique(part.vertices.astype(np.float32) + 0.0, axis=0, return_inverse=True)
     return is_closed(torch.from_numpy(points), torch.from_numpy(index.reshape(-1)[part.faces]))
 
 

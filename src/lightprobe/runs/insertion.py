@@ -49,10 +49,7 @@ def insert_object(
     that cannot be meant; nothing is written then.
     """
     start, output, image = time.perf_counter(), Path(output), Path(photo)
-    if output.suffix.lower() != ".png":
-        raise ConfigError(f"Cannot write the picture as '{output.name}': name it .png; its layers are OpenEXR files.")
-    if output.resolve() == image.resolve():
-        raise ConfigError(f"The picture would replace the photo {image}; give it another name.")
+    _check_name(output, image)
     wish = Wish(at, scale, turn)
     wish.check()
     found, folder, where = load_thing(Path(thing)), RunFolder.open(Path(run)), resolve_device(device)
@@ -69,8 +66,7 @@ def insert_object(
     if light is None:
         prediction = predictor.predict(new.pixels, new.camera, background=new.background, doubt=new.doubt)
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
-    color, alpha = photos.whole(0, new)
-    view = PhotoView(color, alpha, new.camera, opaque=is_opaque(image))
+    view = PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
     inserted = insert(predictor.decomposition, light, view, found, wish)
     files = LayerFiles.of(output)
     inserted.write(files)
@@ -78,3 +74,11 @@ def insert_object(
         files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
         time.perf_counter() - start, (*warnings, *inserted.warnings), new.location,
     )  # fmt: skip
+
+
+def _check_name(output: Path, image: Path) -> None:
+    """Raise `ConfigError` for a picture that cannot be written under this name, or would replace the photo."""
+    if output.suffix.lower() != ".png":
+        raise ConfigError(f"Cannot write the picture as '{output.name}': name it .png; its layers are OpenEXR files.")
+    if output.resolve() == image.resolve():
+        raise ConfigError(f"The picture would replace the photo {image}; give it another name.")
