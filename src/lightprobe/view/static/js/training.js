@@ -75,7 +75,7 @@ function draw() {
   parts.numbers.replaceChildren(el("dl", { className: "numbers" },
     number("Time left in this phase", now.running ? duration(now.seconds_left) : "–"),
     number("Loss", loss ? loss.loss.toPrecision(3) : "–"),
-    number("Held-out photos", score ? `${Math.max(score.held_out, score.held_out_before).toFixed(2)} dB` : "after the second pass"),
+    number("Held-out photos", score ? `${Math.max(score.held_out, score.held_out_before).toFixed(2)} dB` : finished ? "–" : "after the second pass"),
     number("Trained for", duration(now.phases.reduce((sum, phase) => sum + (phase.seconds ?? 0), 0)))));
   parts.bars.replaceChildren(el("div", { className: "stages" }, ...now.phases.flatMap(bar)));
   drawChart(parts.loss, ["decompose", "distill"].map(series).filter((one) => one.points.length), { log: watched.records.every((record) => record.loss === undefined || record.loss > 0) });
