@@ -64,7 +64,7 @@ def browser():
 @pytest.fixture
 def page(server, browser):
     """A page of its own for each test, which fails if something is written to the console."""
-    context = browser.new_context(viewport={"width": 1100, "height": 700}, accept_downloads=True)
+    context = browser.new_context(viewport={"width": 880, "height": 460}, accept_downloads=True)
     opened = context.new_page()
     opened.set_default_timeout(PATIENCE)
     opened.said = []
@@ -88,7 +88,7 @@ def drawn(page):
         if before is not None and np.array_equal(before, now):
             return now
         before = now
-        page.wait_for_timeout(60)
+        page.wait_for_timeout(30)
 
 
 def differ(before, after):
@@ -98,9 +98,9 @@ def differ(before, after):
 def test_the_object_is_turned_and_lit_anew(page, server):
     open_object(page, server)
     first = drawn(page)
-    page.mouse.move(300, 400)
+    page.mouse.move(240, 260)
     page.mouse.down()
-    page.mouse.move(420, 380, steps=4)
+    page.mouse.move(330, 240, steps=3)
     page.mouse.up()
     turned = drawn(page)
     assert differ(first, turned)
