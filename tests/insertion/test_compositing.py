@@ -83,7 +83,8 @@ def test_what_is_far_from_the_thing_stays(studio, beside):
 def test_the_object_hides_what_is_behind_it_and_is_hidden_by_what_is_before(studio):
     decomposition, light, photo, thing = studio
     behind, before = (
-        insert(decomposition, light, photo, thing, Wish(at=foot(studio, x, 0.0), scale=0.5)) for x in (-1.7, 1.7)
+        insert(decomposition, light, photo, thing, Wish(at=foot(studio, *spot), scale=0.5))
+        for spot in ((-1.5, 1.0), (1.7, 0.0))
     )
     inside = photo.mask > 0.99
     assert behind.mask[inside].max() < 0.02

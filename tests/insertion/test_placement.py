@@ -26,7 +26,7 @@ def thing(tmp_path):
 def test_a_bulge_under_the_foot_does_not_lower_the_ground():
     foot = torch.cat([KNOWN, torch.tensor([[0.3, 0.2, -1.03]])])
     assert ground_height(foot) == pytest.approx(-1, abs=0.04)
-    assert ground_height(KNOWN) == pytest.approx(-1, abs=0.03)
+    assert ground_height(KNOWN) == pytest.approx(-1, abs=0.04)
 
 
 def test_the_foot_stands_at_the_pixel_and_the_height_is_as_asked(thing):

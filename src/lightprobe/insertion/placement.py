@@ -22,7 +22,7 @@ _PLAUSIBLE = 0.08, 2.5  # heights relative to the known object's that a file's u
 _USUAL = 0.6  # the height otherwise
 _GAP = 0.15  # of the thing's radius, between it and the object
 _BEARINGS = 24  # places around the object that are tried
-_LARGEST_SCALE = 100.0
+_LARGEST_SCALE = 100.0  # heights relative to the known object's
 _SPREAD = 20_000  # points that tell where the thing is
 _CELLS = 48  # of the grid in which two objects are found to be in one place
 

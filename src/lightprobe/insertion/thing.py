@@ -15,9 +15,9 @@ from lightprobe.insertion.glb_file import GlbFile, numbers, sound
 from lightprobe.insertion.materials import Material
 from lightprobe.insertion.textures import TextureReader
 
-MOST_FACES = 2_000_000
+MOST_FACES = 2_000_000  # that are drawn
 _MOST_VERTICES = 3 * MOST_FACES
-_MOST_NODES = 100_000
+_MOST_NODES = 100_000  # of a scene's tree
 _FARTHEST = 1e9  # coordinates, in the file's units
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of glTF
 _READ_EXTENSIONS = {
