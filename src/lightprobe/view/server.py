@@ -1,8 +1,11 @@
 """The page from start to end: what is shown, where it listens, and what is cleared away afterwards."""
 
+import contextlib
+import signal
 import tempfile
+import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from lightprobe.core.extras import extra_library
@@ -30,11 +33,24 @@ def serve(
         extra_library(library, "The page of a run", "view")
     sources = Sources.of(folders)
     address = open_address(port, lan=lan)
-    with address.listening, partial_folder(Path(tempfile.gettempdir())) as folder:
+    with until_interrupted(), address.listening, partial_folder(Path(tempfile.gettempdir())) as folder:
         _announce(address, tell)
         if browser:
             webbrowser.open(address.local_url)
         _run(sources, address, folder, device)
+
+
+@contextlib.contextmanager
+def until_interrupted() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end what is inside, as every end does: what is open there is closed and cleared away."""
+    main = threading.current_thread() is threading.main_thread()  # only there signals can be handled
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler) if main else None
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            yield
+    finally:
+        if main:
+            signal.signal(signal.SIGTERM, before)
 
 
 def _announce(address: Address, tell: Callable[[str], None]) -> None:
