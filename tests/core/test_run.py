@@ -78,6 +78,13 @@ def test_rewound_metrics_equal_those_of_an_uninterrupted_run(tmp_path):
     assert resumed.metrics_log.read_bytes() == straight.metrics_log.read_bytes()
 
 
+def test_a_line_that_is_to_stand_once_is_not_written_again(tmp_path):
+    run = RunFolder.create(tmp_path)
+    for value in (0.5, 0.5, 0.25):
+        run.append_metrics("decompose", 10, {"held_out": value}, once=True)
+    assert run.metrics_log.read_text().count("\n") == 2
+
+
 def test_rewinding_a_later_phase_keeps_the_earlier_one(tmp_path):
     run = RunFolder.create(tmp_path)
     for phase in ("decompose", "distill"):

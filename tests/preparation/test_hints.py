@@ -7,7 +7,7 @@ import pytest
 
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.imaging import write_png
-from lightprobe.preparation.hints import read_hint
+from lightprobe.preparation.hints import STORED, read_hint, store_hint, stored_hint
 from lightprobe.preparation.photos import SourcePhoto
 
 PHOTOS = [SourcePhoto(n, Path(f"/x/{n}.jpg"), 40, 30, n, None, None, False) for n in ("IMG_1", "IMG_2")]
@@ -51,3 +51,20 @@ def test_an_empty_mask_and_one_of_another_shape_are_one_sentence(tmp_path):
         read_hint(f"IMG_1={tmp_path / 'black.png'}", PHOTOS)
     with pytest.raises(InputError, match="30 x 40, but IMG_1"):
         read_hint(f"IMG_1={tmp_path / 'tall.png'}", PHOTOS)
+
+
+def test_a_box_that_was_drawn_in_a_scene_is_a_hint(tmp_path):
+    assert stored_hint(tmp_path) is None
+    store_hint(tmp_path, "IMG_2", (5.2, 9.9, 15, 30))
+    assert stored_hint(tmp_path) == "IMG_2=5,10,15,30"
+    assert read_hint(stored_hint(tmp_path), PHOTOS)[1].sum() == 10 * 20
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "{}", '{"photo": "a", "box": [1, 2, 3]}', '{"photo": "a", "box": [1, 2, 3, "/etc/x.png"]}',
+             '{"photo": 7, "box": [1, 2, 3, 4]}']
+)  # fmt: skip
+def test_a_stored_hint_that_is_no_box_is_refused(tmp_path, text):
+    (tmp_path / STORED).write_text(text)
+    with pytest.raises(InputError, match="draw the box again"):
+        stored_hint(tmp_path)

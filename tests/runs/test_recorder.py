@@ -1,5 +1,7 @@
 """What a phase's training took, over the calls that it was made in."""
 
+import json
+
 import torch
 
 from lightprobe.core.checkpoint import Checkpoints
@@ -54,3 +56,13 @@ def test_a_phase_that_begins_without_a_checkpoint_begins_with_no_time(tmp_path, 
         clock.now += 3
     last.finish()
     assert read_timings(run.timings_file)["decompose"].seconds == 3
+
+
+def test_scores_on_held_out_photos_are_records_that_a_resumed_call_does_not_repeat(tmp_path):
+    run = RunFolder.create(tmp_path / "run")
+    for _ in range(2):
+        begun(run).score("pass2", 20.12345, 21.5)
+    (line,) = run.metrics_log.read_text().splitlines()
+    assert json.loads(line) == {
+        "phase": "decompose", "step": 0, "stage": "pass2", "held_out_before": 20.123, "held_out": 21.5
+    }  # fmt: skip

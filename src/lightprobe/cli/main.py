@@ -24,6 +24,7 @@ COMMANDS = {
     "eval": ("evaluation", "numbers and a report on the test photos"),
     "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
     "bench": ("bench", "every scene and method, and the tables"),
+    "view": ("viewing", "runs in the browser: object, light, training, masks"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),
     "open": ("pages", "show a run's report in the browser"),
     "compare": ("pages", "two runs on one page: pictures side by side, differences of scores"),

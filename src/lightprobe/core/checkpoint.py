@@ -91,6 +91,10 @@ class Checkpoints:
                 continue
         return None
 
+    def newest_step(self) -> int | None:
+        """Return the step of the newest checkpoint, readable or not, or None when there is none."""
+        return next((step for step, _ in self._newest_first()), None)
+
     @contextlib.contextmanager
     def restoring(self, step: int) -> Iterator[None]:
         """Turn what goes wrong while the checkpoint of `step` is put to use into an `InputError` with the remedy.

@@ -16,7 +16,7 @@ RUN/oracle/                      the evaluation of a synthetic scene's true obje
 import contextlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -231,10 +231,15 @@ class RunFolder:
 
     # ---- metrics and log
 
-    def append_metrics(self, phase: str, step: int, values: dict[str, float | str]) -> None:
-        """Append one line to metrics.jsonl. Times do not belong here: two equal runs leave equal files."""
+    def append_metrics(self, phase: str, step: int, values: Mapping[str, float | str], *, once: bool = False) -> None:
+        """Append one line to metrics.jsonl; with `once` only where it does not hold this very line.
+
+        Times do not belong here: two equal runs leave equal files.
+        """
         line = json.dumps({"phase": phase, "step": step, **values}, allow_nan=False)
         with disk_errors(self.metrics_log):
+            if once and self.metrics_log.exists() and line.encode() in self.metrics_log.read_bytes().splitlines():
+                return
             append_text(self.metrics_log, line + "\n")
 
     def rewind_metrics(self, phase: str, step: int) -> None:

@@ -42,12 +42,17 @@ class Located:
 
     def save_overlay(self, path: Path) -> None:
         """Write the photo with the outline of the mask over it, as PNG of at most 1024 pixels."""
-        picture = srgb_encode(np.clip(shrink_area(self.color, _OVERLAY_SIDE), 0, 1))
-        shown = np.rint(255 * picture).astype(np.uint8)
-        inside = shrink_area(self.mask, _OVERLAY_SIDE) >= 0.5
-        outline = scipy.ndimage.binary_dilation(inside) & ~inside
-        if max(inside.shape) >= _OVERLAY_SIDE // 2:
-            outline = scipy.ndimage.binary_dilation(outline)  # as thick as in small pictures
-        shown[outline] = HULL_COLOR
-        with atomic_path(Path(path)) as temporary:
-            Image.fromarray(shown).save(temporary, format="PNG")
+        write_overlay(Path(path), self.color, self.mask)
+
+
+def write_overlay(path: Path, color: np.ndarray, mask: np.ndarray) -> None:
+    """Write a photo, linear colour (H, W, 3), with the outline of a mask (H, W), as PNG of at most 1024 pixels."""
+    picture = srgb_encode(np.clip(shrink_area(color, _OVERLAY_SIDE), 0, 1))
+    shown = np.rint(255 * picture).astype(np.uint8)
+    inside = shrink_area(mask, _OVERLAY_SIDE) >= 0.5
+    outline = scipy.ndimage.binary_dilation(inside) & ~inside
+    if max(inside.shape) >= _OVERLAY_SIDE // 2:
+        outline = scipy.ndimage.binary_dilation(outline)  # as thick as in small pictures
+    shown[outline] = HULL_COLOR
+    with atomic_path(path) as temporary:
+        Image.fromarray(shown).save(temporary, format="PNG")

@@ -7,10 +7,39 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import ConfigError, InputError, shown
+from lightprobe.core.files import read_json, write_json
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.photos import SourcePhoto
 
 _BOX = re.compile(r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*")
+
+
+STORED = "hint.json"  # in a scene folder: a box that was drawn there
+
+
+def store_hint(scene: Path, photo: str, box: Sequence[float]) -> None:
+    """Keep a box around the object in one photo in a scene folder, for the next preparation of the scene.
+
+    box: left, top, right, bottom in pixels of the photo turned upright.
+    """
+    x0, y0, x1, y1 = (round(number) for number in box)
+    write_json(scene / STORED, {"photo": photo, "box": [x0, y0, x1, y1]})
+
+
+def stored_hint(scene: Path) -> str | None:
+    """Return the hint that is kept in a scene folder as PHOTO=BOX, None where there is none.
+
+    Raises `InputError` for a file that holds something else.
+    """
+    path = scene / STORED
+    if not path.is_file():
+        return None
+    value = read_json(path)
+    box = value.get("box") if isinstance(value, dict) else None
+    numbers = [number for number in box if type(number) is int] if isinstance(box, list) else []
+    if len(numbers) != 4 or not isinstance(value.get("photo"), str):
+        raise InputError(f"{path} holds no photo and box of four whole numbers; remove it, or draw the box again.")
+    return f"{value['photo']}={','.join(map(str, numbers))}"
 
 
 def find_photo(photos: Sequence[SourcePhoto], name: str, option: str) -> int:

@@ -13,7 +13,7 @@ from lightprobe.core.file_lock import locked_file
 from lightprobe.core.files import checksum, disk_errors
 from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.candidates import choose, within_masks
-from lightprobe.preparation.hints import find_photo, read_hint
+from lightprobe.preparation.hints import find_photo, read_hint, stored_hint
 from lightprobe.preparation.judging import inside_masks, moving_features, spread
 from lightprobe.preparation.keeping import kept_choice
 from lightprobe.preparation.looking import Seen, look_at, match_all, refuse_copies
@@ -44,13 +44,15 @@ def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions
     """Find cameras, masks and an upright frame for the photos in `folder`, and write a scene into `output`.
 
     The scene has images/, masks/, transforms.json, prepare.json and contact.png; hidden in it lies what is worked out,
-    so that the same call goes on after an interruption, or with masks that were corrected in masks/.
+    so that the same call goes on after an interruption, with masks that were corrected in masks/, or with a box that
+    hint.json there names.
     Raises `InputError` for photos from which no scene can be made, `ConfigError` for options that cannot be used,
     `ResourceError` when another process writes `output`.
     """
     photos = source_photos(Path(folder))
     refuse_copies(photos, FEWEST)
-    hints = {} if options.hint is None else dict([read_hint(options.hint, photos)])
+    told = options.hint or stored_hint(Path(output))
+    hints = {} if told is None else dict([read_hint(told, photos)])
     if options.up is not None:
         parse_up(options.up)
     if options.height is not None and not 0 < options.height < float("inf"):

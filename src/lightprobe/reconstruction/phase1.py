@@ -133,20 +133,20 @@ def _first_pass(job: Job, photos: list[Photo], resumed: Resumed | None) -> Hando
     """Fit lattice and field, bake them, and return what the second pass starts from."""
     config, stage = job.config, job.training.stages[0]
     targets = job.targets(photos, config.pass1_side)
-    model = LatticeModel(_start(job, photos, targets), config, job.device, job.seed)
+    start = start_shape(job.scene, config, job.seed, photos, targets)
+    model = LatticeModel(start, config, job.device, job.seed)
     lights = _lights(job, photos)
     job.training.run(ImageTask(model, targets, lights, stage, config, job.seed), stage, resumed)
     # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
     return Handover(bake(model, config, job.device, job.tell), lights.stacked())
 
 
-def _start(job: Job, photos: list[Photo], targets: list[Target]) -> Start:
-    """Return the lattice and the distances that the first pass starts from."""
-    config = job.config
+def start_shape(scene: Scene, config: DecomposeConfig, seed: int, photos: list[Photo], targets: list[Target]) -> Start:
+    """Return the lattice and the distances that the first pass starts from, of photos with their pixels."""
     if config.start is not StartShape.HULL:
-        return start_from_box(config.start, config.lattice_cells, job.seed)
+        return start_from_box(config.start, config.lattice_cells, seed)
     cameras = [
-        photo.camera.resized(target.view.width, target.view.height).normalised(job.scene.similarity)
+        photo.camera.resized(target.view.width, target.view.height).normalised(scene.similarity)
         for photo, target in zip(photos, targets, strict=True)
     ]
     masks = [t.alpha.reshape(t.view.height, t.view.width).cpu().numpy() for t in targets]
@@ -201,6 +201,7 @@ def _best(job: Job, stage: Stage, held_out: list[Photo], start: Handover, assets
     listed = ", ".join(f"{score:.2f}" for score in scores[1:])
     job.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
     best = scores.index(max(scores))
+    job.training.progress.score(stage.name, scores[0], max(scores[1:]))
     return start if best == 0 else Handover(assets[best - 1], lights.stacked())
 
 

@@ -64,6 +64,10 @@ class NewPhotos:
         if None in self._photos:
             self._locator = _locator(self._run, predictor)
 
+    def locate_with(self, locator: "Locator") -> None:
+        """Take what photos without a camera are located by, which the caller has loaded."""
+        self._locator = locator
+
     def read(self, index: int) -> NewPhoto:
         """Return one photo; raises `InputError` when it cannot be decoded or the object is not found in it."""
         files, photo = self._files[index], self._photos[index]

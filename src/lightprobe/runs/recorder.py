@@ -29,7 +29,7 @@ class PhaseRecorder:
 
     def progress(self, on_step: OnStep) -> Progress:
         """Return what a training of the phase needs to hear: its time is written with each of its checkpoints."""
-        return Progress(self.checkpoints, on_step, self.run.log, self._keep_timing)
+        return Progress(self.checkpoints, on_step, self.run.log, self._keep_timing, self.score)
 
     def step(self, stage: str, step: int, steps: int, loss: float) -> None:
         """Take note of one finished step."""
@@ -38,6 +38,15 @@ class PhaseRecorder:
         if trains and self.count % _RECORD_EVERY == 0:
             self.run.append_metrics(self.phase, self.count, {"stage": stage, "loss": loss})
         self.on_progress(stage, step, steps, f"loss {loss:.4f}" if trains else "")
+
+    def score(self, stage: str, before: float, after: float) -> None:
+        """Take note of the PSNR in dB of held-out photos before a finished stage and after it."""
+        values: dict[str, float | str] = {
+            "stage": stage,
+            "held_out_before": round(before, 3),
+            "held_out": round(after, 3),
+        }
+        self.run.append_metrics(self.phase, self.count, values, once=True)  # a resumed call scores the stage again
 
     def finish(self) -> None:
         """Take note that the phase is finished and its files are written."""

@@ -86,11 +86,17 @@ class Progress:
     on_step: OnStep | None = None
     on_message: Callable[[str], None] | None = None
     on_checkpoint: Callable[[], None] | None = None  # after each one that is saved
+    on_score: Callable[[str, float, float], None] | None = None  # stage, dB on held-out photos before and after it
 
     def step(self, stage: str, step: int, steps: int, loss: float) -> None:
         """Report a finished step."""
         if self.on_step:
             self.on_step(stage, step, steps, loss)
+
+    def score(self, stage: str, before: float, after: float) -> None:
+        """Report the PSNR in dB of held-out photos before a stage and after it."""
+        if self.on_score:
+            self.on_score(stage, before, after)
 
     def tell(self, message: str) -> None:
         """Report something worth a line in the log."""
@@ -110,7 +116,7 @@ class Resumed:
     @property
     def start(self) -> dict[str, Tensor]:
         """What the stage started from, by name."""
-        return _without(_START, self.tensors)
+        return without_prefix(_START, self.tensors)
 
 
 @dataclass(frozen=True)
@@ -193,7 +199,7 @@ class Training:
         done = 0 if resumed is None else resumed.done
         if resumed is not None and done > 0:
             with self.restoring(resumed.step):
-                task.load_buffers(_without(_BUFFER, resumed.tensors))
+                task.load_buffers(without_prefix(_BUFFER, resumed.tensors))
                 descent.adam.load(resumed.tensors)
         kept = {_START + name: tensor.detach() for name, tensor in (start or {}).items()}
         losses = LossReader(next(iter(descent.adam.parameters.values())).device)
@@ -224,5 +230,6 @@ def visited(seed: int, stream: str, count: int, step: int) -> int:
     return int(torch.randperm(count, generator=generator(seed, stream, epoch))[place])
 
 
-def _without(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def without_prefix(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return the tensors (any shape) whose names begin with `prefix`, without it."""
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}

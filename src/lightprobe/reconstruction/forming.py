@@ -1,0 +1,101 @@
+"""The object of an unfinished Phase I: the surface and base colours that a checkpoint holds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.checkpoint import copy_stored, stored_like
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.errors import InputError
+from lightprobe.material.textures import sample
+from lightprobe.reconstruction.lattice_model import LatticeModel
+from lightprobe.reconstruction.phase1 import Handover, split_validation, start_shape
+from lightprobe.reconstruction.photos import load_targets
+from lightprobe.reconstruction.start import Start
+from lightprobe.reconstruction.surface_model import SurfaceModel
+from lightprobe.render.asset import Asset
+from lightprobe.scene.photo import Scene
+from lightprobe.training.loop import without_prefix
+
+_FIRST, _THIRD = "pass1", "pass3"
+
+
+@dataclass(frozen=True)
+class FormingSurface:
+    """A surface with a colour at each vertex, in the normalised frame."""
+
+    stage: str
+    vertices: Tensor  # (V, 3)
+    faces: Tensor  # (F, 3) int32
+    color: Tensor  # (V, 3) linear base colour
+
+
+class FormingObject:
+    """Reads surfaces out of the checkpoints of one training; the lattice of its first pass is made once."""
+
+    def __init__(self, scene: Scene, device: torch.device):
+        """Take the scene that the training learns from."""
+        self._scene, self._device = scene, device
+        self._start: tuple[dict[str, Any], Start] | None = None
+
+    @torch.no_grad()
+    def surface(self, tensors: Mapping[str, Tensor], state: Mapping[str, Any]) -> FormingSurface:
+        """Return the surface of a checkpoint of Phase I; raise `InputError` when it is none."""
+        try:
+            config, stage = DecomposeConfig.from_json(state["config"]), state["stage"]
+            if stage == _FIRST:
+                return self._lattice_surface(tensors, config, state)
+            return _mesh_surface(_present_asset(tensors, config, state, self._device), stage)
+        except (KeyError, ValueError, RuntimeError) as error:
+            raise InputError(f"The newest checkpoint does not fit this run's scene and settings ({error}).") from error
+
+    def _lattice_surface(
+        self, tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any]
+    ) -> FormingSurface:
+        model = LatticeModel(self._lattice(config, state), config, self._device, state["seed"])
+        _load(tensors, model)
+        vertices, faces = (torch.from_numpy(array).to(self._device) for array in model.extract())
+        return FormingSurface(_FIRST, vertices, faces, model.material(vertices)[:, :3])
+
+    def _lattice(self, config: DecomposeConfig, state: Mapping[str, Any]) -> Start:
+        if self._start is None or self._start[0] != state["config"]:
+            photos = split_validation(self._scene.train, config.validation_photos)[0]
+            targets = load_targets(self._scene, photos, config.pass1_side, self._device)
+            made = start_shape(self._scene, config, state["seed"], photos, targets)
+            self._start = dict(state["config"]), made
+        return self._start[1]
+
+
+def _present_asset(
+    tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any], device: torch.device
+) -> Asset:
+    """Return the textured mesh of a checkpoint of the second or third pass."""
+    start = Handover.of(without_prefix("start.", tensors), device).asset
+    if state["iteration"] == 0:
+        return start
+    if state["stage"] == _THIRD:
+        size = max(config.pass3_texture_size, start.textures.size)
+        start = replace(start, textures=start.textures.resized(size))
+    model = SurfaceModel(start, replace(config, shadows=False), state["seed"])
+    _load(tensors, model)
+    return model.asset()
+
+
+def _load(tensors: Mapping[str, Tensor], model: LatticeModel | SurfaceModel) -> None:
+    """Put a checkpoint's parameters, and what its model has chosen, in place."""
+    for group in model.groups():
+        for name, parameter in group.parameters.items():
+            parameter.copy_(stored_like(tensors, f"parameter.{name}", parameter))
+    copy_stored(without_prefix("buffer.", tensors), model.chosen())
+
+
+def _mesh_surface(asset: Asset, stage: str) -> FormingSurface:
+    """Return a textured mesh with its base colours at the vertices; of a vertex on a seam any of its colours."""
+    mesh = asset.mesh
+    at_uv = sample(asset.textures.flat(), mesh.uvs)[:, :3]
+    color = torch.zeros_like(mesh.vertices)
+    color[mesh.faces.long().reshape(-1)] = at_uv[mesh.uv_faces.long().reshape(-1)]
+    return FormingSurface(stage, mesh.vertices, mesh.faces, color)

@@ -1,0 +1,114 @@
+"""Masks and the hint box of a scene that `lightprobe prepare` makes, as a person draws them on the page."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.files import inside, read_json
+from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_area, write_png
+from lightprobe.preparation.hints import store_hint, stored_hint
+from lightprobe.scene.plain_photos import list_photos
+from lightprobe.view.sources import PREPARED, SceneSource
+
+MASK_SIDE = 1600  # pixels of the longer side at which masks are painted
+
+
+@dataclass(frozen=True)
+class ScenePhotos:
+    """The photos of a scene, in the order of the page."""
+
+    source: SceneSource
+    images: tuple[Path, ...]
+
+    @staticmethod
+    def of(source: SceneSource) -> "ScenePhotos":
+        """Return the photos that a folder holds now."""
+        if not source.prepared:
+            return ScenePhotos(source, tuple(list_photos(source.folder)))
+        folder = inside(source.folder, "images", source=source.folder / PREPARED)
+        found = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+        return ScenePhotos(source, tuple(found))
+
+    def image(self, index: int) -> Path:
+        """Return a photo's file; raise `InputError` when there is none or it lies outside of the folder."""
+        if not 0 <= index < len(self.images):
+            raise InputError("This scene has no such photo any more; load the page again.")
+        path = self.images[index]
+        return inside(self.source.folder, str(path.relative_to(self.source.folder)), source=self.source.folder)
+
+    def mask_file(self, index: int) -> Path:
+        """Return where a photo's mask is or goes; raise `InputError` where that lies outside of the folder."""
+        name = f"masks/{self.image(index).stem}.png"
+        return inside(self.source.folder, name, source=self.source.folder / PREPARED)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what the page lists: photos with the agreement of mask and hull, warnings, the box that was drawn."""
+        report = read_json(self.source.folder / PREPARED) if self.source.prepared else {}
+        report = report if isinstance(report, dict) else {}
+        agreement = report.get("mask_hull_iou")
+        agreement = agreement if isinstance(agreement, dict) else {}
+        photos = [
+            {"name": path.stem, "file": path.name, "agreement": agreement.get(path.stem)} for path in self.images
+        ]  # fmt: skip
+        hint = stored_hint(self.source.folder) if self.source.prepared else None
+        warnings = [text for text in report.get("warnings", []) if isinstance(text, str)]
+        return {
+            "name": self.source.folder.resolve().name, "folder": str(self.source.folder),
+            "prepared": self.source.prepared, "photos": photos, "warnings": warnings, "hint": hint,
+        }  # fmt: skip
+
+
+def mask_picture(photos: ScenePhotos, index: int) -> bytes:
+    """Return a photo's mask as grey PNG, black where there is none; raise `InputError` when it cannot be read."""
+    path = photos.mask_file(index)
+    if path.is_file():
+        mask = shrink_area(read_mask(path), MASK_SIDE)
+    else:
+        width, height = image_size(photos.image(index))
+        scale = min(MASK_SIDE / max(width, height), 1.0)
+        mask = np.zeros((max(round(height * scale), 1), max(round(width * scale), 1)), np.float32)
+    buffer = io.BytesIO()
+    Image.fromarray(np.rint(255 * np.clip(mask, 0, 1)).astype(np.uint8)).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def save_mask(photos: ScenePhotos, index: int, painted: Path) -> Path:
+    """Write a painted mask over a photo's, at the photo's size, and return its file.
+
+    Raises `ConfigError` for a folder of plain photos, `InputError` for a picture of another shape or without object.
+    """
+    if not photos.source.prepared:
+        raise ConfigError("This folder has no masks yet; draw a box and prepare it first.")
+    width, height = image_size(photos.image(index))
+    mask = read_mask(painted)
+    if abs(mask.shape[1] * height - mask.shape[0] * width) > 0.02 * mask.shape[0] * width:
+        raise InputError(f"The painted mask is {mask.shape[1]} x {mask.shape[0]}, but the photo is {width} x {height}.")
+    if not 0 < (mask >= 0.5).mean() < 1:
+        raise InputError("The mask shows no object, or nothing but it; paint the object and leave the rest free.")
+    full = np.asarray(Image.fromarray(mask.astype(np.float32)).resize((width, height), Image.Resampling.BILINEAR))
+    target = photos.mask_file(index)
+    write_png(target, np.repeat(np.clip(full, 0, 1)[..., None], 3, 2), srgb=False)
+    return target
+
+
+def save_box(photos: ScenePhotos, index: int, box: Sequence[float]) -> str:
+    """Keep a box around the object in a prepared scene, and return the command that takes it up.
+
+    box: left, top, right, bottom in shares of the photo's width and height. Raises `InputError` for no box in it.
+    """
+    image = photos.image(index)
+    width, height = image_size(image)
+    x0, y0, x1, y1 = (round(share * size) for share, size in zip(box, (width, height) * 2, strict=True))
+    if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
+        raise InputError("The box lies outside of the photo or is empty; draw it from corner to corner.")
+    folder = photos.source.folder
+    if photos.source.prepared:
+        store_hint(folder, image.stem, (x0, y0, x1, y1))
+        return f"lightprobe prepare PHOTOS -o {folder}"
+    return f"lightprobe prepare {folder} -o SCENE --hint {image.name}={x0},{y0},{x1},{y1}"

@@ -1,0 +1,83 @@
+"""The page from start to end: what is shown, where it listens, and what is cleared away afterwards."""
+
+import contextlib
+import signal
+import tempfile
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from lightprobe.core.extras import extra_library
+from lightprobe.core.partial import partial_folder
+from lightprobe.view.network import Address, open_address, qr_code
+from lightprobe.view.sources import Sources
+
+PORT = 8421
+"""Where the page is unless another port is asked for."""
+
+
+def serve(
+    folders: Sequence[Path], *, port: int = PORT, lan: bool = False, browser: bool = True, device: str = "auto",
+    tell: Callable[[str], None] = print,
+) -> None:  # fmt: skip
+    """Serve the page of runs, and of scenes to correct, until it is interrupted.
+
+    folders: runs, scenes that `lightprobe prepare` made, or folders of photos. lan: let devices in the same network
+    open it, too, by an address with a token, which `tell` is given with a QR code. browser: open it here.
+    Everything that is uploaded or computed lies in a temporary folder, which goes with the server.
+    Raises `InputError` for a folder that is none of these, `ConfigError` for a port that is none or without the extra
+    `view`, `ResourceError` for a port in use.
+    """
+    for library in ("fastapi", "uvicorn", *(["segno"] if lan else [])):
+        extra_library(library, "The page of a run", "view")
+    sources = Sources.of(folders)
+    address = open_address(port, lan=lan)
+    with until_interrupted(), address.listening, partial_folder(Path(tempfile.gettempdir())) as folder:
+        _announce(address, tell)
+        if browser:
+            webbrowser.open(address.local_url)
+        _run(sources, address, folder, device)
+
+
+@contextlib.contextmanager
+def until_interrupted() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end what is inside, as every end does: what is open there is closed and cleared away."""
+    main = threading.current_thread() is threading.main_thread()  # only there signals can be handled
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler) if main else None
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            yield
+    finally:
+        if main:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _announce(address: Address, tell: Callable[[str], None]) -> None:
+    tell(f"Page: {address.local_url}   (end with Ctrl-C)")
+    if address.network_url is not None:
+        tell(f"For the phone, in the same network: {address.network_url}")
+        tell(qr_code(address.network_url))
+
+
+def _run(sources: Sources, address: Address, folder: Path, device: str) -> None:
+    """Answer requests on the address's socket, files in `folder`, until a signal ends it."""
+    import uvicorn
+
+    from lightprobe.view.app import Session, create_app
+    from lightprobe.view.jobs import Jobs
+    from lightprobe.view.uploads import Uploads
+    from lightprobe.view.worker_process import worker_command
+
+    for part in ("uploads", "jobs", "pictures"):
+        (folder / part).mkdir()
+    jobs = Jobs(folder / "jobs", worker_command(device))
+    try:
+        session = Session(sources, Uploads(folder / "uploads"), jobs, folder / "pictures")
+        app = create_app(session, address.hosts, address.token)
+        settings = uvicorn.Config(
+            app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=2, lifespan="off"
+        )  # fmt: skip
+        uvicorn.Server(settings).run(sockets=[address.listening])
+    finally:
+        jobs.close()

@@ -1,0 +1,121 @@
+"""What the page shows: run folders, and scene folders that `lightprobe prepare` made or plain photos."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.files import inside, read_json
+from lightprobe.core.run import RunFolder
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.plain_inspection import is_plain
+from lightprobe.scene.record import SPLITS, read_record
+
+PREPARED = "prepare.json"  # marks a scene that `lightprobe prepare` made
+
+
+@dataclass(frozen=True)
+class RunPhoto:
+    """A photo of a run's scene."""
+
+    name: str
+    split: str
+    camera: Camera  # input frame
+
+
+@dataclass(frozen=True)
+class RunSource:
+    """A run folder that the page shows."""
+
+    run: RunFolder
+
+    @property
+    def mesh_file(self) -> Path:
+        """The object as GLB, which Phase I writes."""
+        return self.run.mesh_folder / "object.glb"
+
+    def photos(self) -> list[RunPhoto]:
+        """Return the photos of its scene, those it learnt from first; none before the scene is read."""
+        if not self.run.scene_file.is_file():
+            return []
+        cameras = read_record(self.run).cameras
+        return [RunPhoto(name, split, camera) for split in SPLITS for name, camera in cameras[split].items()]
+
+    def image_file(self, photo: RunPhoto) -> Path:
+        """Return the file of a photo; raise `InputError` when it is gone or lies outside of the run's scene."""
+        record = self.run.scene()
+        entry = record["photos"][photo.split][photo.name]
+        return inside(Path(record["root"]), entry["image"], source=self.run.scene_file)
+
+    def own_photo(self, digest: str) -> RunPhoto | None:
+        """Return the photo whose file has this checksum, None where none has."""
+        if not self.run.scene_file.is_file():
+            return None
+        photos = self.run.scene().get("photos", {})
+        return next(
+            (one for one in self.photos() if photos[one.split][one.name].get("image_checksum") == digest), None
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """A folder of photos whose masks can be corrected, or in one of whose photos the object can be shown."""
+
+    folder: Path
+    prepared: bool  # else plain photos, without cameras and masks
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Everything that was named on the command line."""
+
+    runs: tuple[RunSource, ...]
+    scenes: tuple[SceneSource, ...]
+
+    @staticmethod
+    def of(folders: Sequence[Path]) -> "Sources":
+        """Return runs, and the scenes named or made for a run.
+
+        Raises `ConfigError` without a folder, `InputError` for one that is none of these.
+        """
+        if not folders:
+            raise ConfigError("No run is named: lightprobe view RUN.")
+        runs: list[RunSource] = []
+        scenes: list[SceneSource] = []
+        for folder in folders:
+            if (folder / "config.json").is_file():
+                runs.append(RunSource(RunFolder.open(folder)))
+                scenes += _scene_of(runs[-1].run)
+            else:
+                scenes.append(_scene(folder))
+        return Sources(tuple(runs), tuple({scene.folder.resolve(): scene for scene in scenes}.values()))
+
+
+def _scene(folder: Path) -> SceneSource:
+    """Return a folder as a scene; raise `InputError` when it is none that can be worked on."""
+    if (folder / PREPARED).is_file():
+        return SceneSource(folder, True)
+    if folder.is_dir() and is_plain(folder):
+        return SceneSource(folder, False)
+    raise InputError(
+        f"{folder} is neither a run (config.json), nor a scene that `lightprobe prepare` made (prepare.json), nor a "
+        "folder of photos; make a run with: lightprobe train SCENE -o RUN"
+    )
+
+
+def _scene_of(run: RunFolder) -> list[SceneSource]:
+    """Return the prepared scene that a run learnt from, if it did from one and it is still there."""
+    folders = [run.path / "scene"]
+    if run.scene_file.is_file():
+        folders.append(Path(run.scene()["root"]))
+    return [SceneSource(folder, True) for folder in folders if (folder / PREPARED).is_file()][:1]
+
+
+def evaluation_of(run: RunFolder) -> dict[str, Any]:
+    """Return the mean scores of a run's evaluation, none before there is one."""
+    if not run.metrics_file.is_file():
+        return {}
+    value = read_json(run.metrics_file)
+    mean = value.get("mean") if isinstance(value, dict) else None
+    return {key: number for key, number in (mean or {}).items() if isinstance(number, int | float)}

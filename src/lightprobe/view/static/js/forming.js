@@ -1,0 +1,78 @@
+// The object of a training's newest checkpoint, in a small view of its own.
+
+import { follow, getBytes, jobFile, sendJson } from "./api.js";
+import { el } from "./dom.js";
+
+export class FormingView {
+  constructor() {
+    this.canvas = el("canvas", { tabIndex: 0, "aria-label": "The object as it forms. Drag or use the arrow keys to turn it." });
+    this.note = el("p", { className: "stage-note", textContent: "It appears with the first checkpoint." });
+    this.element = el("div", { className: "forming" }, this.canvas, this.note);
+    this.shown = null;
+    this.busy = false;
+  }
+
+  clear() {
+    this.shown = null;
+    this.note.textContent = "It appears with the first checkpoint.";
+    if (this.viewer) this.viewer.object = this.viewer.object && (this.viewer.scene.remove(this.viewer.object), null);
+    this.viewer?.draw();
+  }
+
+  /** Show the newest checkpoint's object, or the finished one, unless it is shown already. */
+  async update(run, { checkpoint, object }) {
+    const newest = object ? `${run}:object` : checkpoint === null ? null : `${run}:${checkpoint}`;
+    if (this.busy || newest === null || newest === this.shown) return;
+    this.busy = true;
+    try {
+      await this.#open();
+      if (object) await this.#finished(run);
+      else await this.#checkpoint(run);
+      this.shown = newest;
+    } catch (error) {
+      this.shown = newest; // a checkpoint that cannot be shown is not tried again
+      this.note.textContent = error.message;
+    } finally {
+      this.busy = false;
+    }
+  }
+
+  async #open() {
+    if (this.viewer) return;
+    const [{ Viewer }, THREE] = await Promise.all([import("./viewer.js"), import("three")]);
+    this.three = THREE;
+    this.viewer = new Viewer(this.canvas);
+    const fit = () => this.viewer.resize(this.element.clientWidth, this.element.clientHeight);
+    fit();
+    new ResizeObserver(fit).observe(this.element);
+    const sky = new THREE.HemisphereLight(0xffffff, 0x555555, 2.2);
+    const lamp = new THREE.DirectionalLight(0xffffff, 1.6);
+    lamp.position.set(1, 2, 1.5);
+    this.viewer.scene.add(sky, lamp);
+  }
+
+  async #finished(run) {
+    await this.viewer.load(`/api/runs/${run}/object.glb`);
+    this.note.textContent = "The finished object.";
+  }
+
+  async #checkpoint(run) {
+    const job = await follow(await sendJson("POST", `/api/runs/${run}/forming`), (now) => {
+      if (!this.viewer.object) this.note.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Starting"}…`;
+    });
+    const mesh = this.#mesh(await getBytes(jobFile(job, "forming.bin")));
+    this.viewer.setObject(mesh, { keepView: Boolean(this.viewer.object) });
+    this.note.textContent = `Step ${job.result.step} (${job.result.stage}), ${job.result.faces} triangles.`;
+  }
+
+  #mesh(buffer) {
+    const THREE = this.three;
+    const [vertices, faces] = new Uint32Array(buffer, 0, 2);
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(buffer, 8, 3 * vertices), 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(buffer, 8 + 12 * vertices, 3 * vertices), 3));
+    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(buffer, 8 + 24 * vertices, 3 * faces), 1));
+    geometry.computeVertexNormals();
+    return new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.8, side: THREE.DoubleSide }));
+  }
+}

@@ -1,0 +1,102 @@
+// The page "Masks": photos of a scene, a mask to paint over, a box to draw around the object.
+
+import { getJson, sendBytes, sendJson } from "./api.js";
+import { guarded } from "./app.js";
+import { $, el, fillSelect, say } from "./dom.js";
+import { Easel } from "./easel.js";
+import { choose } from "./results.js";
+import { state } from "./state.js";
+
+const page = {};
+let scene = null; // {index, photos, ...}
+let chosen = 0;
+
+export async function show() {
+  if (!page.shots) build();
+  if (!scene) await openScene(0);
+}
+
+function build() {
+  page.scene = el("select", { "aria-label": "Scene", onchange: () => guarded(() => openScene(Number(page.scene.value))) });
+  page.shots = el("ul", { className: "shots", "aria-label": "Photos" });
+  page.notes = el("div");
+  page.easel = new Easel();
+  page.command = el("div", { "aria-live": "polite" });
+  page.tools = el("div", { className: "tools" });
+  $("page-masks").append(page.scene, page.notes, el("div", { className: "mask-page" }, page.shots, el("div", {}, page.tools, page.easel.element, page.command)));
+  fillSelect(page.scene, state.session.scenes.map((one) => [String(one.index), one.name]));
+  page.scene.hidden = state.session.scenes.length < 2;
+}
+
+async function openScene(index) {
+  scene = { index, ...(await getJson(`/api/scenes/${index}`)) };
+  scene.order = scene.photos.map((photo, number) => ({ ...photo, number })).sort((a, b) => (a.agreement ?? 2) - (b.agreement ?? 2));
+  const about = scene.prepared
+    ? "Photos whose mask disagrees most with the others come first. Paint over what is wrong, save, and prepare the scene again."
+    : "This folder has no masks yet. Draw a box around the object in one photo, and prepare the scene with it.";
+  page.notes.replaceChildren(el("p", { textContent: about }), ...scene.warnings.map((text) => el("p", { className: "verdict doubtful", textContent: text })));
+  buildTools();
+  page.command.replaceChildren(...(scene.hint ? [el("p", { className: "quiet", textContent: `A box is kept: ${scene.hint}` })] : []));
+  listShots();
+  if (scene.order.length) await openPhoto(scene.order[0].number);
+}
+
+function listShots() {
+  page.shots.replaceChildren(...scene.order.map((photo) => {
+    const words = photo.agreement === null || photo.agreement === undefined ? photo.name : `${photo.name}, agreement ${photo.agreement.toFixed(2)}`;
+    const button = el("button", { type: "button", onclick: () => guarded(() => openPhoto(photo.number)) }, el("img", { src: `/api/scenes/${scene.index}/photos/${photo.number}/picture`, alt: "", loading: "lazy" }), words);
+    if (photo.number === chosen) button.setAttribute("aria-current", "true");
+    return el("li", {}, button);
+  }));
+}
+
+async function openPhoto(number) {
+  if (page.easel.changed && !window.confirm("The painted mask is not saved. Leave it?")) return;
+  chosen = number;
+  listShots();
+  const at = `/api/scenes/${scene.index}/photos/${number}`;
+  await page.easel.open(`${at}/picture`, scene.prepared ? `${at}/mask?now=${Date.now()}` : null, scene.photos[number].name);
+}
+
+function buildTools() {
+  const easel = page.easel;
+  const modes = scene.prepared ? [["paint", "Add"], ["erase", "Take away"], ["box", "Box"]] : [["box", "Box"]];
+  easel.setMode(modes[0][0]);
+  const button = (textContent, work, className = "") => el("button", { type: "button", textContent, className, onclick: () => guarded(work) });
+  const size = el("input", { type: "range", min: 1, max: 100, value: easel.size, "aria-label": "Size of the brush" });
+  size.addEventListener("input", () => (easel.size = Number(size.value)));
+  easel.onSize = (value) => (size.value = value);
+  const edges = ["left", "top", "right", "bottom"].map((word, i) =>
+    el("input", { type: "number", min: 0, max: 100, step: 0.5, "aria-label": `Box, ${word}, percent`, placeholder: word, onchange: (event) => easel.setEdge(i, Number(event.target.value) / 100) }));
+  easel.onBox = (box) => edges.forEach((input, i) => (input.value = box ? (100 * box[i]).toFixed(1) : ""));
+  page.tools.replaceChildren(
+    choose("mask-mode", modes, (mode) => easel.setMode(mode)),
+    ...(scene.prepared ? [el("label", { className: "row" }, "Brush", size), button("Undo", () => easel.undo()), button("Save the mask", saveMask, "primary")] : []),
+    ...edges, button("Keep the box", saveBox),
+    el("p", { className: "quiet", textContent: "Keys on the picture: arrows move, Space paints or sets a corner, [ and ] change the brush, Ctrl+Z takes back." }),
+  );
+}
+
+async function saveMask() {
+  if (!page.easel.changed) {
+    say("Nothing has been painted yet.", { key: "mask", info: true, seconds: 4 });
+    return;
+  }
+  const answer = await sendBytes("PUT", `/api/scenes/${scene.index}/photos/${chosen}/mask`, await page.easel.mask());
+  page.easel.saved();
+  next(`Saved as ${answer.file}. The same command as before takes it up, where PHOTOS is the folder or video it was made from:`, answer.command);
+}
+
+async function saveBox() {
+  if (!page.easel.box) {
+    say("Draw a box around the object first.", { key: "box", info: true, seconds: 4 });
+    return;
+  }
+  const answer = await sendJson("PUT", `/api/scenes/${scene.index}/box`, { photo: chosen, box: page.easel.box });
+  next(scene.prepared ? "The box is kept in the scene. The same command as before takes it up, where PHOTOS is the folder or video it was made from:" : "This command prepares the scene with the box; SCENE is a new folder:", answer.command);
+}
+
+function next(words, command) {
+  const copy = el("button", { type: "button", textContent: "Copy", onclick: () => navigator.clipboard?.writeText(command) });
+  page.command.replaceChildren(el("p", { textContent: words }), el("div", { className: "command" }, el("code", { textContent: command }), copy));
+}

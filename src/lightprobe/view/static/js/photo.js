@@ -1,0 +1,132 @@
+// The page "Photo": a photo in, the light around the object and all that follows from it out.
+
+import { follow, jobFile, sendJson, upload } from "./api.js";
+import { guarded } from "./app.js";
+import { $, el, say } from "./dom.js";
+import { placing } from "./placing.js";
+import { lightMap, sidePictures, verdict, wiped } from "./results.js";
+import { aboutRun, on, predictions, refreshJobs, state } from "./state.js";
+
+let ready = false;
+let loaded = null; // the run that the server was told to load
+let current = null; // the job that is shown
+
+export async function show(changed = false) {
+  if (!ready) {
+    ready = true;
+    listen();
+    on("jobs", listRecent);
+  }
+  if (changed) clear();
+  const about = await aboutRun(state.run, true);
+  $("drop").hidden = !about.object;
+  if (!about.object) {
+    $("result").replaceChildren(el("p", { textContent: "This run has no object yet: light can be read off photos when its training is done." }));
+  }
+  await refreshJobs();
+  if (about.object && loaded !== state.run) {
+    loaded = state.run;
+    await sendJson("POST", `/api/runs/${state.run}/load`);
+  }
+}
+
+function clear() {
+  current = null;
+  $("result").replaceChildren();
+}
+
+function listen() {
+  for (const input of [$("photo-file"), $("photo-camera")]) {
+    const take = () => {
+      const [file] = input.files;
+      input.value = "";
+      if (file) guarded(() => predict(file));
+    };
+    input.addEventListener("change", take);
+    take(); // what was chosen while this page was loading
+  }
+  const page = $("page-photo");
+  page.addEventListener("dragover", (event) => {
+    event.preventDefault();
+    $("drop").classList.add("over");
+  });
+  page.addEventListener("dragleave", () => $("drop").classList.remove("over"));
+  page.addEventListener("drop", (event) => {
+    event.preventDefault();
+    $("drop").classList.remove("over");
+    const [file] = event.dataTransfer.files;
+    if (file) guarded(() => predict(file));
+  });
+  document.addEventListener("paste", (event) => {
+    const file = [...(event.clipboardData?.files ?? [])].find((one) => one.type.startsWith("image/"));
+    if (file && !page.hidden) guarded(() => predict(file));
+  });
+}
+
+async function predict(file) {
+  const bar = el("progress", { "aria-label": "Upload", max: 1, value: 0 });
+  const words = el("p", { textContent: `Sending ${file.name}…` });
+  $("result").replaceChildren(words, bar);
+  let job;
+  try {
+    job = await upload(`/api/runs/${state.run}/predictions`, file, state.session.limits.photo, (share) => (bar.value = share));
+  } catch (error) {
+    clear();
+    throw error;
+  }
+  await watch(job, words, bar);
+}
+
+async function watch(job, words, bar) {
+  current = job.id;
+  bar.removeAttribute("value");
+  const stop = el("button", { type: "button", textContent: "Stop", onclick: () => guarded(() => sendJson("POST", `/api/jobs/${job.id}/stop`)) });
+  $("result").append(stop);
+  try {
+    job = await follow(job, (now) => {
+      words.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.title}: ${now.stage || "starting"}…`;
+    });
+  } catch (error) {
+    if (current === job.id) $("result").replaceChildren(el("p", { className: "verdict failed", textContent: error.message, role: "alert" }));
+    return;
+  }
+  await refreshJobs();
+  if (current === job.id) showResult(job);
+}
+
+function listRecent() {
+  const items = predictions().map((job) => {
+    const button = el("button", { type: "button", title: job.title, onclick: () => showResult(job) }, el("img", { src: jobFile(job, "photo.jpg"), alt: job.title }));
+    if (job.id === current) button.setAttribute("aria-current", "true");
+    return el("li", {}, button);
+  });
+  $("recent").replaceChildren(...items);
+}
+
+function showResult(job) {
+  current = job.id;
+  listRecent();
+  const picture = wiped(job);
+  const under = el("button", {
+    type: "button",
+    textContent: "See the object under this light",
+    onclick: async () => {
+      (await import("./object.js")).chooseLight(`job:${job.id}`);
+      location.hash = "object";
+    },
+  });
+  $("result").replaceChildren(
+    verdict(job),
+    el("div", { className: "pictures" }, el("div", {}, picture.element, picture.controls, placing(job)), el("div", { className: "side" }, lightMap(job), sidePictures(job), under, files(job))),
+  );
+}
+
+function files(job) {
+  const links = job.result.files.map(({ name, title }) => el("li", {}, el("a", { href: jobFile(job, name, true), download: name, textContent: name }), ` – ${title}`));
+  return el("details", { open: true }, el("summary", { textContent: "Files" }), el("ul", { className: "files" }, ...links));
+}
+
+window.addEventListener("unhandledrejection", (event) => {
+  event.preventDefault();
+  say(event.reason?.message ?? "Something went wrong; load the page again.");
+});

@@ -1,0 +1,147 @@
+"""Files that a person gives to the page: streamed to the temporary folder up to a limit, told by their content.
+
+Their names are only shown. What they are kept as is chosen here.
+"""
+
+import secrets
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from urllib.parse import unquote
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+
+from lightprobe.core.errors import InputError, LightprobeError, shown
+from lightprobe.core.files import disk_errors
+from lightprobe.imaging import IMAGE_SUFFIXES, image_size, is_video
+from lightprobe.insertion import load_thing
+from lightprobe.light.environment import read_map
+from lightprobe.view.light_files import light_suffix
+
+_MIB = 2**20  # bytes
+_KEPT = 24  # files of one kind; the oldest go first
+_SHOWN_NAME = 80  # characters
+
+
+class UploadKind(StrEnum):
+    """What a file is taken as."""
+
+    PHOTO = "photo"
+    LIGHT = "light"
+    THING = "thing"
+    """A GLB that is to stand beside the object."""
+
+
+LIMITS = {UploadKind.PHOTO: 64 * _MIB, UploadKind.LIGHT: 256 * _MIB, UploadKind.THING: 200 * _MIB}
+"""The most bytes of a file of each kind."""
+
+
+class TooLargeError(LightprobeError):
+    """A file is larger than its kind may be."""
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file that was given to the page."""
+
+    id: str
+    kind: UploadKind
+    path: Path
+    name: str  # as the person knows it, for messages only
+
+
+class Uploads:
+    """The files given so far, the last few of each kind."""
+
+    def __init__(self, folder: Path):
+        """Keep files in `folder`."""
+        self._folder = folder
+        self._files: dict[UploadKind, OrderedDict[str, Upload]] = {kind: OrderedDict() for kind in UploadKind}
+        self._lock = threading.Lock()
+
+    def get(self, kind: UploadKind, id: str) -> Upload:
+        """Return a file; raise `InputError` when there is none of this name any more."""
+        with self._lock:
+            found = self._files[kind].get(id)
+        if found is None:
+            raise InputError("This file is no longer kept here; choose it again.")
+        return found
+
+    async def receive(self, kind: UploadKind, request: Request) -> Upload:
+        """Keep the body of a request as a file, after a look at its beginning.
+
+        Raises `TooLargeError` as soon as it is too large, `InputError` when it is not what it should be.
+        """
+        name = shown_name(request.headers.get("x-file-name", ""))
+        id = secrets.token_urlsafe(9)
+        path = self._folder / f"{kind.value}-{id}"
+        try:
+            await stream_to(request, path, LIMITS[kind], name)
+            path = await run_in_threadpool(_checked, kind, path, name)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        return self._keep(Upload(id, kind, path, name))
+
+    def _keep(self, upload: Upload) -> Upload:
+        with self._lock:
+            files = self._files[upload.kind]
+            files[upload.id] = upload
+            old = [files.popitem(last=False)[1] for _ in range(len(files) - _KEPT)]
+        for one in old:
+            one.path.unlink(missing_ok=True)
+        return upload
+
+
+def shown_name(quoted: str) -> str:
+    """Return a file's name out of a header as it may be shown: no folders, nothing unprintable, not long."""
+    name = unquote(quoted).replace("\\", "/").rpartition("/")[2]
+    return shown(name)[:_SHOWN_NAME] or "this file"
+
+
+async def stream_to(request: Request, path: Path, limit: int, name: str) -> None:
+    """Write a request's body to a new file; raise `TooLargeError` before more than `limit` bytes are written."""
+    too_large = TooLargeError(f"{name} is too large: at most {limit // _MIB} MB are taken; choose a smaller file.")
+    length = request.headers.get("content-length", "")
+    if length.isdigit() and int(length) > limit:
+        raise too_large
+    written = 0
+    with disk_errors(path), open(path, "xb") as file:
+        async for chunk in request.stream():
+            written += len(chunk)
+            if written > limit:
+                raise too_large
+            file.write(chunk)
+    if written == 0:
+        raise InputError(f"{name} is empty; choose another file.")
+
+
+def _checked(kind: UploadKind, path: Path, name: str) -> Path:
+    """Return where a file is kept after a check of its kind; raise `InputError` naming it as the person does."""
+    try:
+        if kind is UploadKind.PHOTO:
+            suffix = Path(name).suffix.lower()
+            kept = path.rename(path.with_suffix(suffix if suffix in IMAGE_SUFFIXES else ".png"))
+            path = kept
+            if is_video(kept):
+                raise InputError(f"{name} is a video; choose a photo.")
+            image_size(kept)
+            return kept
+        if kind is UploadKind.LIGHT:
+            path = path.rename(path.with_suffix(light_suffix(path, name)))
+            read_map(path)
+            return path
+        path = path.rename(path.with_suffix(".glb"))
+        load_thing(path)
+        return path
+    except LightprobeError as error:
+        path.unlink(missing_ok=True)
+        raise InputError(renamed(str(error), path, name)) from error
+
+
+def renamed(sentence: str, path: Path, name: str) -> str:
+    """Return a sentence in which a file is called as the person knows it."""
+    return sentence.replace(str(path), name).replace(path.name, name)

@@ -1,0 +1,162 @@
+"""How far a training is, from what its run folder records while it goes on."""
+
+import json
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lightprobe.core.config import DecomposeConfig, DistillConfig
+from lightprobe.core.errors import InputError, LightprobeError, printable
+from lightprobe.core.run import RunFolder
+from lightprobe.core.timings import read_timings
+from lightprobe.distillation.training import stages as distill_stages
+from lightprobe.models import ProbeModel
+from lightprobe.reconstruction.phase1 import stages as decompose_stages
+from lightprobe.view.sources import evaluation_of
+
+_CHUNK = 2**20  # bytes of metrics.jsonl that are sent at once
+_TAIL = 8192  # bytes of log.txt that are looked at
+_LINES = 14  # of log.txt that are shown
+_WINDOW = 90.0  # seconds over which the speed is measured
+_QUIET = 180.0  # seconds without a new record after which a training is taken to have stopped
+
+PHASES = ("decompose", "distill")
+
+
+@dataclass
+class TrainingWatch:
+    """What was seen of one run so far, by which its speed is known."""
+
+    run: RunFolder
+    _seen: deque[tuple[float, str, int]] = field(default_factory=deque)  # time, phase, step
+
+    def state(self, after: int) -> dict[str, Any]:
+        """Return what the page is told, with the records of metrics.jsonl from byte `after` on."""
+        records, end, start = read_records(self.run.metrics_log, after)
+        latest = self._latest()
+        phases = [self._phase(phase, latest) for phase in PHASES]
+        age = _age(self.run)
+        running = age is not None and age < _QUIET and not all(phase["finished"] for phase in phases)
+        left = self._seconds_left(phases, latest) if running else None
+        return {
+            "records": records, "next": end, "from": start, "phases": phases, "running": running, "age": age,
+            "seconds_left": left, "log": log_tail(self.run.log_file), "evaluation": _evaluation(self.run),
+            "checkpoint": self.run.checkpoints.newest_step(), "object": self.run.asset_file.is_file(),
+        }  # fmt: skip
+
+    def _latest(self) -> tuple[str, int] | None:
+        """Return phase and step of the newest record, and take note of when it was seen."""
+        found = newest_record(self.run.metrics_log)
+        now = time.monotonic()
+        if found is not None and (not self._seen or self._seen[-1][1:] != found):
+            self._seen.append((now, *found))
+        while len(self._seen) > 2 and now - self._seen[0][0] > _WINDOW:
+            self._seen.popleft()
+        return found
+
+    def _phase(self, phase: str, latest: tuple[str, int] | None) -> dict[str, Any]:
+        timing = read_timings(self.run.timings_file).get(phase)
+        first = phase == PHASES[0]
+        finished = self.run.asset_file.is_file() if first else ProbeModel.exists(self.run.model_folder)
+        lengths = stage_lengths(self.run, phase)
+        total = sum(lengths.values())
+        step = total if finished else (latest[1] if latest and latest[0] == phase else 0)
+        seconds = None if timing is None else timing.seconds
+        return {
+            "name": phase, "stages": lengths, "steps": total, "step": step, "finished": finished, "seconds": seconds
+        }  # fmt: skip
+
+    def _seconds_left(self, phases: list[dict[str, Any]], latest: tuple[str, int] | None) -> float | None:
+        """Return the time that the phase at hand will take from here, None while its speed is unknown."""
+        if latest is None:
+            return None
+        phase = next(one for one in phases if one["name"] == latest[0])
+        seen = [(when, step) for when, name, step in self._seen if name == latest[0]]
+        rate = 0.0
+        if len(seen) > 1 and seen[-1][0] > seen[0][0]:
+            rate = (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0])
+        kept = (self.run.checkpoints if latest[0] == PHASES[0] else self.run.model_checkpoints).newest_step()
+        if rate <= 0 and kept and phase["seconds"]:
+            rate = kept / phase["seconds"]
+        return (phase["steps"] - latest[1]) / rate if rate > 0 else None
+
+
+def read_records(path: Path, after: int) -> tuple[list[dict[str, Any]], int, int]:
+    """Return the whole lines of metrics.jsonl from byte `after` on, where they end, and where they were read from.
+
+    A file that has become shorter, as after --restart, is read from its start. Damaged lines are left out.
+    """
+    if not path.is_file():
+        return [], 0, 0
+    with open(path, "rb") as file:
+        size = file.seek(0, 2)
+        start = after if 0 <= after <= size else 0
+        file.seek(start)
+        data = file.read(_CHUNK)
+    whole = data[: data.rfind(b"\n") + 1]
+    lines = (_record(line) for line in whole.splitlines())
+    return [record for record in lines if record is not None], start + len(whole), start
+
+
+def newest_record(path: Path) -> tuple[str, int] | None:
+    """Return phase and step of the last whole line of metrics.jsonl, None without one."""
+    if not path.is_file():
+        return None
+    with open(path, "rb") as file:
+        size = file.seek(0, 2)
+        file.seek(max(size - _TAIL, 0))
+        lines = file.read().split(b"\n")[:-1]
+    found = next((record for line in reversed(lines) if (record := _record(line)) is not None), None)
+    return None if found is None else (found["phase"], found["step"])
+
+
+def _record(line: bytes) -> dict[str, Any] | None:
+    """Return a line's phase, step, stage and numbers, None where it is damaged."""
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    sound = isinstance(value, dict) and value.get("phase") in PHASES and type(value.get("step")) is int
+    return {key: value[key] for key in value if isinstance(value[key], str | int | float)} if sound else None
+
+
+def stage_lengths(run: RunFolder, phase: str) -> dict[str, int]:
+    """Return the steps of each stage of a phase, none while its settings are unknown."""
+    section = run.sections().get(phase)
+    if not isinstance(section, dict):
+        return {}
+    settings = {key: value for key, value in section.items() if key not in ("seed", "hdri")}
+    try:
+        if phase == PHASES[0]:
+            return {stage.name: stage.iterations for stage in decompose_stages(DecomposeConfig.from_json(settings))}
+        return {stage.name: stage.iterations for stage in distill_stages(DistillConfig.from_json(settings))}
+    except LightprobeError:
+        return {}
+
+
+def log_tail(path: Path) -> list[str]:
+    """Return the last lines of log.txt, tracebacks' lines left out."""
+    if not path.is_file():
+        return []
+    with open(path, "rb") as file:
+        size = file.seek(0, 2)
+        file.seek(max(size - _TAIL, 0))
+        text = file.read().decode("utf-8", "replace")
+    lines = [printable(line) for line in text.split("\n") if line[:2].isdigit()]
+    return lines[-_LINES:]
+
+
+def _age(run: RunFolder) -> float | None:
+    """Return the seconds since something was recorded, None where nothing was."""
+    files = (run.metrics_log, run.log_file, run.timings_file, run.checkpoints.folder, run.model_checkpoints.folder)
+    times = [path.stat().st_mtime for path in files if path.exists()]
+    return time.time() - max(times) if times else None
+
+
+def _evaluation(run: RunFolder) -> dict[str, Any]:
+    try:
+        return evaluation_of(run)
+    except InputError:
+        return {}
