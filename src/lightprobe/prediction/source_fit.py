@@ -43,10 +43,11 @@ from lightprobe.render.depth_maps import DepthMaps, frames
 from lightprobe.render.split_sum import reflectance
 from lightprobe.render.transport import Transport
 
-_PIXELS = 3072  # of the photo, at most
+_PIXELS = 1536  # of the photo, at most
 _INDEPENDENT = 20.0  # pixels that all pixels together count as
 _SOURCE_SPREAD, _REST_SPREAD = 0.4, 0.1  # what is expected of the factors' departure from 1
 _ROUNDS = 4  # of weights, clipped pixels and v
+_SEARCH_ROUNDS = 2  # the same while the key source is looked for
 _FLOOR = 0.005  # displayed error below which all pixels count alike
 _SHADOW_SIDE = 512  # pixels of a depth map
 _RINGS = tuple(math.radians(angle) for angle in (8.0, 4.0, 2.0))  # of directions that are tried
@@ -84,8 +85,8 @@ class _Pixels:
             observation.pixels.color[chosen], observation.clipped[chosen], resolution,
         )  # fmt: skip
 
-    def lit(self, source: LightSource) -> Tensor:
-        """Return the image (P, 3) of a source, with sharp shadows where the object casts any."""
+    def lit(self, source: LightSource, *, as_point: bool = False) -> Tensor:
+        """Return the image (P, 3) of a source, with the shadows that it casts by its extent, or from its middle."""
         texels = source.texels(self.resolution, self.rows.device)
         image = self.transport.apply(texels)
         gbuffer = self.observation.gbuffer
@@ -94,7 +95,8 @@ class _Pixels:
         blocks = resize_light(texels, BLOCKS).reshape(-1, 3)
         coarse = gbuffer.visibility.light(blocks, gbuffer.normal)[:, :3]
         towards = torch.tensor(source.direction, device=self.rows.device)
-        share = sum(self.maps.visibility(axes)[0] for axes in frames(_disc(towards, source.angular_radius))) / 5
+        directions = towards[None] if as_point else _disc(towards, source.angular_radius)
+        share = sum(self.maps.visibility(axes)[0] for axes in frames(directions)) / len(directions)
         arriving = (share * (gbuffer.normal @ towards).clamp(min=0))[:, None] * torch.tensor(source.irradiance)
         return (image + self.diffuse * (arriving.to(coarse) / math.pi - coarse)).clamp(min=0)
 
@@ -125,10 +127,11 @@ def fitted_sources(observation: Observation, environment: Environment, mesh: Mes
         return split
     pixels = _Pixels.of(observation, mesh, environment.resolution, seed)
     rest = pixels.rest(split.rest)
-    images = [pixels.lit(source) for source in split.sources]
-    solved = _solve(pixels, images + rest)
-    key, solved, images, doubt = _moved(pixels, split.sources[0], images, rest, solved)
-    sources = [replace(key, direction_uncertainty=doubt), *split.sources[1:]]
+    weaker = split.sources[1:]
+    others = [pixels.lit(source) for source in weaker] + rest
+    key, doubt = _moved(pixels, split.sources[0], others)
+    solved = _solve(pixels, [pixels.lit(key), *others])
+    sources = [replace(key, direction_uncertainty=doubt), *weaker]
     return SplitLight(split.rest, tuple(_scaled(source, solved, k) for k, source in enumerate(sources)))
 
 
@@ -141,28 +144,31 @@ def _scaled(source: LightSource, solved: _Solution, index: int) -> LightSource:
     return replace(source.scaled(torch.from_numpy(factor)), uncertainty=math.hypot(relative, _USUAL_ERROR))
 
 
-def _moved(
-    pixels: _Pixels, key: LightSource, images: list[Tensor], rest: list[Tensor], solved: _Solution
-) -> tuple[LightSource, _Solution, list[Tensor], float]:
-    """Return the key source where it explains the photo best, all that follows from it, and its direction's doubt."""
-    best, errors = (key, images[0], solved), []
+def _moved(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> tuple[LightSource, float]:
+    """Return the key source where it explains the photo best beside the images `others`, and its direction's doubt.
 
-    def gain(turned: LightSource, trial: _Solution) -> float:
+    While it is looked for, it throws the shadows of a point: a fifth of the depth maps.
+    """
+    best, errors = (key, _error(pixels, key, others)), []
+
+    def gain(turned: LightSource, error: float) -> float:
         apart = math.acos(min(1.0, sum(a * b for a, b in zip(turned.direction, key.direction, strict=True))))
-        return _INDEPENDENT * math.log(solved.error / trial.error) - (apart / _USUAL_TURN) ** 2
+        return -_INDEPENDENT * math.log(error) - (apart / _USUAL_TURN) ** 2
 
     for ring in _RINGS:
         tried = []
         for direction in _ring(torch.tensor(best[0].direction, dtype=torch.float64), ring):
             x, y, z = direction.tolist()
             source = replace(key, direction=(x, y, z))
-            image = pixels.lit(source)
-            tried.append((source, image, _solve(pixels, [image, *images[1:], *rest])))
-        errors.append((ring, float(np.mean([one[2].error for one in tried]))))
-        nearest = max(tried, key=lambda one: gain(one[0], one[2]))
-        if gain(nearest[0], nearest[2]) > gain(best[0], best[2]):
-            best = nearest
-    return best[0], best[2], [best[1], *images[1:]], _direction_doubt(best[2].error, errors)
+            tried.append((source, _error(pixels, source, others)))
+        errors.append((ring, float(np.mean([error for _, error in tried]))))
+        best = max([best, *tried], key=lambda one: gain(*one))
+    return best[0], _direction_doubt(best[1], errors)
+
+
+def _error(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> float:
+    """Return what stays unexplained with the key source, as a point, beside the images `others`."""
+    return _solve(pixels, [pixels.lit(key, as_point=True), *others], _SEARCH_ROUNDS).error
 
 
 def _direction_doubt(least: float, errors: list[tuple[float, float]]) -> float:
@@ -174,14 +180,14 @@ def _direction_doubt(least: float, errors: list[tuple[float, float]]) -> float:
     return min(math.hypot(1 / math.sqrt(_INDEPENDENT * float(np.median(growth))), _USUAL_TURN), math.pi / 2)
 
 
-def _solve(pixels: _Pixels, columns: list[Tensor]) -> _Solution:
+def _solve(pixels: _Pixels, columns: list[Tensor], rounds: int = _ROUNDS) -> _Solution:
     """Return the factors of the images `columns` (P, 3), sources first and the rest's six parts last."""
     matrix = torch.stack(columns, 0).double().permute(2, 1, 0)  # (3, P, M)
     photo, clipped = pixels.color.double(), pixels.clipped
     unit = exposure_unit(photo)
     spread = matrix.new_tensor([_SOURCE_SPREAD] * (len(columns) - 6) + [_REST_SPREAD] * 6)
     factors, deviation = matrix.new_ones(3, len(columns)), matrix.new_ones(3, len(columns))
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         render = (matrix @ factors[..., None])[..., 0].T
         slope, residual = tone_slope(render / unit), one_sided_residual(render, photo, clipped) / unit
         weight = slope.square() / (slope * residual.abs() + _FLOOR)
