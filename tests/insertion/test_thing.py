@@ -1,3 +1,5 @@
+import zlib
+
 import numpy as np
 import pytest
 import torch
@@ -113,6 +115,7 @@ def compressed(made: Writer) -> None:
 def huge_texture(made: Writer) -> None:
     picture = bytearray(png((1, 2, 3)))
     picture[16:24] = (60_000).to_bytes(4, "big") * 2
+    picture[29:33] = zlib.crc32(picture[12:29]).to_bytes(4, "big")  # of the changed header
     pbr = {"baseColorTexture": {"index": 0}}
     textured(made, pbrMetallicRoughness=pbr)
     made.document["images"][0]["bufferView"] = made.view(bytes(picture))

@@ -18,12 +18,10 @@ _Lan = Annotated[
     FlagCreatePairsOff[bool],
     option(help="Let a phone in the same network open it, by a QR code; without encryption, for networks you trust."),
 ]
-_Open = Annotated[bool, option(name="open", help="Open the page in this machine's browser.")]
+_Open = Annotated[bool, option(help="Open the page in this machine's browser.")]
 
 
-def view(
-    runs: _Folders, *, port: _Port = PORT, lan: _Lan = False, open_: _Open = True, device: Device = "auto"
-) -> None:
+def view(runs: _Folders, *, port: _Port = PORT, lan: _Lan = False, open: _Open = True, device: Device = "auto") -> None:
     """Show runs on a page in the browser: the object under any light, the light in a photo, a training, masks.
 
     The page works offline and is reachable from this machine alone, unless --lan is given. What is uploaded lies in a
@@ -35,4 +33,4 @@ def view(
       lightprobe view runs/cup --lan
       lightprobe view scenes/cup
     """
-    serve(runs, port=port, lan=lan, browser=open_, device=device)
+    serve(runs, port=port, lan=lan, browser=open, device=device)

@@ -60,18 +60,20 @@ class GlbFile:
             found._refuse_external()
         return found
 
-    def entries(self, key: str) -> list[dict[str, Any]]:
+    def entries(self, key: str) -> list[Any]:
         """Return a list of the document's top level, empty where there is none."""
         value = self.document.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
-            raise ValueError(f"'{key}' is no list of objects")
+        if not isinstance(value, list):
+            raise ValueError(f"'{key}' is no list")
         return value
 
     def entry(self, key: str, index: object) -> dict[str, Any]:
-        """Return an entry of such a list; raise `ValueError` for an index that is none."""
-        values = self.entries(key)
+        """Return an entry of such a list; raise `ValueError` for an index that is none, or for what is no object."""
+        values = self.entries(key)  # checked one by one: all of them at each look-up would take minutes
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
             raise ValueError(f"{key}[{shown(index)}] does not exist")
+        if not isinstance(values[index], dict):
+            raise ValueError(f"{key}[{index}] is no object")
         return values[index]
 
     def count(self, accessor: object) -> int:

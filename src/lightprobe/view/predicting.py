@@ -14,15 +14,15 @@ from lightprobe.core.config.prediction import Sun
 from lightprobe.core.files import atomic_path, checksum, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
-from lightprobe.evaluation.prediction_files import exposure, tone_mapped
 from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.export import write_picture
 from lightprobe.export.light_file import PhotoFacts, write_light_file
 from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_png
+from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import plane
 from lightprobe.localization.located import write_overlay
 from lightprobe.prediction import Prediction, Predictor, recorded_config
-from lightprobe.report.color_scale import confidence_colors
+from lightprobe.prediction.color_scale import confidence_colors
 from lightprobe.runs.locations import LocationFiles
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.camera import Camera
