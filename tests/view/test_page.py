@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from lightprobe.imaging import read_mask, srgb_encode, write_exr, write_png
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.scene.record import read_record
+from lightprobe.view.jobs import JobState
 from tests.view.browsing import CHROMIUM, PATIENCE, Running, chromium
 from tests.view.finished_run import begun_run
 
@@ -185,12 +187,25 @@ def test_light_out_of_a_photo_and_a_thing_into_it(page, server, run, tmp_path):
 
 
 def test_a_worker_that_is_killed_costs_one_sentence(page, server, run):
-    page.goto(f"{server.url}#photo")
+    with page.expect_response("**/load"):
+        page.goto(f"{server.url}#photo")
+    worker = idle_worker(server)
+    os.kill(worker, signal.SIGSTOP)  # or it may be done before it is killed
     page.set_input_files("#photo-file", run.path.parent / "scene" / "train" / "train_00.png")
-    page.wait_for_selector("#result >> text=/finding|loading|predicting|drawing/")
-    os.kill(server.jobs.worker_pid, signal.SIGKILL)
+    page.wait_for_selector("#result >> text=/starting/")
+    os.kill(worker, signal.SIGKILL)
     page.wait_for_selector("#result .failed")
     assert "has ended" in page.inner_text("#result .failed")
+
+
+def idle_worker(server) -> int:
+    """Return the process that computes, once it has loaded the run that the page has asked for."""
+    for _ in range(600):
+        states = {job.state for job in server.jobs.all()}
+        if server.jobs.worker_pid is not None and not states & {JobState.WAITING, JobState.RUNNING}:
+            return server.jobs.worker_pid
+        time.sleep(0.1)
+    raise AssertionError("the run was never loaded")
 
 
 def test_files_that_cannot_be_used_cost_one_sentence_each(page, server, tmp_path):
