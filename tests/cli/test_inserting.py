@@ -1,0 +1,45 @@
+import pytest
+
+from lightprobe.imaging import read_ldr
+from tests.cli.commands import fails, succeed
+from tests.insertion.glbs import box, write
+
+
+@pytest.fixture(scope="module")
+def thing(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("thing") / "box.glb", box())
+
+
+@pytest.mark.slow
+def test_a_thing_is_put_into_a_photo_of_the_run(trained, thing, tmp_path, capsys):
+    scene, run = trained
+    photo, light = scene / "test" / "test_00.png", tmp_path / "light.exr"
+    succeed("predict", run.path, photo, "-o", light)
+    for name, more in (("own.png", []), ("placed.png", ["--env", light, "--at", "30,30", "--scale", "0.4"])):
+        succeed("insert", run.path, photo, "--object", thing, "-o", tmp_path / name, "--turn", "20", *more)
+        assert f"Picture: {tmp_path / name}" in capsys.readouterr().out
+        color, alpha = read_ldr(tmp_path / name)
+        assert color.shape == read_ldr(photo)[0].shape
+        assert alpha is not None  # of a cut-out photo
+        stem = name.removesuffix(".png")
+        assert {p.name for p in tmp_path.glob(f"{stem}.*")} == {
+            name, f"{stem}.beauty.exr", f"{stem}.shadow.exr", f"{stem}.mask.exr",
+        }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_what_cannot_be_inserted_leaves_no_file(trained, thing, tmp_path, capsys):
+    scene, run = trained
+    photo, folder = scene / "test" / "test_00.png", tmp_path / "out"
+    folder.mkdir()
+    outside = box()
+    outside.document["images"] = [{"uri": "secret.png"}]
+    bad = write(tmp_path / "outside.glb", outside)
+    for name, object_, more, word in (
+        ("a.png", bad, [], "refers to other files"), ("a.jpg", thing, [], ".png"),
+        ("a.png", thing, ["--at", "here"], "--at"), ("a.png", thing, ["--at", "500,500"], "outside"),
+        ("a.png", thing, ["--scale", "nan"], "--scale"), ("a.png", tmp_path / "none.glb", [], "does not exist"),
+    ):  # fmt: skip
+        arguments = ["insert", run.path, photo, "--object", object_, "-o", folder / name, *more]
+        fails(arguments, capsys, [word])
+        assert not list(folder.iterdir())
