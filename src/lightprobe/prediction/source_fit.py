@@ -186,7 +186,7 @@ def _solve(pixels: _Pixels, columns: list[Tensor], rounds: int = _ROUNDS) -> _So
     photo, clipped = pixels.color.double(), pixels.clipped
     unit = exposure_unit(photo)
     spread = matrix.new_tensor([_SOURCE_SPREAD] * (len(columns) - 6) + [_REST_SPREAD] * 6)
-    factors, deviation = matrix.new_ones(3, len(columns)), matrix.new_ones(3, len(columns))
+    factors = matrix.new_ones(3, len(columns))
     for _ in range(rounds):
         render = (matrix @ factors[..., None])[..., 0].T
         slope, residual = tone_slope(render / unit), one_sided_residual(render, photo, clipped) / unit
@@ -198,7 +198,7 @@ def _solve(pixels: _Pixels, columns: list[Tensor], rounds: int = _ROUNDS) -> _So
         hessian = matrix.mT @ (pull * matrix) + torch.diag(spread**-2)
         right = (matrix.mT @ (pull * photo.T[..., None]))[..., 0] + spread**-2
         factors = torch.stack([_non_negative(h, r) for h, r in zip(hessian, right, strict=True)])
-        deviation = torch.linalg.inv(hessian).diagonal(dim1=1, dim2=2).sqrt()
+    deviation = torch.linalg.inv(hessian).diagonal(dim1=1, dim2=2).sqrt()
     render = (matrix @ factors[..., None])[..., 0].T
     shown = tone_slope(render / unit) * one_sided_residual(render, photo, clipped) / unit
     return _Solution(factors.cpu().numpy(), float(shown.square().mean().clamp(min=1e-8)), deviation.cpu().numpy())

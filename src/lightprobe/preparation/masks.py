@@ -94,10 +94,7 @@ def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarr
 
     Others merely lie behind or before the object in that photo.
     """
-    own = np.zeros(len(solution.points), bool)
-    for photo in hinted:
-        own[solution.seen[solution.seen_by == photo]] = True
-    own &= shown
+    own = _seen_by(solution, list(hinted)) & shown
     if own.sum() < _FEWEST:
         return shown
     center = np.median(solution.points[own], axis=0)
