@@ -1,5 +1,7 @@
 """The photo as a linear function of its light: it is the renderer, has its transpose, and gives the light back."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -54,13 +56,15 @@ def test_unseen_directions_go_to_the_prior():
     assert torch.isfinite(solved).all()
 
 
-def test_the_solved_light_is_the_objective_s_minimum():
+@pytest.mark.parametrize("chroma", [0.0, 0.5])
+def test_the_solved_light_is_the_objective_s_minimum(chroma):
     """As its docstring has it: the derivative vanishes where the light is free, and is not negative where it is 0."""
     gbuffer, operator = sphere_gbuffer(400, roughness=0.2, metallic=0.5), cached(8)
-    linear, prior, share = Transport(gbuffer, operator), torch.full((6, 8, 8, 3), 0.4), 0.3
+    mean = torch.tensor([0.5, 0.4, 0.3])
+    linear, prior, share = Transport(gbuffer, operator), mean.expand(6, 8, 8, 3).contiguous(), 0.3
     observed, weight = linear.apply(sky(8)), torch.rand(400, generator=torch.Generator().manual_seed(0))
     nothing = torch.zeros(400, 3, dtype=torch.bool)
-    solved = solve_light(linear, observed, weight, nothing, prior, share, 200)
+    solved = solve_light(linear, observed, weight, nothing, prior, share, 200, chroma=chroma)
     weight = (weight / weight.sum())[:, None].double()
     angle = (cubemap.solid_angles(8) / (4 * torch.pi))[..., None].double()
     gain = (weight * linear.apply(torch.ones_like(prior)).square()).sum(0).mean()
@@ -69,8 +73,13 @@ def test_the_solved_light_is_the_objective_s_minimum():
         """Return the derivative of the objective, a square, along a way."""
         light, ends = light.double(), []
         for step in (1, -1):
-            data = weight * (linear.apply(light + step * way) - observed).square()
-            ends.append(data.sum() + share * gain * (angle * (light + step * way - prior).square()).sum())
+            tried = light + step * way
+            data = weight * (linear.apply(tried) - observed).square()
+            relative = tried / mean
+            # The search starts from the prior, whose places are all of the relative brightness 1.
+            cast = 0.4**2 * (relative - relative.mean(-1, keepdim=True)).square() / 2
+            prices = share * (tried - prior).square() + chroma * cast
+            ends.append(data.sum() + gain * (angle * prices).sum())
         return float(ends[0] - ends[1]) / 2
 
     assert (solved > 0).float().mean() > 0.5
@@ -79,3 +88,24 @@ def test_the_solved_light_is_the_objective_s_minimum():
         way = torch.randn(prior.shape, generator=random, dtype=torch.float64)
         assert abs(slope(solved, way * (solved > 0))) < 1e-3 * abs(slope(prior, way * (solved > 0)))
         assert slope(solved, way.abs() * (solved == 0)) >= 0
+
+
+def test_a_coloured_metal_cannot_imitate_paint_where_channels_hold_together():
+    """Red paint with white highlights: a red metal needs a light of much contrast in green and blue, little in red."""
+    paint, operator = sphere_gbuffer(1500, roughness=0.2, metallic=0.0, base=(0.6, 0.02, 0.02)), cached(R)
+    metal = replace(paint, metallic=torch.full_like(paint.metallic, 0.6))
+    light = sky(R).mean(-1, keepdim=True).expand(6, R, R, 3).contiguous()
+    photo = Transport(paint, operator).apply(light)
+    errors = {}
+    for chroma in (0.0, 1.0):
+        for name, surface in (("paint", paint), ("metal", metal)):
+            linear = Transport(surface, operator)
+            start = torch.full_like(light, float(light.mean()))
+            found = solve_light(
+                linear, photo, torch.ones(1500), torch.zeros_like(photo, dtype=torch.bool), start, 1e-3, 40,
+                chroma=chroma,
+            )  # fmt: skip
+            errors[name, chroma] = float((linear.apply(found) - photo).abs().mean() / photo.mean())
+    assert errors["paint", 1.0] < 1.1 * errors["paint", 0.0]  # a grey light loses nothing
+    assert errors["metal", 1.0] > 2 * errors["metal", 0.0]
+    assert errors["metal", 1.0] > 4 * errors["paint", 1.0]

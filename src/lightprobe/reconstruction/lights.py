@@ -36,6 +36,7 @@ def solve_target_light(
         light = solve_light(
             transport, observed, weight, clipped, prior,
             regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=light,
+            chroma=config.light_chroma,
         )  # fmt: skip
         light = refit_contrast(transport, light, observed, clipped)
     return light

@@ -3,6 +3,10 @@
 Bright and matte, or dark and glossy: either explains most photos when roughness, metallic and lights have fitted
 themselves to it, so that no small step leads from one to the other. So each is fitted for a short time on the surface
 as it is, which costs a fraction of as many steps of the pass, and judged by `reconstruction.agreement`.
+
+A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a material
+fitted to the same pixels turns into a mirror. So each step solves the light from one half of a photo's pixels, drawn at
+random, and fits the material to the other.
 """
 
 import math
@@ -27,7 +31,7 @@ STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours tried
 _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
 _JUDGES = 8  # of the photos
-_ALIKE = 1.6  # a brightness within this factor of the present one is no reason to start over
+_ALIKE = 1.3  # a brightness within this factor of the present one is no reason to start over
 
 
 @dataclass(frozen=True)
@@ -79,14 +83,15 @@ class Trial:
 
     def _loss(self, sample: Sample, step: int) -> Tensor:
         material = self.material(sample.pixels.position)
-        pixels = sample.of_material(material)
-        every = torch.arange(len(sample.color), device=sample.color.device)
+        pixels, color, clipped = sample.of_material(material), sample.color, sample.clipped
+        order = torch.randperm(len(color), generator=generator(self.seed, f"trial-halves/{sample.name}", step))
+        solved, fitted = order.to(color.device).tensor_split(2)
         with torch.no_grad():
             light = solve_target_light(
-                sample.color, sample.clipped, pixels, self.lights[sample.name], every, self.config
+                color[solved], clipped[solved], pixels, self.lights[sample.name], solved, self.config
             )
         self.lights[sample.name] = light
-        image = displayed_error(render(pixels, light), sample.color, sample.clipped)
+        image = displayed_error(render(pixels.select(fitted), light), color[fitted], clipped[fitted])
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
 
     @torch.no_grad()
@@ -108,7 +113,7 @@ def best_trial(
 
     None when the present mean base colour `mean` is as good, or when no sample has pixels; deterministic.
     """
-    samples = [sample for sample in samples if len(sample.color) > 0]
+    samples = [sample for sample in samples if len(sample.color) > 1]  # which halve
     if not samples:
         return None
     trials, errors = [], []

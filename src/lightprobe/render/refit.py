@@ -21,15 +21,15 @@ _LEAST, _MOST = 0.5, 2.0  # a light is never changed by more
 def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clipped: Tensor) -> Tensor:
     """Return the light a m + b (E - m) >= 0 of E = `light` (6, R, R, 3) with m its mean colour.
 
-    a and b, per channel, minimise the sum of absolute displayed errors of the pixels `observed` (P, 3) linear; where
-    `clipped` (P, 3) bool, a brighter render is no error. Scales with the photo's exposure.
+    a per channel, and one b for all three, minimise the sum of absolute displayed errors of the pixels `observed`
+    (P, 3) linear; where `clipped` (P, 3) bool, a brighter render is no error. Scales with the photo's exposure.
     """
     unit = exposure_unit(observed)  # errors are compared as if the photo were well exposed
     flat = light.mean((0, 1, 2)).expand_as(light)
     mean = transport.apply(flat) / unit
     varying = transport.apply(light) / unit - mean
     target = observed / unit
-    a, b = torch.ones(2, 3, device=light.device)
+    a, b = torch.ones(3, device=light.device), torch.ones((), device=light.device)
     for _ in range(_ROUNDS):
         render = (a * mean + b * varying).clamp(min=0)
         slope = tone_slope(render)
@@ -40,9 +40,11 @@ def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clippe
 
 
 def _least_squares(mean: Tensor, varying: Tensor, wanted: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the bounded factors (3,) of `mean` and `varying` that come closest to `wanted`, all (P, 3)."""
+    """Return the bounded factors of `mean`, (3,), and of `varying`, (), that come closest to `wanted`, all (P, 3)."""
     mm, mv = (weight * mean.square()).sum(0).clamp(min=1e-12), (weight * mean * varying).sum(0)
     vv = (weight * varying.square()).sum(0) + 1e-4 * mm  # a constant light has no contrast to fit
     mt, vt = (weight * mean * wanted).sum(0), (weight * varying * wanted).sum(0) + 1e-4 * mm
-    b = ((mm * vt - mv * mt) / (mm * vv - mv.square()).clamp(min=1e-12)).clamp(_LEAST, _MOST)
+    # For any b the best a is (mt - b mv) / mm; put in, each channel's error is a parabola in b, and these add up.
+    steepness = (vv - mv.square() / mm).sum().clamp(min=1e-12)
+    b = ((vt - mv * mt / mm).sum() / steepness).clamp(_LEAST, _MOST)
     return ((mt - b * mv) / mm).clamp(_LEAST, _MOST), b

@@ -6,7 +6,7 @@ All entries of A are non-negative.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse
@@ -22,6 +22,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import Shading
 
 _TINY = 1e-30  # keeps a division by nothing finite
+_LEAST_SHARE = 0.05  # of the mean channel: fainter ones are compared as if they were this bright
 _FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps along a direction before the line search; 1 is safe, 4 still common
 
 
@@ -117,25 +118,32 @@ def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]
 @torch.no_grad()
 def solve_light(
     transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float,
-    iterations: int, start: Tensor | None = None,
+    iterations: int, start: Tensor | None = None, chroma: float = 0.0,
 ) -> Tensor:  # fmt: skip
     """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`; deterministic.
 
     Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,
 
         mean_w |A E - observed|^2  +  regularisation * gain^2 * mean_omega |E - prior|^2
+                                   +  chroma * gain^2 * mean_omega g^2 |U - mean_c U|^2 / (1 + u)
 
     gain^2 = mean_w |A 1|^2 is what the object reflects of a white light. So `regularisation` has no dimension: it does
     not depend on the number of pixels, the exposure, or how dark the object is. Texels the photo does not pin go to
     the prior. observed (P, 3) linear; weight (P,) >= 0; where clipped (P, 3) bool, a brighter render costs nothing.
+
+    The last term holds the three channels of a light to one picture. m is the mean colour of the prior and g the mean
+    of its channels, U = E / m, and u the mean of U over channels in the light that the search starts from: bright
+    places may be coloured, too. Lights differ far more in brightness than in colour, while a dielectric that is taken
+    for a coloured metal asks for a light of much contrast in one channel and little in another.
 
     Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0, and an
     exact line search follows between the light and the projected point: all of that segment is valid, so an iteration
     costs one application and one adjoint. The preconditioner M is the majorant of the Hessian that comes free with
     A >= 0 (`_Problem`). `start` (default: the prior) warms up the search.
     """
-    problem = _Problem.build(transport, observed, weight, clipped, prior, regularisation)
     light = (prior if start is None else start).clamp(min=0)
+    coupling = _ChannelCoupling.of(light, prior, chroma)
+    problem = _Problem.build(transport, observed, weight, clipped, prior, regularisation, coupling)
     state = _State(light, transport.apply(light))
     direction = previous = None
     trial = torch.full((), _FIRST_TRIAL, device=light.device)
@@ -174,10 +182,52 @@ class _State:
 
 
 @dataclass(frozen=True)
+class _ChannelCoupling:
+    """The last term of `solve_light` but for gain^2 and solid angle, as `stiffness` |U - mean_c U|^2 of U = E / mean.
+
+    |U - mean_c U|^2 is at most |U|^2, so that a diagonal bounds its Hessian from above.
+    """
+
+    stiffness: Tensor  # (6, R, R, 1)
+    mean: Tensor  # (3,)
+
+    @staticmethod
+    def of(light: Tensor, prior: Tensor, chroma: float) -> "_ChannelCoupling | None":
+        """Return it for a search that starts from `light` (6, R, R, 3), or None where it weighs nothing."""
+        if chroma == 0:
+            return None
+        mean = prior.mean((0, 1, 2))
+        grey = mean.mean()
+        mean = mean.clamp(min=_LEAST_SHARE * float(grey) + _TINY)
+        return _ChannelCoupling(chroma * grey.square() / (1 + (light / mean).mean(-1, keepdim=True)), mean)
+
+    def weighted(self, factor: Tensor) -> "_ChannelCoupling":
+        """Return the term times `factor` (6, R, R, 1)."""
+        return replace(self, stiffness=self.stiffness * factor)
+
+    def deviation(self, light: Tensor) -> Tensor:
+        """Return U - mean_c U, (6, R, R, 3), of a light or of a change of one."""
+        relative = light / self.mean
+        return relative - relative.mean(-1, keepdim=True)
+
+    def gradient(self, light: Tensor) -> Tensor:
+        """Return half the gradient, (6, R, R, 3)."""
+        return self.stiffness * self.deviation(light) / self.mean
+
+    def curvature(self, move: Tensor) -> Tensor:
+        """Return the term () for a change of the light."""
+        return (self.stiffness * self.deviation(move).square()).sum()
+
+    def majorant(self) -> Tensor:
+        """Return a diagonal (6, R, R, 3) that is no less than the Hessian."""
+        return self.stiffness / self.mean.square()
+
+
+@dataclass(frozen=True)
 class _Problem:
     """The objective of `solve_light`; gradients and curvatures leave out its factor 2.
 
-    majorant: M = A^T W A 1 + the regulariser's diagonal. For A >= 0, x^T A^T W A x <= x^T diag(A^T W A 1) x by
+    majorant: M = A^T W A 1 + diagonals of the other terms. For A >= 0, x^T A^T W A x <= x^T diag(A^T W A 1) x by
     Cauchy-Schwarz, so a step of gradient / M never raises the objective (De Pierro 1995).
     """
 
@@ -188,19 +238,25 @@ class _Problem:
     prior: Tensor  # (6, R, R, 3)
     stiffness: Tensor  # (6, R, R, 1)
     majorant: Tensor  # (6, R, R, 3)
+    coupling: _ChannelCoupling | None
 
     @staticmethod
     def build(
-        transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float
-    ) -> "_Problem":
+        transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float,
+        coupling: _ChannelCoupling | None,
+    ) -> "_Problem":  # fmt: skip
         """Return the problem; when no pixel has any weight, every light solves it."""
         weight = (weight / weight.sum().clamp(min=_TINY))[:, None]
         white = transport.apply(torch.ones_like(prior))
         gain = (weight * white.square()).sum(0).mean()
         solid_angle = cubemap.solid_angles(prior.shape[1], prior.device)[..., None]
-        stiffness = regularisation * gain * solid_angle / (4.0 * math.pi)
-        majorant = (transport.adjoint(weight * white) + stiffness).clamp(min=_TINY)
-        return _Problem(transport, observed, weight, clipped, prior, stiffness, majorant)
+        unit = gain * solid_angle / (4.0 * math.pi)
+        stiffness = regularisation * unit
+        majorant = transport.adjoint(weight * white) + stiffness
+        if coupling is not None:
+            coupling = coupling.weighted(unit)
+            majorant = majorant + coupling.majorant()
+        return _Problem(transport, observed, weight, clipped, prior, stiffness, majorant.clamp(min=_TINY), coupling)
 
     def residual(self, render: Tensor) -> Tensor:
         """Return render - observed, zero where a clipped pixel is rendered brighter."""
@@ -209,7 +265,8 @@ class _Problem:
     def gradient(self, state: _State) -> Tensor:
         """Return half the gradient of the objective, (6, R, R, 3)."""
         data = self.transport.adjoint(self.weight * self.residual(state.render))
-        return data + self.stiffness * (state.light - self.prior)
+        gradient = data + self.stiffness * (state.light - self.prior)
+        return gradient if self.coupling is None else gradient + self.coupling.gradient(state.light)
 
     def step(self, state: _State, move: Tensor, gradient: Tensor) -> tuple[_State, Tensor]:
         """Return the best state between the present one and `move` away, and which share () of the move that is.
@@ -219,5 +276,7 @@ class _Problem:
         change = self.transport.apply(move)
         active = ~beyond_clipping(state.render, self.observed, self.clipped)
         curvature = (self.weight * active * change.square()).sum() + (self.stiffness * move.square()).sum()
+        if self.coupling is not None:
+            curvature = curvature + self.coupling.curvature(move)
         share = (-(gradient * move).sum() / curvature.clamp(min=_TINY)).clamp(0, 1)
         return _State(state.light + share * move, state.render + share * change), share

@@ -130,6 +130,8 @@ class DecomposeConfig:
     """Iterations of a light solve, warm-started from the previous visit."""
     light_regularisation: float = 0.003
     """Pull of a light towards its own mean in places the photo does not pin down."""
+    light_chroma: float = 0.1
+    """Pull of a solved light's places towards its mean colour: lights differ more in brightness than in colour."""
     shadows: bool = True
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
     learning_rate_geometry: float = 0.015
@@ -163,13 +165,13 @@ class DecomposeConfig:
     """Weight of the texture's difference between neighbouring texels in the second pass."""
     smoothness_detail: float = 0.01
     """The same in the third pass."""
-    metallic_prior: float = 0.01
+    metallic_prior: float = 0.02
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals go free."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
     brightness_anchor: float = 0.1
     """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
-    trial_steps: int = 120
+    trial_steps: int = 240
     """Steps for which the material is fitted anew from each of several brightnesses, once in the first pass, to find
     out whether the object is a dark one; 0 leaves that out."""
     parsimony: float = 0.02
@@ -239,7 +241,9 @@ def quick() -> DecomposeConfig:
 
 def demo() -> DecomposeConfig:
     """The bundled scene, whose photos are small, within a few minutes on two CPU cores."""
-    return replace(quick(), pass1_iterations=650, pass2_iterations=330, lattice_cells=64, max_faces=16000)
+    return replace(
+        quick(), pass1_iterations=650, pass2_iterations=330, lattice_cells=64, max_faces=16000, trial_steps=120
+    )  # fmt: skip
 
 
 def standard() -> DecomposeConfig:
@@ -258,9 +262,10 @@ def paper() -> DecomposeConfig:
         standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass3_iterations=0, pass1_side=512,
         pass2_side=512, lattice_cells=64, start=StartShape.SPHERE, sdf=SdfMode.MLP,
         hash_levels=16, hash_log2_size=19, hash_coarsest=16, hash_finest=4096, light_update=LightUpdate.GRADIENT,
-        light_resolution=128, shadows=False, learning_rate_finish=0.005, warm_up_steps=100, adam_decay=0.999,
-        image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4, smoothed=Smoothed.BASE_COLOR,
-        smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0,
-        parsimony=0.0, normal_prior=0.0, normal_ramp=0.0, laplacian_fades=True, max_faces=1_000_000,
-        crease_degrees=180.0, texture_size=2048, unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
+        light_resolution=128, light_chroma=0.0, shadows=False, learning_rate_finish=0.005, warm_up_steps=100,
+        adam_decay=0.999, image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4,
+        smoothed=Smoothed.BASE_COLOR, smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0,
+        brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0, normal_prior=0.0, normal_ramp=0.0,
+        laplacian_fades=True, max_faces=1_000_000, crease_degrees=180.0, texture_size=2048, unwrap_seconds=3600.0,
+        validation_photos=0, checkpoint_every=1000,
     )  # fmt: skip
