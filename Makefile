@@ -2,6 +2,7 @@
 # make check   style, types, import contract, shapes in docstrings, fast tests
 # make test    the same with the slow tests
 # make docs    the documentation, build/docs/index.html; a warning is an error
+# make fuzz    damaged and hostile files for every reader, for MINUTES (60); findings are left in build/fuzz
 # make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
 
 PYTHON ?= python3
@@ -15,8 +16,9 @@ SPHINX := $(VENV)/.installed-docs
 PYTEST := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/pytest -q -n auto --maxprocesses 4 --dist loadfile \
 	--no-loadscope-reorder
 DATA ?= data
+MINUTES ?= 60
 
-.PHONY: demo check test docs bench
+.PHONY: demo check test docs fuzz bench
 
 demo: $(READY)
 	$(BIN)/lightprobe demo
@@ -40,6 +42,9 @@ test: $(TOOLS)
 docs: $(SPHINX)
 	@$(BIN)/python -m sphinx -q -E -n -W --keep-going docs build/docs
 	@echo build/docs/index.html
+
+fuzz: $(TOOLS)
+	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m tests.fuzz --minutes $(MINUTES)
 
 bench: $(TOOLS)
 	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests

@@ -44,6 +44,7 @@ def test_a_page_s_content_is_checked(tmp_path, key, value):
         ("photos", {"a": 3}),
         ("photos", {"a": {"methods": {"solve": {"psnr": []}}}}),
         ("default_method", "<script>"),
+        ("default_method", []),
         ("interval", {"solve": 1}),
         ("confidence", {"solve": {"bins": 4}}),
     ],

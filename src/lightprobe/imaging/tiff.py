@@ -63,6 +63,10 @@ def decode(path: Path) -> Samples:
         premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
     if bits <= 8:
         with decode_errors(path), TiffImagePlugin.TiffImageFile(str(path)) as image:
+            check_pixels(path, *image.size)
+            # Pillow makes room for all that lies between the offsets of two strips.
+            if any(tile.offset > path.stat().st_size for tile in image.tile):
+                raise ValueError("its pixels lie beyond its end")
             return eight_bits(image, encoding)
     values = _deep(path, premultiplied=premultiplied)
     if kind == "f" or values.dtype.kind == "f":

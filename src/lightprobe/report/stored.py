@@ -69,7 +69,8 @@ def _checked_metrics(path: Path) -> dict[str, Any]:
                  photo)  # fmt: skip
         for method, each in checked_object(scores.get("methods", {}), path, _REMEDY, photo).items():
             _numbers(each, path, method)
-    if metrics.get("default_method") not in metrics["methods"]:
+    default = metrics.get("default_method")
+    if not isinstance(default, str) or default not in metrics["methods"]:
         raise damaged(path, "'default_method' is none of its methods", _REMEDY)
     for key, inner in (("interval", _intervals), ("confidence", _confidence)):
         for method, value in checked_object(metrics.setdefault(key, {}), path, _REMEDY, key).items():

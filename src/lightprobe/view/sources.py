@@ -118,4 +118,5 @@ def evaluation_of(run: RunFolder) -> dict[str, Any]:
         return {}
     value = read_json(run.metrics_file)
     mean = value.get("mean") if isinstance(value, dict) else None
-    return {key: number for key, number in (mean or {}).items() if isinstance(number, int | float)}
+    scores = mean.items() if isinstance(mean, dict) else ()
+    return {key: number for key, number in scores if isinstance(number, int | float)}
