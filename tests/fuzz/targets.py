@@ -3,14 +3,13 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from lightprobe.core.checkpoint import Checkpoints, load_metadata, load_tensors, save_tensors
-from lightprobe.core.config.distillation import quick
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
@@ -31,9 +30,7 @@ from lightprobe.insertion.thing import load_thing
 from lightprobe.light.environment import Environment
 from lightprobe.light.sources import LightSource
 from lightprobe.localization.views import KnownViews
-from lightprobe.models import ProbeModel
 from lightprobe.models.calibration import Calibration
-from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.prediction import Predictor
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.hints import store_hint, stored_hint
@@ -53,7 +50,7 @@ from tests.insertion.glbs import box, png, write
 from tests.report.pages import evaluated_run
 from tests.report.results import record
 from tests.scene.worlds import views, write_colmap, write_nerd, write_nerfstudio
-from tests.view.finished_run import finished_run
+from tests.view.finished_run import add_model, finished_run
 
 Read = Callable[[Path, Path], object]  # of the target's folder and of the file in it that was spoilt
 
@@ -171,11 +168,7 @@ def _read_video(root: Path, path: Path) -> None:
 def _run(root: Path) -> None:
     root.mkdir()
     run = finished_run(root)
-    config = replace(quick(), light_resolution=8, width=16, depth=2, sphere_width=4)
-    up = torch.tensor([0.0, 0.0, 1.0])
-    light = Environment(torch.ones(6, 8, 8, 3))
-    ProbeModel(new_network(config), light, up, config, new_sphere(config)).save(run.model_folder)
-    run.record_config("distill", {"seed": 0, **asdict(config)})
+    add_model(run)
     Calibration((1.0, 2.0, 0.5), "a grey card").save(run.calibration_file)
     (run.timings_file).write_text(json.dumps({"decompose": {"seconds": 3.5, "memory": 1.0, "finished": True}}))
     Checkpoints(run.path / "checkpoints").save(5, {"a": torch.ones(3)}, {"losses": [1.0, 2.0]})

@@ -40,6 +40,7 @@ def test_a_page_s_content_is_checked(tmp_path, key, value):
     ("key", "value"),
     [
         ("mean", {"psnr": "<b>"}),
+        ("mean", {"psnr": 10**400}),
         ("methods", {"solve": {"psnr": None}}),
         ("photos", {"a": 3}),
         ("photos", {"a": {"methods": {"solve": {"psnr": []}}}}),

@@ -8,7 +8,7 @@ from lightprobe.view.sources import evaluation_of
 from tests.report.pages import evaluated_run
 
 
-@pytest.mark.parametrize("mean", [[1], "x", 3, True, None])
+@pytest.mark.parametrize("mean", [[1], "x", 3, True, None, {"psnr": float("nan")}, {"psnr": 10**400}])
 def test_scores_that_are_none_are_left_out(tmp_path, mean):
     run = evaluated_run(tmp_path / "run", {"a": 20.0})
     assert evaluation_of(run)["psnr_masked"] == 20

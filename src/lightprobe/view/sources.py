@@ -8,6 +8,7 @@ from typing import Any
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import inside, read_json
 from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import is_finite_number
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.plain_inspection import is_plain
 from lightprobe.scene.record import SPLITS, read_record
@@ -119,4 +120,4 @@ def evaluation_of(run: RunFolder) -> dict[str, Any]:
     value = read_json(run.metrics_file)
     mean = value.get("mean") if isinstance(value, dict) else None
     scores = mean.items() if isinstance(mean, dict) else ()
-    return {key: number for key, number in scores if isinstance(number, int | float)}
+    return {key: number for key, number in scores if is_finite_number(number)}
