@@ -1,6 +1,7 @@
 """Read damaged and hostile files with every reader, for as long as is given, and write down what came of it.
 
     python -m tests.fuzz --minutes 60 --seed 0 [--page benchmarks/FUZZ.md] [--only GLB PNG]
+    python -m tests.fuzz --again
 
 Readers take turns, a few dozen files each. A file must give a result or one sentence of ours within 10 s and 2 GiB.
 Anything else is a finding: its file is left in build/fuzz/findings with as few edits as show it, and the run ends with
@@ -80,6 +81,17 @@ class Attack:
                     return
                 self._try(target, target.files[(number + index) % len(target.files)], edits, mend=index % 2 == 1)
 
+    def again(self) -> list[str]:
+        """Read all findings that are kept once more, and return what is still wrong."""
+        wrong = []
+        for words in sorted(self._findings.glob("*.txt")):
+            named = words.read_text().splitlines()[2]
+            target = next(target for target in TARGETS if named.startswith(f"{target.name}, "))
+            data = words.with_suffix("").read_bytes()
+            outcome = self._worker.read(target.name, named.removeprefix(f"{target.name}, "), data)
+            wrong += [f"{words.with_suffix('')}: {outcome.finding}"] if outcome.finding else []
+        return wrong
+
     def close(self) -> None:
         """End the process that reads."""
         self._worker.close()
@@ -155,11 +167,15 @@ def main(words: Sequence[str] | None = None, say: Callable[[str], None] = print)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "fuzz")
     parser.add_argument("--page", type=Path, help="where the record is written as Markdown")
+    parser.add_argument("--again", action="store_true", help="only read the findings that are kept once more")
     parser.add_argument("--only", nargs="+", metavar="READER", help=f"some of: {', '.join(t.name for t in TARGETS)}")
     given = parser.parse_args(words)
     commit = _commit()
     attack = Attack(given.folder, given.seed, [t for t in TARGETS if given.only is None or t.name in given.only])
     try:
+        if given.again:
+            say("\n".join(wrong := attack.again()) or "Nothing that was found is wrong any more.")
+            return 1 if wrong else 0
         if wrong := attack.check_corpus():
             say("\n".join(["The valid files are not read:", *wrong]))
             return 2

@@ -85,6 +85,18 @@ def test_every_reader_survives_a_short_attack(tmp_path):
     assert all(tally.files >= 2 for tally in attack.tallies.values())
 
 
+def test_findings_are_kept_and_read_again(tmp_path, capsys, monkeypatch):
+    attack = Attack(tmp_path, 0, [target for target in TARGETS if target.name == "GLB"])
+    found = worker.Outcome("KeyError in GLB at thing.py:load_thing", "a trace")
+    attack._keep(attack.targets[0], "box.glb", b"no GLB at all", [Splice(0, 1, b"")], found)
+    for outcome, code, words in ((found, 1, found.finding), (worker.Outcome(), 0, "is wrong any more")):
+        read = []
+        monkeypatch.setattr(worker.Worker, "read", lambda self, *given, o=outcome, r=read: r.append(given) or o)
+        assert main(["--again", "--folder", str(tmp_path)]) == code
+        assert words in capsys.readouterr().out
+        assert read == [("GLB", "box.glb", b"no GLB at all")]
+
+
 def test_a_record_is_a_table(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(Attack, "check_corpus", lambda self: [])
     assert main(["--minutes", "0", "--folder", str(tmp_path), "--page", str(tmp_path / "a.md"), "--only", "GLB"]) == 0
