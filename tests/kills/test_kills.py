@@ -17,15 +17,15 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="children are forked, as Linux does it safely")
-def test_predict_ends_with_the_same_bits_after_every_fault(tmp_path):
-    words = [sys.executable, "-m", "tests.kills", "--moments", "2", "--commands", "predict"]
+def test_export_ends_with_the_same_bits_after_every_fault(tmp_path):
+    words = [sys.executable, "-m", "tests.kills", "--moments", "2", "--commands", "export"]
     threads = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     written = tmp_path / "page.md"
     done = subprocess.run(
         [*words, "--page", str(written)], cwd=ROOT, env={**os.environ, **threads}, capture_output=True
     )
     assert done.returncode == 0, (done.stdout + done.stderr).decode()
-    assert "| predict | 2 of 2 | 1 of 1 | 1 of 1 | 1 of 1 | 1 of 1 |" in written.read_text()
+    assert "| export | 2 of 2 | 1 of 1 | 1 of 1 | 1 of 1 | 1 of 1 |" in written.read_text()
 
 
 def test_what_was_timed_is_left_out_of_what_is_compared(tmp_path):
