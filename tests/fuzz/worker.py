@@ -17,7 +17,7 @@ from typing import Any
 
 MEMORY = 2 * 2**30  # bytes: resident at most, and address space beyond what the process has before it reads
 SECONDS = 10.0  # a file may take; a hang is tried once more before it counts, as the machine may be busy
-_START_SECONDS = 300.0  # for imports, compiled loops and the valid files
+_START_SECONDS = 900.0  # for imports, compiled loops and the valid files
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Worker:
         self._process.start()
         theirs.close()
         if not self._connection.poll(_START_SECONDS) or self._connection.recv() != "ready":
-            raise RuntimeError("the fuzzing process cannot read the valid files")
+            raise RuntimeError("the process that reads has not become ready")
 
 
 def _serve(connection: Connection, corpus: str, source: tuple[str, str]) -> None:

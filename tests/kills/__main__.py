@@ -170,7 +170,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="where the record is written as Markdown")
     given = parser.parse_args(words)
     chosen = [command for command in COMMANDS if given.commands is None or command.name in given.commands]
-    results = []
+    results, commit = [], _commit()
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), given.seed, chosen)
         for place, command in enumerate(chosen):
@@ -181,7 +181,8 @@ def main(words: Sequence[str] | None = None) -> int:
             results.append(bench.together(command))
             print(f"{command.name}, two at once: {results[-1].fault or 'well'}", flush=True)
     line = f"python -m tests.kills --moments {given.moments} --seed {given.seed}"
-    text = page(results, line, _commit())
+    line += f" --commands {' '.join(given.commands)}" if given.commands else ""
+    text = page(results, line, commit)
     if given.page is not None:
         given.page.write_text(text)
     print(text)
