@@ -25,6 +25,7 @@ COMMANDS = {
     "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
     "bench": ("bench", "every scene and method, and the tables"),
     "view": ("viewing", "runs in the browser: object, light, training, masks"),
+    "serve": ("serving", "predictions over HTTP for other programs"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),
     "open": ("pages", "show a run's report in the browser"),
     "compare": ("pages", "two runs on one page: pictures side by side, differences of scores"),

@@ -49,15 +49,6 @@ class RunSource:
         entry = record["photos"][photo.split][photo.name]
         return inside(Path(record["root"]), entry["image"], source=self.run.scene_file)
 
-    def own_photo(self, digest: str) -> RunPhoto | None:
-        """Return the photo whose file has this checksum, None where none has."""
-        if not self.run.scene_file.is_file():
-            return None
-        photos = self.run.scene().get("photos", {})
-        return next(
-            (one for one in self.photos() if photos[one.split][one.name].get("image_checksum") == digest), None
-        )  # fmt: skip
-
 
 @dataclass(frozen=True)
 class SceneSource:
