@@ -7,6 +7,7 @@ no dashboard.
 """
 
 import contextlib
+import logging
 import os
 import secrets
 import time
@@ -29,6 +30,7 @@ def cluster(address: str | None = None) -> Iterator["RayExecutor"]:
     Raises `ConfigError` without Ray, `ResourceError` when no cluster answers or none can be started.
     """
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # read when Ray starts
+    logging.getLogger("ray").setLevel(logging.ERROR)  # what it says of itself is not for whoever runs a command
     ray = extra_library("ray", "A fleet", "cluster")
     try:
         if address is None:
