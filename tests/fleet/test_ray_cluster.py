@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 
 import pytest
-from compare_runs import differences
 
+from compare_runs import differences
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.run import RunFolder
 from lightprobe.fleet.executor import Needs
@@ -24,13 +24,12 @@ from tests.toy_scene import write_toy_scene
 LITTLE = Needs(memory=0.1, retries=1)
 
 
-@pytest.fixture
-def own_token(monkeypatch):
-    monkeypatch.setenv("RAY_AUTH_TOKEN", os.urandom(32).hex())
+# Ray reads its token once for a process, whichever cluster comes first
+os.environ.setdefault("RAY_AUTH_TOKEN", os.urandom(32).hex())
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_costs_its_own_task_alone(own_token, tmp_path):
+def test_a_process_that_dies_costs_its_own_task_alone(tmp_path):
     def work(number: int) -> tuple[int, str | None]:
         with open(tmp_path / str(number), "a") as file:
             file.write("x")
@@ -55,7 +54,7 @@ def test_a_process_that_dies_costs_its_own_task_alone(own_token, tmp_path):
 
 
 @pytest.mark.slow
-def test_scenes_of_a_machine_that_dies_are_finished_elsewhere_with_the_same_bits(own_token, monkeypatch, tmp_path):
+def test_scenes_of_a_machine_that_dies_are_finished_elsewhere_with_the_same_bits(monkeypatch, tmp_path):
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("PYTHONPATH", f"{Path(__file__).parents[2] / 'src'}:{Path(__file__).parents[2]}")
     from ray.cluster_utils import Cluster

@@ -5,8 +5,10 @@ from collections.abc import Callable
 
 import pyarrow.parquet as pq
 import pytest
+import torch
 
 from lightprobe.core.errors import BusyError, ConfigError, InputError
+from lightprobe.core.run import RunFolder
 from lightprobe.fleet import training_task
 from lightprobe.fleet.executor import Needs
 from lightprobe.fleet.index import SceneRow
@@ -15,7 +17,6 @@ from lightprobe.fleet.training import train_fleet
 from lightprobe.fleet.training_task import SceneTask, train_scene
 from tests.fleet.micro import OPTIONS
 from tests.fleet.stub import Stub
-from tests.toy_scene import write_toy_scene
 
 
 @pytest.fixture
@@ -87,35 +88,38 @@ def test_a_run_that_a_dead_machine_still_holds_is_waited_for(monkeypatch, tmp_pa
     assert "being written by another" in row.reason
 
 
-@pytest.mark.slow
-def test_a_run_in_an_object_store_goes_on_from_what_arrived_there(monkeypatch, tmp_path):
-    """Scene and run by URL; the machine dies in the middle of the second pass, another one goes on."""
-    store = Place.of("memory://training")
-    scene = write_toy_scene(tmp_path / "scene")
-    for path in scene.rglob("*"):
-        if path.is_file():
-            store.child("scene", *path.relative_to(scene).parts).write(path.read_bytes())
-    task = SceneTask(store.child("scene"), store.child("runs", "ball"), OPTIONS)
-    real, steps = training_task.train_run, [0]
+def counting(dies_at: int | None) -> Callable[..., None]:
+    """Return a stand-in for a training of ten steps, with a checkpoint after every second one."""
 
-    def dying(*given, on_progress, **options):
-        def update(stage, done, total, note=""):
-            on_progress(stage, done, total, note)
-            steps[0] += 1
-            if stage == "pass2":
+    def train(scene, folder, *, on_progress, **_):
+        assert (scene / "photo.png").read_bytes() == b"photo"
+        run = RunFolder.create(folder)
+        before = run.checkpoints.latest()
+        first = 0 if before is None else before[0]
+        run.log(f"goes on from step {first}")
+        for step in range(first + 1, 11):
+            if step == dies_at:
                 raise MemoryError
+            if step % 2 == 0:
+                run.checkpoints.save(step, {"x": torch.full((3,), float(step))}, {})
+            on_progress("pass1", step, 10)
+        run.record_scene({"root": str(scene), "photos": {"train": {"photo": {}}}})
 
-        real(*given, on_progress=update, **options)
+    return train
 
+
+def test_a_run_in_an_object_store_goes_on_from_what_arrived_there(monkeypatch):
+    """Scene and run by URL; the machine dies in the middle, another one goes on."""
+    store = Place.of("memory://training")
+    store.child("scene", "photo.png").write(b"photo")
+    task = SceneTask(store.child("scene"), store.child("runs", "ball"), OPTIONS)
     monkeypatch.setattr("lightprobe.fleet.mirror._SECONDS", 0.0)
-    monkeypatch.setattr(training_task, "train_run", dying)
+    monkeypatch.setattr(training_task, "train_run", counting(dies_at=6))
     assert "memory" in train_scene(task).reason
-    assert "checkpoints/step-000000004/state.json" in store.child("runs", "ball").files()
-    monkeypatch.setattr(training_task, "train_run", real)
+    monkeypatch.setattr(training_task, "train_run", counting(dies_at=None))
     row = train_scene(task)
-    assert (row.state, row.photos) == ("done", 18)
-    log = store.child("runs", "ball", "log.txt").read().decode()
-    assert "decompose goes on from step 4" in log
-    names = store.child("runs", "ball").files()
-    assert {"mesh/asset.safetensors", "model/config.json"} <= names.keys()
-    assert not [name for name in names if "partial" in name or name.startswith("checkpoints/step-000000002")]
+    assert (row.state, row.photos) == ("done", 1)
+    said = store.child("runs", "ball", "log.txt").read().decode()
+    assert [line.split()[-1] for line in said.splitlines()] == ["0", "4"]
+    found = {name for name in store.child("runs", "ball").files() if name.endswith("state.json")}
+    assert found == {f"checkpoints/step-0000000{step}/state.json" for step in ("08", "10")}
