@@ -15,6 +15,7 @@ Everything goes to a temporary folder. Prints what was found, and ends with 1 wh
 """
 
 import argparse
+import math
 import shutil
 import sys
 import tempfile
@@ -52,7 +53,7 @@ FEW_STEPS = SceneOptions(
         pass1_iterations=4, pass2_iterations=2, pass3_iterations=2, pass1_side=32, pass2_side=32,
         pass3_texture_size=96, lattice_cells=12, hull_voxels=24, hash_levels=4, hash_finest=32, light_resolution=8,
         teacher_resolution=8, texture_size=64, light_solve_pixels=256, checkpoint_every=2, trial_steps=0,
-        light_solve_iterations=2,
+        light_solve_iterations=2, unwrap_seconds=3600,  # a busy machine changes no bit
     ),
     DistillConfig(
         steps=4, samples=32, light_resolution=8, width=8, checkpoint_every=2, sphere_steps=0, synthetic_lessons=1,
@@ -87,10 +88,13 @@ class NothingOnRay:
 
 
 def nothing(chunk: Chunk) -> list[PhotoRow]:
-    """Return rows as of predictions."""
+    """Return rows as of predictions, with scores that differ from row to row, as those that are measured do."""
     return [
-        PhotoRow(job.row, job.run, job.photo, State.DONE.value, None, job.id, "/".join(map_place(job.row)) + ".exr",
-                 Method.PROBE_NET.value, "good", 0.8, 0.99, 0.4, 0.16)
+        PhotoRow(
+            job.row, job.run, job.photo, State.DONE.value, map="/".join(map_place(job.row)) + ".exr",
+            method=Method.PROBE_NET.value, verdict="good", explained=math.sin(job.row), overlap=math.sin(2 * job.row),
+            confidence=math.sin(3 * job.row), seconds=math.sin(4 * job.row),
+        )
         for job in chunk.jobs
     ]  # fmt: skip
 
@@ -105,15 +109,16 @@ def measure_load(rows: int, on_ray: bool) -> int:
         }
         pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
         executor: Executor = NothingOnRay(stack.enter_context(cluster())) if on_ray else Nothing()
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), time.process_time()
         found = predict_fleet(root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1))
-        seconds = time.perf_counter() - begin
+        seconds, used = time.perf_counter() - begin, time.process_time() - used
         again = time.perf_counter()
         predict_fleet(root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1))
         resumed = time.perf_counter() - again
         size = sum(path.stat().st_size for path in (root / "out" / "index").iterdir())
     print(f"{rows} rows, {-(-rows // CHUNK)} tasks{' through Ray' if on_ray else ''}: {seconds:.2f} s, "
-          f"{rows / seconds:.0f} rows/s, {rows / CHUNK / seconds:.0f} tasks/s")  # fmt: skip
+          f"{rows / seconds:.0f} rows/s, {rows / CHUNK / seconds:.0f} tasks/s; of it "
+          f"{used:.2f} s of computing here, {rows / used:.0f} rows/s")  # fmt: skip
     memory = peak_memory() or 0
     print(f"index {size / rows:.1f} bytes per row; to go on with it {resumed:.2f} s; peak memory {memory:.2f} GiB")
     return 0 if found.done == rows else 1
@@ -197,6 +202,8 @@ def measure_nodes(scene: Path, nodes: int, scenes: int) -> int:
         resumed = [name for name, log in logs.items() if "goes on from step" in log]
         other = {name: list(differences(root / "alone", root / "runs" / name)) for name in found.rows}
     same = sum(not lines for lines in other.values())
+    for name, lines in other.items():
+        print("\n".join(f"{name}: {line}" for line in lines[:2]), end="\n" if lines else "")
     finished = scenes - len(found.failures)
     print(f"{nodes} machines, one killed: {finished} of {scenes} scenes finished in {seconds:.0f} s, "
           f"{len(resumed)} went on from a checkpoint, {same} have the bits of a training alone")  # fmt: skip

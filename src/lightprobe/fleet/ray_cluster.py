@@ -19,6 +19,7 @@ from lightprobe.core.extras import extra_library
 from lightprobe.fleet.executor import Needs, Outcome, Result, Task
 
 _OBJECT_STORE = 128 * 2**20  # bytes on this machine: tasks and rows are small, photos and maps go by files
+_MEMORY_RETRIES = "3"  # of a task that its machine had no memory for; without it Ray never gives one up
 _WAITING = 2  # tasks handed over for each that can run, so that no machine waits for the next one
 _SIZE_SECONDS = 5.0  # between two looks at how large the cluster is
 
@@ -29,7 +30,8 @@ def cluster(address: str | None = None) -> Iterator["RayExecutor"]:
 
     Raises `ConfigError` without Ray, `ResourceError` when no cluster answers or none can be started.
     """
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # read when Ray starts
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # these are read when Ray starts
+    os.environ.setdefault("RAY_task_oom_retries", _MEMORY_RETRIES)
     logging.getLogger("ray").setLevel(logging.ERROR)  # what it says of itself is not for whoever runs a command
     ray = extra_library("ray", "A fleet", "cluster")
     try:
@@ -117,7 +119,7 @@ def _reason(error: Exception, needs: Needs) -> str:
     """Return in a sentence why Ray has given a task up."""
     kind, tries = type(error).__name__, needs.retries + 1
     if "OutOfMemory" in kind:
-        return f"Its machine ran out of memory in {tries} tries; give tasks more with --needs.memory."
+        return "Its machine ran out of memory, also when it was tried again; give tasks more with --needs.memory."
     if kind.startswith("RayTaskError"):
         cause = str(getattr(error, "cause", error)).strip().split("\n")[-1].rstrip(".")
         return f"The worker could not run it: {cause}; is the same lightprobe installed on every machine?"
