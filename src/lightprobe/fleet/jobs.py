@@ -1,15 +1,15 @@
 """The photos to predict from: a Parquet file, one row for each, read a part at a time.
 
-| column | type | meaning |
-| run    | text | the object's run folder, path or URL |
-| photo  | text | the photo, path or URL |
-| camera | text, may be absent or null | its camera, as `lightprobe predict --camera` takes it; else it is found |
-| mask   | text, may be absent or null | its mask; else its alpha, or it is found |
-| method | text, may be absent or null | how the light is found; else as the command says |
-| id     | text, may be absent or null | carried over to the index, for whoever made the file |
+    column   needed   meaning
+    run      yes      the object's run folder, path or URL
+    photo    yes      the photo, path or URL
+    camera   no       its camera, as `lightprobe predict --camera` takes it; else it is found
+    mask     no       its mask; else its alpha, or it is found
+    method   no       how the light is found; else as the command says
+    id       no       carried over to the index, for whoever made the file
 
-Relative paths start at the folder of the file. Rows of one run should stand together: neighbours of one run become one
-task, which loads the object once.
+All are text; what is not needed may be absent or null. Relative paths start at the folder of the file. Rows of one run
+should stand together: neighbours of one run become one task, which loads the object once.
 """
 
 import hashlib

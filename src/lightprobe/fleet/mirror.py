@@ -13,9 +13,7 @@ from pathlib import Path
 from lightprobe.fleet.storage import Place
 from lightprobe.runs.progress import OnProgress
 
-_SECONDS = (
-    60.0  # between two looks for changed files: what a dead machine costs at most, beside a checkpoint's interval
-)
+_SECONDS = 60.0  # between two looks for changed files: the most that a dead machine costs beside a checkpoint's steps
 _LEFT_OUT = ("predictions/", "report/", "oracle/")
 
 

@@ -20,7 +20,7 @@ from lightprobe.fleet.storage import Place
 from lightprobe.light.upsampling import map_height
 from lightprobe.runs.progress import OnProgress, silent
 
-CHUNK = 32  # photos of a task: some seconds to half a minute of work, against the second that loading an object takes
+CHUNK = 32  # photos of a task: five seconds to half a minute of work, while a new process loads its object in four
 
 
 @dataclass(frozen=True)
