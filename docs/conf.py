@@ -39,7 +39,7 @@ nitpick_ignore_regex = [
     ("py:.*", r"(torch|numpy|scipy|PIL|pathlib|collections|contextlib|types|typing|socket|starlette)\..*"),
     ("py:.*", r"(asyncio|concurrent|fastapi|logging|prometheus_client|pydantic|threading|uvicorn)\..*"),
     # Private names and type variables, which have no entry of their own.
-    ("py:class", r"lightprobe\.([a-z_0-9]+\.)+(_\w+|T|Item|Array)"),
+    ("py:class", r"lightprobe\.([a-z_0-9]+\.)+(_\w+|T|Item|Array|Task|Result)"),
 ]
 
 # The pages of decisions are listed by their index as a table; the site's menu needs them as a tree, too.
