@@ -2,6 +2,9 @@
 # make check   style, types, import contract, shapes in docstrings, fast tests
 # make test    the same with the slow tests
 # make docs    the documentation, build/docs/index.html; a warning is an error
+# make coverage  which lines and branches the tests run, build/coverage/index.html; MARKS="not slow" for a part of them
+# make fuzz    damaged and hostile files for every reader, for MINUTES (60); findings are left in build/fuzz
+# make kills   kill -9 at MOMENTS (50) moments of the commands, full disks; the same bits afterwards
 # make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
 
 PYTHON ?= python3
@@ -15,8 +18,11 @@ SPHINX := $(VENV)/.installed-docs
 PYTEST := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/pytest -q -n auto --maxprocesses 4 --dist loadfile \
 	--no-loadscope-reorder
 DATA ?= data
+MARKS ?=
+MINUTES ?= 60
+MOMENTS ?= 50
 
-.PHONY: demo check test docs bench
+.PHONY: demo check test docs coverage fuzz kills bench
 
 demo: $(READY)
 	$(BIN)/lightprobe demo
@@ -27,6 +33,7 @@ check: $(TOOLS)
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python tools/check_shapes.py
+	@$(BIN)/python tools/check_licences.py --bill build/sbom.json
 	@$(PYTEST) -m "not slow and not cuda"
 
 test: $(TOOLS)
@@ -35,11 +42,21 @@ test: $(TOOLS)
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python tools/check_shapes.py
+	@$(BIN)/python tools/check_licences.py --bill build/sbom.json
 	@$(PYTEST)
 
 docs: $(SPHINX)
 	@$(BIN)/python -m sphinx -q -E -n -W --keep-going docs build/docs
 	@echo build/docs/index.html
+
+coverage: $(TOOLS)
+	@$(PYTEST) -m "$(MARKS)" --cov --cov-report=term --cov-report=html:build/coverage
+
+fuzz: $(TOOLS)
+	@OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m tests.fuzz --minutes $(MINUTES)
+
+kills: $(TOOLS)
+	@OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python -m tests.kills --moments $(MOMENTS)
 
 bench: $(TOOLS)
 	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests

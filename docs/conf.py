@@ -37,8 +37,9 @@ maximum_signature_line_length = 100
 nitpick_ignore_regex = [
     # Other projects' names: they could be resolved with intersphinx only, which needs the network.
     ("py:.*", r"(torch|numpy|scipy|PIL|pathlib|collections|contextlib|types|typing|socket|starlette)\..*"),
+    ("py:.*", r"(asyncio|concurrent|fastapi|logging|prometheus_client|pydantic|threading|uvicorn)\..*"),
     # Private names and type variables, which have no entry of their own.
-    ("py:class", r"lightprobe\.([a-z_0-9]+\.)+(_\w+|T|Item|Array)"),
+    ("py:class", r"lightprobe\.([a-z_0-9]+\.)+(_\w+|T|Item|Array|Task|Result)"),
 ]
 
 # The pages of decisions are listed by their index as a table; the site's menu needs them as a tree, too.

@@ -79,9 +79,17 @@ def test_a_phase_can_be_restarted_with_other_options(trained, tmp_path):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_every_command_shows_an_example(command, capsys):
     with pytest.raises(SystemExit) as end:
-        main([command, "--help"])
+        main([*command.split(), "--help"])
     assert end.value.code == 0
     assert f"lightprobe {command}" in capsys.readouterr().out.partition("Examples:")[2]
+
+
+def test_commands_of_two_words_are_listed_and_a_wrong_one_is_told(capsys):
+    assert main(["fleet", "--help"]) == 0
+    assert "fleet predict" in capsys.readouterr().out
+    assert main(["fleet", "pridect"]) == 2
+    assert "no command 'fleet pridect'" in capsys.readouterr().err
+    assert main(["fleet"]) == 2
 
 
 def test_help_shows_the_values_of_the_chosen_preset(capsys):

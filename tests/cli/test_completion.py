@@ -54,6 +54,10 @@ def test_options_are_those_of_the_parser(name, capsys):
         (["predict", "run", "--method", "probe-net+"], ["probe-net+solve", "probe-net+optimize"]),
         (["predict", "--no-"], ["--no-background"]),
         (["completion", "z"], ["zsh"]),
+        (["fl"], ["fleet"]),
+        (["fleet", "p"], ["predict"]),
+        (["fleet", "predict", "--retry"], ["--retry-failed"]),
+        (["fleet", "train", "--preset", ""], ["quick", "standard", "paper"]),
         (["predict", "photo"], []),  # left to file names
     ],
 )
@@ -71,6 +75,10 @@ def test_fish_completes(scripts, capsys):
     assert run("fish", f'{source} complete -C "lightprobe pred"')[0].startswith("predict\tone photo in")
     values = run("fish", f'{source} complete -C "lightprobe train --preset "')
     assert [value.split("\t")[0] for value in values] == ["paper", "quick", "standard"]
+    words = run("fish", f'{source} complete -C "lightprobe fleet "')
+    assert [word.split("\t")[0] for word in words] == ["predict", "train"]
+    assert run("fish", f'{source} complete -C "lightprobe fleet predict --retry"')[0].startswith("--retry-failed")
+    assert run("fish", f'{source} complete -C "lightprobe predict --retry"') == []
     assert run("fish", f'{source} complete -C "lightprobe predict --save-c"')[0].startswith("--save-camera\tName of")
 
 
@@ -84,9 +92,13 @@ def test_zsh_reads_the_script(scripts, capsys):
     source {path}
     words=(lightprobe train --preset ''); CURRENT=4; PREFIX=''; _lightprobe
     words=(lightprobe predict --ca); CURRENT=3; PREFIX=--ca; _lightprobe
+    words=(lightprobe fleet ''); CURRENT=3; PREFIX=''; _lightprobe
+    words=(lightprobe fleet predict --retry); CURRENT=4; PREFIX=--retry; _lightprobe
     words=(lightprobe predict x); CURRENT=3; PREFIX=x; _lightprobe
     """
     said = run("zsh", program)
     assert said[:4] == ["--", "quick", "standard", "paper"]
     assert any(line.startswith("--camera:Camera of the photo") for line in said)
+    assert said[said.index("train") - 1 : said.index("train") + 1] == ["--", "train"]
+    assert any(line.startswith("--retry-failed:") for line in said)
     assert said[-1] == "files"

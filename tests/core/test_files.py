@@ -14,7 +14,7 @@ LEFTOVER = ".partial-lightprobe-abcd_123"
 
 
 @pytest.mark.parametrize(
-    "name", ["../x", "../../x", "/etc/x", "..", ".", "", "a/b", "a/", "/", "x\0y", "\ud800", "./x", "a/../b"]
+    "name", ["../x", "../../x", "/etc/x", "..", ".", "", "a/b", "a/", "/", "x\0y", "\ud800", "./x", "a/../b", "x" * 252]
 )
 def test_only_the_plain_name_of_a_file_becomes_a_path(tmp_path, name):
     with pytest.raises(InputError, match="plain name"):

@@ -1,5 +1,8 @@
 """Compilation of the loops: a machine without a writable cache folder still works, and thread counts follow PyTorch."""
 
+import subprocess
+import sys
+
 import numba
 import numpy as np
 import torch
@@ -39,3 +42,13 @@ def test_arrays_are_contiguous_and_of_one_integer_type():
     assert values.flags.c_contiguous
     assert values.shape == (3, 4)
     assert index.dtype == np.int32
+
+
+def test_a_compiled_loop_leaves_pytorch_its_number_of_threads():
+    """Numba gives OpenMP all cores when it starts its threads, in the first loop of a process."""
+    program = (
+        "import torch; torch.set_num_threads(1);"
+        "from lightprobe.core.jit import threads; threads(10**9); assert torch.get_num_threads() == 1"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -7,6 +7,7 @@ import socket
 import pytest
 
 from lightprobe.core.errors import InputError
+from lightprobe.core.reading import BoundedFile
 from lightprobe.imaging import image_size, read_hdr, read_ldr, read_mask
 from lightprobe.scene import load_photo, load_scene, read_camera
 from tests.scene.worlds import views, write_nerd
@@ -74,3 +75,14 @@ def test_sockets_and_names_with_a_nul(tmp_path, monkeypatch):
             read_ldr(tmp_path / "socket")
     with pytest.raises(InputError, match="cannot be read: embedded null"):
         read_ldr("a\0b.png")
+
+
+def test_no_memory_is_taken_for_bytes_that_a_file_does_not_have(tmp_path):
+    (tmp_path / "a").write_bytes(b"0123456789")
+    with BoundedFile(tmp_path / "a") as file:
+        assert file.read(2**62) == b"0123456789"  # for which a plain file ends in a MemoryError
+        assert file.read(2**62) == file.read() == b""
+        file.seek(4)
+        assert (file.read(2), file.read(None)) == (b"45", b"6789")
+        file.seek(20)
+        assert file.read(5) == b""

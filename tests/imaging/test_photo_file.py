@@ -316,6 +316,19 @@ def test_flipped_bytes_are_pixels_or_one_sentence(tmp_path, kind):
             assert np.isfinite(read_ldr(path)[0]).all()
 
 
+def test_a_tiff_whose_rows_lie_beyond_its_end_takes_no_memory_for_what_is_between(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((8, 16), np.uint8), bigtiff=True, rowsperstrip=4)
+    with tifffile.TiffFile(tmp_path / "a.tif") as file:
+        places = file.pages[0].tags["StripOffsets"]
+        at, width = places.valueoffset, len(file.pages[0].dataoffsets)
+        size = {3: 2, 4: 4, 16: 8}[int(places.dtype)]
+    content = bytearray((tmp_path / "a.tif").read_bytes())
+    content[at + size : at + width * size] = (2**63 - 1 if size == 8 else 2 ** (8 * size) - 1).to_bytes(size, "little")
+    (tmp_path / "a.tif").write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.tif cannot be decoded"):
+        read_ldr(tmp_path / "a.tif")
+
+
 def test_sizes_are_checked_before_decoding(tmp_path):
     deep = tmp_path / "deep.tif"
     tifffile.imwrite(deep, np.zeros((4, 4, 3), np.uint16), photometric="rgb")

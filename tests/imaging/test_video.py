@@ -108,6 +108,20 @@ def test_what_is_no_video_is_one_sentence(tmp_path):
         read_ldr(tmp_path / "a.mp4")
 
 
+def test_notes_that_are_no_text_do_not_matter(tmp_path):
+    path = write_video(tmp_path / "a.mp4", pan(3))
+    content = path.read_bytes()
+    path.write_bytes(content[:8] + b"\x9f\xbc" + content[10:])  # the brand, which FFmpeg takes for a note
+    assert len(list(frames(path))) == 3
+
+
+def test_a_coding_that_nobody_knows_is_one_sentence(tmp_path):
+    path = write_video(tmp_path / "a.avi", pan(3))
+    path.write_bytes(path.read_bytes().replace(b"FMP4", b"\1\2\3\4"))
+    with pytest.raises(InputError, match=r"a\.avi is coded in a way that is not read"):
+        list(frames(path))
+
+
 def test_sound_alone(tmp_path):
     with av.open(str(tmp_path / "a.mp4"), "w") as video:
         stream = video.add_stream("aac", rate=44100)

@@ -3,10 +3,22 @@
 import numpy as np
 import pytest
 
+from lightprobe.core.errors import InputError
+from lightprobe.core.files import write_json
 from lightprobe.preparation.masks import Cutout, View
-from lightprobe.preparation.output import hint_overlaps
-from lightprobe.preparation.rounds import Cutting
+from lightprobe.preparation.output import finished, hint_overlaps
+from lightprobe.preparation.rounds import WRITTEN, Cutting
 from tests.preparation.ring import SIZE, ring_cameras
+
+
+@pytest.mark.parametrize("content", ["[0]", "3", '"a"'])
+def test_a_damaged_record_of_masks_is_one_sentence(tmp_path, content):
+    (tmp_path / ".prepare").mkdir()
+    (tmp_path / ".prepare" / WRITTEN).write_text(content)
+    write_json(tmp_path / "prepare.json", {"key": "k"})
+    write_json(tmp_path / "transforms.json", {})
+    with pytest.raises(InputError, match=r"written\.json is damaged.*prepare the scene anew"):
+        finished(tmp_path, "k")
 
 
 def test_a_found_mask_is_held_against_the_hint_that_it_came_from():

@@ -1,10 +1,9 @@
-"""Lenses bend and are straightened again; a solution survives its file; a turned world shows the same."""
+"""Lenses bend and are straightened again; a turned world shows the same."""
 
 import numpy as np
 import pytest
 
-from lightprobe.core.errors import InputError
-from lightprobe.preparation.solution import Solution, bent, straightened
+from lightprobe.preparation.solution import bent, straightened
 from lightprobe.preparation.upright import rotation_to_z
 from tests.preparation.ring import ball_points, photographed, ring_cameras
 
@@ -18,16 +17,6 @@ def test_straightening_undoes_the_lens(k):
     radius = 100 * np.sqrt(2) / 300
     shift = 100 * np.sqrt(2) * k * radius**2
     assert np.linalg.norm(bent(corner, camera, k) - corner) == pytest.approx(abs(shift))
-
-
-def test_a_solution_survives_its_file_and_a_damaged_one_is_one_sentence(tmp_path):
-    _, _, solution = photographed(ring_cameras(3), ball_points(10))
-    solution.save(tmp_path / "a.npz")
-    again = Solution.load(tmp_path / "a.npz")
-    assert all(np.array_equal(value, getattr(again, name)) for name, value in vars(solution).items())
-    (tmp_path / "a.npz").write_bytes(b"PK broken")
-    with pytest.raises(InputError, match="damaged"):
-        Solution.load(tmp_path / "a.npz")
 
 
 def test_a_turned_and_scaled_world_looks_the_same_to_its_cameras():

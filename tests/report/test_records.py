@@ -43,7 +43,16 @@ def test_a_record_is_small(tmp_path):
     assert len(json.dumps(scored, indent=2)) > 3 * 5000
 
 
-@pytest.mark.parametrize("text", ["[]", "{}", '{"format": 2}', '{"format": 1, "scene": "a", "kind": "other"}'])
+WITHOUT_PHOTOS = {
+    "format": 1, "scene": "a", "kind": "run", "default_method": "net", "truth": {}, "confidence": {}, "photos": [],
+    "lights": [], "scores": {"net": {"psnr": []}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[]", "{}", '{"format": 2}', '{"format": 1, "scene": "a", "kind": "other"}', json.dumps(WITHOUT_PHOTOS)],
+)
 def test_a_file_that_is_no_record_is_named(tmp_path, text):
     (tmp_path / "cup.json").write_text(text)
     with pytest.raises(InputError, match=r"cup\.json is no record"):

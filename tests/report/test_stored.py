@@ -40,10 +40,12 @@ def test_a_page_s_content_is_checked(tmp_path, key, value):
     ("key", "value"),
     [
         ("mean", {"psnr": "<b>"}),
+        ("mean", {"psnr": 10**400}),
         ("methods", {"solve": {"psnr": None}}),
         ("photos", {"a": 3}),
         ("photos", {"a": {"methods": {"solve": {"psnr": []}}}}),
         ("default_method", "<script>"),
+        ("default_method", []),
         ("interval", {"solve": 1}),
         ("confidence", {"solve": {"bins": 4}}),
     ],

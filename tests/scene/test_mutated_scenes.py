@@ -1,7 +1,6 @@
 """Scene files with random parts replaced: read, or refused in one sentence, and nothing else."""
 
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +12,10 @@ from lightprobe.core.errors import InputError
 from lightprobe.scene import read_camera
 from lightprobe.scene.frame import Problems
 from lightprobe.scene.loading import read_folder
+from tests.fuzz.edits import NUMBERS, TEXTS, VALUES, replaced
 from tests.scene.worlds import names, views, write_colmap, write_nerd, write_nerfstudio
 
 COUNT = 3
-NUMBERS = st.sampled_from([0, -1, 1, 1e-320, 1e-9, 1e9, 1e200, -1e308, 10**400, 2**63, math.inf, math.nan])
-TEXTS = st.sampled_from(
-    ["", ".", "..", "/", "~", "\0", "\ud800", "\n", "a" * 300, "images", "images/view_01.jpg", "1e999"]
-)
-VALUES = st.recursive(
-    NUMBERS | TEXTS | st.booleans() | st.none(),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXTS, inner, max_size=2),
-    max_leaves=6,
-)
 MANY = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
 )
@@ -40,15 +31,6 @@ def place(value, data):
             break
         path, value = (*path, key), value[key]
     return path
-
-
-def replaced(value, path, new):
-    """Return a copy of a JSON value with the part at `path` replaced."""
-    if not path:
-        return new
-    copy = dict(value) if isinstance(value, dict) else list(value)
-    copy[path[0]] = replaced(value[path[0]], path[1:], new)
-    return copy
 
 
 def read_or_refused(root):

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import uvicorn
 
+from lightprobe.service.worker_process import worker_command
 from lightprobe.view.app import Session, create_app
 from lightprobe.view.jobs import Jobs
 from lightprobe.view.network import open_address
 from lightprobe.view.sources import Sources
 from lightprobe.view.uploads import Uploads
-from lightprobe.view.worker_process import worker_command
 
 CHROMIUM = shutil.which("chromium")
 # offline, and drawn by the processor: the same picture on every machine
@@ -32,7 +32,7 @@ class Running:
         """Serve runs and scenes; files in `folder`."""
         for part in ("uploads", "jobs", "pictures"):
             (folder / part).mkdir(parents=True)
-        self.jobs = Jobs(folder / "jobs", worker_command("cpu"))
+        self.jobs = Jobs(folder / "jobs", worker_command("lightprobe.view.worker", "cpu"))
         self._session = Session(Sources.of(folders), Uploads(folder / "uploads"), self.jobs, folder / "pictures")
         self.port = 0
         self.start()

@@ -9,12 +9,14 @@ import numpy as np
 import torch
 
 from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config.distillation import quick
 from lightprobe.core.run import RunFolder
 from lightprobe.export import write_run_outputs
 from lightprobe.light.cubemap import directions
 from lightprobe.light.environment import Environment
 from lightprobe.material.textures import Textures
-from lightprobe.models import Decomposition
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.render.asset import Asset
 from lightprobe.scene import load_scene
 from lightprobe.scene.record import scene_record
@@ -67,6 +69,14 @@ def finished_run(folder: Path) -> RunFolder:
     decomposition.save(run)
     run.append_metrics("decompose", 7, {"stage": "pass2", "held_out_before": 20.0, "held_out": 21.5})
     return run
+
+
+def add_model(run: RunFolder) -> None:
+    """Add networks as Phase II leaves them, small and untrained."""
+    config = replace(quick(), light_resolution=8, width=16, depth=2, sphere_width=4)
+    light, up = Environment(torch.ones(6, 8, 8, 3)), torch.tensor([0.0, 0.0, 1.0])
+    ProbeModel(new_network(config), light, up, config, new_sphere(config)).save(run.model_folder)
+    run.record_config("distill", {"seed": 0, **asdict(config)})
 
 
 def records(run: RunFolder) -> list[dict]:

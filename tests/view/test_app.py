@@ -9,11 +9,12 @@ from starlette.testclient import TestClient
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr, write_exr
+from lightprobe.service.incoming import shown_name
 from lightprobe.view import uploads as uploads_module
 from lightprobe.view.app import STATIC, Session, create_app, inline_script
 from lightprobe.view.jobs import Jobs
 from lightprobe.view.sources import Sources
-from lightprobe.view.uploads import UploadKind, Uploads, shown_name
+from lightprobe.view.uploads import UploadKind, Uploads
 from tests.view.finished_run import side_light
 
 OWN = {"x-lightprobe": "1"}

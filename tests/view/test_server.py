@@ -1,6 +1,5 @@
 """The command from start to end, short of a browser."""
 
-import signal
 import tempfile
 import threading
 import time
@@ -10,7 +9,6 @@ import pytest
 import uvicorn
 
 from lightprobe.core import extras
-from lightprobe.core.partial import partial_folder
 from lightprobe.view import serve
 from lightprobe.view import server as module
 from tests.cli.commands import fails
@@ -32,15 +30,6 @@ def test_the_page_is_announced_served_and_cleared_away(run, tmp_path, monkeypatc
     assert len(list(tmp_path.iterdir())) == 1
     servers[0].should_exit = True
     work.join(timeout=10)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_the_server_and_its_folder_goes(tmp_path, number):
-    """Uvicorn raises the signal that ended it once more: by then it must not end the process."""
-    with module.until_interrupted(), partial_folder(tmp_path):
-        assert len(list(tmp_path.iterdir())) == 1
-        signal.raise_signal(number)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from lightprobe.cli.answer import OPTION, say
-from lightprobe.cli.main import COMMANDS, command_function
+from lightprobe.cli.main import COMMANDS, GROUPS, command_function
 from lightprobe.cli.options import option
 
 
@@ -98,6 +98,16 @@ def _names(options: list[Option]) -> list[str]:
     return [name for each in options for name in each.names]
 
 
+def _first_words(commands: dict[str, list[Option]]) -> list[str]:
+    """Return what can be typed first: commands of one word, and the first words of those of two."""
+    return [*(name for name in commands if " " not in name), *GROUPS]
+
+
+def _second_words() -> dict[str, str]:
+    """Return what may follow a first word that is not an option or a file."""
+    return {"completion": " ".join(Shell), **{group: " ".join(words) for group, (_, words) in GROUPS.items()}}
+
+
 def _with_choices(options: list[Option]) -> list[Option]:
     return [each for each in options if each.choices]
 
@@ -105,19 +115,24 @@ def _with_choices(options: list[Option]) -> list[Option]:
 def _bash(commands: dict[str, list[Option]]) -> str:
     listed, values = [], []
     for name, options in commands.items():
-        listed.append(f'    {name}) options="{" ".join(_names(options))}" ;;')
+        listed.append(f'    "{name}") options="{" ".join(_names(options))}" ;;')
         for each in _with_choices(options):
-            places = "|".join(f"{name}/{written}" for written in each.names)
+            places = "|".join(f'"{name}/{written}"' for written in each.names)
             values.append(f'    {places}) values="{" ".join(each.choices)}" ;;')
-    shells = " ".join(Shell)
+    second = [
+        f'  [[ ${{COMP_WORDS[1]}} == {word} ]] && ((COMP_CWORD == 2)) && values="{following}"'
+        for word, following in _second_words().items()
+    ]
     return "\n".join([
         "# bash completion of lightprobe, made by `lightprobe completion bash`",
         "_lightprobe() {",
         '  local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} options="" values=""',
-        f'  ((COMP_CWORD == 1)) && values="{" ".join(commands)} --help --version"',
-        f'  [[ ${{COMP_WORDS[1]}} == completion ]] && ((COMP_CWORD == 2)) && values="{shells}"',
-        "  case ${COMP_WORDS[1]} in", *listed, "  esac",
-        "  case ${COMP_WORDS[1]}/$before in", *values, "  esac",
+        "  local command=${COMP_WORDS[1]}",
+        f'  [[ " {" ".join(GROUPS)} " == *" $command "* ]] && command="$command ${{COMP_WORDS[2]}}"',
+        f'  ((COMP_CWORD == 1)) && values="{" ".join(_first_words(commands))} --help --version"',
+        *second,
+        "  case $command in", *listed, "  esac",
+        "  case $command/$before in", *values, "  esac",
         '  [[ -z $values && $word == -* ]] && values=$options',
         "  COMPREPLY=()  # none: file names",
         '  [[ -n $values ]] && COMPREPLY=($(compgen -W "$values" -- "$word"))',
@@ -127,14 +142,18 @@ def _bash(commands: dict[str, list[Option]]) -> str:
 
 
 def _zsh(commands: dict[str, list[Option]]) -> str:
-    described = " ".join(_zsh_item(name, COMMANDS[name][1]) for name in commands)
+    described = " ".join(_zsh_item(name, _summary(name)) for name in _first_words(commands))
     listed, values = [], []
     for name, options in commands.items():
         items = " ".join(_zsh_item(written, each.help) for each in options for written in each.names)
-        listed.append(f"    {name}) options=({items}) ;;")
+        listed.append(f'    "{name}") options=({items}) ;;')
         for each in _with_choices(options):
-            places = "|".join(f"{name}/{written}" for written in each.names)
+            places = "|".join(f'"{name}/{written}"' for written in each.names)
             values.append(f"    {places}) compadd -- {' '.join(each.choices)}; return ;;")
+    second = [
+        f"  if (( CURRENT == 3 )) && [[ $words[2] == {word} ]]; then compadd -- {following}; return; fi"
+        for word, following in _second_words().items()
+    ]
     return "\n".join([
         "#compdef lightprobe",
         "# zsh completion of lightprobe, made by `lightprobe completion zsh`",
@@ -142,13 +161,19 @@ def _zsh(commands: dict[str, list[Option]]) -> str:
         "  local -a commands options",
         f"  commands=({described})",
         "  if (( CURRENT == 2 )); then _describe command commands; return; fi",
-        f"  if (( CURRENT == 3 )) && [[ $words[2] == completion ]]; then compadd -- {' '.join(Shell)}; return; fi",
-        "  case $words[2] in", *listed, "  esac",
-        "  case $words[2]/$words[CURRENT-1] in", *values, "  esac",
+        *second,
+        "  local command=$words[2]",
+        f'  [[ " {" ".join(GROUPS)} " == *" $command "* ]] && command="$command $words[3]"',
+        "  case $command in", *listed, "  esac",
+        "  case $command/$words[CURRENT-1] in", *values, "  esac",
         "  if [[ $PREFIX == -* ]]; then _describe -o option options; else _files; fi",
         "}",
         'if [[ $funcstack[1] == _lightprobe ]]; then _lightprobe "$@"; else compdef _lightprobe lightprobe; fi', "",
     ])  # fmt: skip
+
+
+def _summary(name: str) -> str:
+    return GROUPS[name][0] if name in GROUPS else COMMANDS[name][1]
 
 
 def _zsh_item(name: str, words: str) -> str:
@@ -158,19 +183,29 @@ def _zsh_item(name: str, words: str) -> str:
 
 def _fish(commands: dict[str, list[Option]]) -> str:
     lines = ["# fish completion of lightprobe, made by `lightprobe completion fish`"]
-    for name in commands:
-        lines.append(
-            f"complete -c lightprobe -f -n __fish_use_subcommand -a {name} -d '{_fish_text(COMMANDS[name][1])}'"
-        )
-    seen = "-n '__fish_seen_subcommand_from {}'"
-    lines.append(f"complete -c lightprobe -f {seen.format('completion')} -a '{' '.join(Shell)}'")
+    for name in _first_words(commands):
+        lines.append(f"complete -c lightprobe -f -n __fish_use_subcommand -a {name} -d '{_fish_text(_summary(name))}'")
+    for word, following in _second_words().items():
+        after = f"{_fish_seen(word)}; and not __fish_seen_subcommand_from {following}"
+        lines.append(f"complete -c lightprobe -f -n '{after}' -a '{following}'")
     for name, options in commands.items():
         for each in options:
             written = " ".join(f"-l {n[2:]}" if n.startswith("--") else f"-s {n[1:]}" for n in each.names)
             value = f" -x -a '{' '.join(each.choices)}'" if each.choices else " -r" if each.takes_value else ""
             words = f" -d '{_fish_text(each.help)}'" if each.help else ""
-            lines.append(f"complete -c lightprobe {seen.format(name)} {written}{value}{words}")
+            lines.append(f"complete -c lightprobe -n '{_fish_seen(name)}' {written}{value}{words}")
     return "\n".join([*lines, ""])
+
+
+def _fish_seen(name: str) -> str:
+    """Return the condition that a command has been typed; a second word alone is no command of that name."""
+    first, _, second = name.partition(" ")
+    if second:
+        return f"__fish_seen_subcommand_from {first}; and __fish_seen_subcommand_from {second}"
+    others = [group for group, (_, words) in GROUPS.items() if first in words]
+    return f"__fish_seen_subcommand_from {first}" + "".join(
+        f"; and not __fish_seen_subcommand_from {group}" for group in others
+    )
 
 
 def _fish_text(words: str) -> str:

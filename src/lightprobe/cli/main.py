@@ -25,14 +25,20 @@ COMMANDS = {
     "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
     "bench": ("bench", "every scene and method, and the tables"),
     "view": ("viewing", "runs in the browser: object, light, training, masks"),
+    "serve": ("serving", "predictions over HTTP for other programs"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),
     "open": ("pages", "show a run's report in the browser"),
     "compare": ("pages", "two runs on one page: pictures side by side, differences of scores"),
     "gallery": ("pages", "many runs on one page, with their reports, to put on the web"),
+    "fleet train": ("fleet", "a run for every scene of a folder, on many machines"),
+    "fleet predict": ("fleet", "maps of all photos that a Parquet file lists, on many machines"),
     "completion": ("completion", "a script that completes commands and options in bash, zsh or fish"),
 }
+# first word of commands of two words -> what these do together, and their second words
+GROUPS = {"fleet": ("Scenes and photos as tasks of a Ray cluster", ("train", "predict"))}
 # command -> its function, where Python or a module has another use for the name
-_FUNCTIONS = {"open": "open_report"}
+_FUNCTIONS = {"open": "open_report", "fleet train": "fleet_train", "fleet predict": "fleet_predict"}
+_WITH_PRESETS = ("training", "fleet")  # modules of commands that train
 
 _EXAMPLES = """\
 Examples:
@@ -54,15 +60,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given[0] == "--version":
         print(version("lightprobe"))
         return 0
-    if given[0] not in COMMANDS:
-        print(f"lightprobe: there is no command '{given[0]}'; see lightprobe --help.", file=sys.stderr)
-        return 2
-    return _guarded(given[0], given[1:])
+    name = " ".join(given[: 2 if given[0] in GROUPS else 1])
+    if name in COMMANDS:
+        return _guarded(name, given[len(name.split()) :])
+    if name in (f"{given[0]} {word}" for word in ("-h", "--help", "help")):
+        print(usage(given[0]))
+        return 0
+    print(f"lightprobe: there is no command '{name}'; see lightprobe --help.", file=sys.stderr)
+    return 2
 
 
-def usage() -> str:
-    """Return the help of the program as a whole."""
-    lines = [f"  {name:<9} {summary}" for name, (_, summary) in COMMANDS.items()]
+def usage(group: str = "") -> str:
+    """Return the help of the program as a whole, or of the commands that begin with the word `group`."""
+    shown = {name: summary for name, (_, summary) in COMMANDS.items() if not group or name.startswith(f"{group} ")}
+    lines = [f"  {name:<13} {summary}" for name, summary in shown.items()]
+    if group:
+        return "\n".join([f"usage: lightprobe {group} COMMAND ...\n", f"{GROUPS[group][0]}:", *lines])
     return "\n".join(
         [
             "usage: lightprobe COMMAND ...   (lightprobe COMMAND --help explains one)\n",
@@ -112,7 +125,7 @@ def command_function(name: str, arguments: Sequence[str] = ()) -> tuple[Callable
     module = importlib.import_module(f"lightprobe.cli.{COMMANDS[name][0]}")
     command: Callable[..., None] = getattr(module, _FUNCTIONS.get(name, name))
     description = (command.__doc__ or "").replace("\n    ", "\n").strip()
-    if COMMANDS[name][0] == "training":
+    if COMMANDS[name][0] in _WITH_PRESETS:
         command = module.with_preset(command, chosen_preset(arguments))
     return command, description
 

@@ -49,6 +49,10 @@ class ResourceError(LightprobeError):
     exit_code = 4
 
 
+class BusyError(ResourceError):
+    """Another process holds what this one wants to write; it can be tried again."""
+
+
 class ConvergenceError(LightprobeError):
     """The optimisation produced nothing usable, such as an empty mesh or non-finite values."""
 

@@ -4,7 +4,7 @@ import contextlib
 import errno
 import tempfile
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -23,10 +23,11 @@ class UnexpectedError(LightprobeError):
 
 
 @contextlib.contextmanager
-def reporting_errors(log: Path | None = None) -> Iterator[None]:
+def reporting_errors(log: Path | None = None, keep: Callable[[str], None] | None = None) -> Iterator[None]:
     """Turn whatever goes wrong inside into a `LightprobeError`; an unexpected traceback goes to `log`.
 
-    Without `log` it goes to a new file in the temporary folder. KeyboardInterrupt and SystemExit pass.
+    With `keep`, which is called with it, it goes there alone; without either to a new file in the temporary folder.
+    KeyboardInterrupt and SystemExit pass.
     """
     try:
         yield
@@ -39,11 +40,11 @@ def reporting_errors(log: Path | None = None) -> Iterator[None]:
             raise ResourceError("The disk is full; free some space and run the same command again.") from error
         if error.filename:
             raise ResourceError(f"{error.filename}: {error.strerror or error}.") from error
-        raise _unexpected(error, log) from error
+        raise _unexpected(error, log, keep) from error
     except Exception as error:
         if type(error).__name__ == "OutOfMemoryError" or any(words in str(error) for words in _TOO_MUCH):
             raise _out_of_memory() from error
-        raise _unexpected(error, log) from error
+        raise _unexpected(error, log, keep) from error
 
 
 @contextlib.contextmanager
@@ -60,11 +61,14 @@ def _out_of_memory() -> ResourceError:
     return ResourceError("Out of memory: use smaller photos, a smaller preset or other programs closed.")
 
 
-def _unexpected(error: Exception, log: Path | None) -> UnexpectedError:
+def _unexpected(error: Exception, log: Path | None, keep: Callable[[str], None] | None) -> UnexpectedError:
     first_line = str(error).strip().split("\n")[0]
     message = f"{type(error).__name__}: {first_line}" if first_line else type(error).__name__
     stamp = datetime.now().isoformat(sep=" ", timespec="seconds")
     text = f"{stamp}  unexpected error\n{''.join(traceback.format_exception(error))}\n"
+    if keep is not None:
+        keep(text)
+        return UnexpectedError(f"Unexpected error, please report it with the traceback in the log ({message}).")
     try:
         path = _written(text) if log is None else log
         if log is not None:

@@ -14,6 +14,8 @@ from lightprobe.core.errors import InputError, ResourceError, shown
 from lightprobe.core.partial import partial_file, partial_folder
 from lightprobe.core.reading import LARGEST_TEXT, check_file
 
+_LONGEST_NAME = 255  # bytes of a file's name, on all systems in use
+
 
 @contextlib.contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
@@ -156,7 +158,7 @@ def named_file(folder: Path, name: str, suffix: str = "") -> Path:
 
     Every name that comes out of a file, such as a photo's in scene.json, becomes a path here and nowhere else.
     """
-    if not is_file_name(name):
+    if not is_file_name(name) or not is_file_name(f"{name}{suffix}"):
         raise InputError(f"{name[:200]!a} cannot be the name of a file in {folder}: it must be a plain name, no path.")
     return Path(folder) / f"{name}{suffix}"
 
@@ -164,10 +166,15 @@ def named_file(folder: Path, name: str, suffix: str = "") -> Path:
 def is_file_name(name: str) -> bool:
     """Return whether `name` is the plain name of a file here: no path, no link upwards, nothing a path cannot hold."""
     try:
-        plain = b"\0" not in os.fsencode(name)
+        encoded = os.fsencode(name)
     except UnicodeEncodeError:
         return False
-    return plain and name not in ("", ".", "..") and Path(name).name == name
+    return (
+        b"\0" not in encoded
+        and len(encoded) <= _LONGEST_NAME
+        and name not in ("", ".", "..")
+        and Path(name).name == name
+    )
 
 
 def checksum(path: Path) -> str:

@@ -33,9 +33,12 @@ def threads(work: int) -> int:
     a busy machine even an idle thread costs a wait for its turn. Loops that need the count take it as an argument:
     one that asks Numba for it cannot be cached on disk.
     """
-    count = min(torch.get_num_threads(), int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    allowed = torch.get_num_threads()
+    count = min(allowed, int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     count = max(1, min(count, work // STEPS_PER_THREAD))
     numba.set_num_threads(count)
+    if torch.get_num_threads() != allowed:  # starting its pool, Numba gives OpenMP all cores, PyTorch's loops with it
+        torch.set_num_threads(allowed)
     return count
 
 

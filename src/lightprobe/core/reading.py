@@ -4,6 +4,7 @@ A pipe never ends, a device has no end, and a file of hundreds of gigabytes is n
 memory, so a file is looked at before it is opened.
 """
 
+import io
 import os
 import stat
 from pathlib import Path
@@ -22,6 +23,22 @@ _KINDS = (
     (stat.S_ISCHR, "device"),
     (stat.S_ISBLK, "device"),
 )
+
+
+class BoundedFile(io.BufferedReader):
+    """A file open for reading that is asked for no more bytes than it has left.
+
+    Python makes room for as many as are asked for before it reads, and decoders ask for what a header announces.
+    """
+
+    def __init__(self, path: Path):
+        super().__init__(io.FileIO(path))
+        self._size = os.fstat(self.fileno()).st_size
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Return up to `size` bytes, all that are left without one."""
+        left = max(self._size - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left))
 
 
 def check_file(path: Path, largest: int) -> None:

@@ -5,6 +5,7 @@ A run may come from elsewhere, or from a disk that failed. Every error names the
 
 import contextlib
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,6 +67,11 @@ def check_tensors(tensors: Mapping[str, Tensor], rules: Mapping[str, TensorRule]
 def rules_like(tensors: Mapping[str, Tensor]) -> dict[str, TensorRule]:
     """Return the rules that tensors are to be as the given ones, but for their values."""
     return {name: TensorRule(tuple(tensor.shape), tensor.dtype) for name, tensor in tensors.items()}
+
+
+def is_finite_number(value: Any) -> bool:
+    """Return whether a JSON value is a number that a float can hold; JSON's integers have no end."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def damaged(path: Path, why: str, remedy: str) -> InputError:

@@ -50,6 +50,7 @@ def write_light_file(
     sources = () if prediction.split is None else prediction.split.sources
     write_json(light_file(map_path), {
         **_map_and_sources(map_path, map_height or 2 * light.resolution, sources, sun),
+        "sources_sought": prediction.split is not None,
         "spherical_harmonics": _harmonics(light),
         "white_balance": _white_balance(light),
         "exposure": {"ev100": photo.ev100, "source": None if photo.ev100 is None else "EXIF"},

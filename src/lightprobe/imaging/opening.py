@@ -10,7 +10,7 @@ from pathlib import Path
 from PIL import AvifImagePlugin, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 
 from lightprobe.core.errors import InputError
-from lightprobe.core.reading import LARGEST_PICTURE, check_file
+from lightprobe.core.reading import LARGEST_PICTURE, BoundedFile, check_file
 from lightprobe.imaging.limits import check_pixels
 
 # Decoders report damage with whatever their parsers run into.
@@ -96,21 +96,21 @@ def file_kind(path: Path) -> FileKind:
     return kind
 
 
-def open_image(path: Path) -> Image.Image:
-    """Return the Pillow image of a PNG, JPEG, WebP or AVIF file: header read and size checked, nothing decoded."""
+@contextlib.contextmanager
+def open_image(path: Path) -> Iterator[Image.Image]:
+    """Yield the Pillow image of a PNG, JPEG, WebP or AVIF file: header read and size checked, nothing decoded."""
     reader = _READERS.get(file_kind(path))
     if reader is None:
         raise InputError(f"{path} is not a PNG, JPEG, WebP or AVIF image.")
     # The WebP reader makes room for all pixels as soon as it is created.
     if (size := _webp_size(signature(path))) is not None:
         check_pixels(path, *size)
-    with decode_errors(path):
-        image = reader(str(path))
-    with contextlib.ExitStack() as on_error:
-        on_error.callback(image.close)
-        check_pixels(path, *image.size)
-        on_error.pop_all()
-    return image
+    with BoundedFile(path) as file:
+        with decode_errors(path):
+            image = reader(file)
+        with image:
+            check_pixels(path, *image.size)
+            yield image
 
 
 def _webp_size(start: bytes) -> tuple[int, int] | None:

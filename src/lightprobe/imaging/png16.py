@@ -13,6 +13,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lightprobe.core.jit import compiled
+from lightprobe.core.reading import BoundedFile
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type -> samples per pixel
@@ -29,7 +30,7 @@ def is_sixteen_bit(path: Path) -> bool:
 
 def find_chunk(path: Path, kind: bytes) -> bytes | None:
     """Return the data of the first chunk of `kind` in a PNG, skipping over the others, or None."""
-    with open(path, "rb") as file:
+    with BoundedFile(path) as file:
         return next((file.read(length) for name, length in _chunks(file) if name == kind), None)
 
 
@@ -39,7 +40,7 @@ def decode(path: Path) -> np.ndarray:
     The caller has checked the size in the header. Raises `ValueError` or `zlib.error` on a damaged file.
     """
     header, data, transparent = b"", bytearray(), None
-    with open(path, "rb") as file:
+    with BoundedFile(path) as file:
         for kind, length in _chunks(file):
             if kind in (b"IHDR", b"IDAT", b"tRNS"):
                 content = _checked(file, kind, length)

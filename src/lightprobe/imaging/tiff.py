@@ -13,6 +13,7 @@ from PIL import TiffImagePlugin
 
 from lightprobe.core.extras import photo_library
 from lightprobe.core.muted import muted
+from lightprobe.core.reading import BoundedFile
 from lightprobe.imaging.encodings import LINEAR, SRGB, Encoding
 from lightprobe.imaging.header import Header, Samples
 from lightprobe.imaging.limits import check_pixels
@@ -62,7 +63,8 @@ def decode(path: Path) -> Samples:
         bits, kind, encoding = int(page.bitspersample), page.dtype.kind if page.dtype else "u", _encoding(page)
         premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
     if bits <= 8:
-        with decode_errors(path), TiffImagePlugin.TiffImageFile(str(path)) as image:
+        with decode_errors(path), BoundedFile(path) as file, TiffImagePlugin.TiffImageFile(file) as image:
+            check_pixels(path, *image.size)
             return eight_bits(image, encoding)
     values = _deep(path, premultiplied=premultiplied)
     if kind == "f" or values.dtype.kind == "f":

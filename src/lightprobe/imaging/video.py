@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from PIL import Image
@@ -178,10 +178,12 @@ def _decoded(path: Path) -> Iterator[tuple[int, Any]]:
     library = photo_library("av", path)
     index = -1
     try:
-        with open(path, "rb") as file, library.open(file, format=container) as video:
+        with open(path, "rb") as file, _opened(library, file, container) as video:
             if not video.streams.video:
                 raise InputError(f"{path} holds no pictures, only sound or data; give a video of the object.")
             stream = video.streams.video[0]
+            if stream.codec_context is None:
+                raise InputError(f"{path} is coded in a way that is not read, or damaged; convert it to H.264.")
             check_pixels(path, stream.codec_context.width, stream.codec_context.height)
             for index, frame in enumerate(video.decode(stream)):
                 yield index, frame
@@ -193,6 +195,11 @@ def _decoded(path: Path) -> Iterator[tuple[int, Any]]:
         warnings.warn(sentence, LightprobeWarning, stacklevel=3)
     if index < 0:
         raise InputError(f"{path} holds no frame that can be decoded; copy it again.")
+
+
+def _opened(library: Any, file: BinaryIO, container: str) -> Any:
+    """Return a file opened by the parser of its container; what is no text in its notes is replaced, not read."""
+    return library.open(file, format=container, metadata_errors="replace")
 
 
 def _small(frame: Any, side: int) -> np.ndarray:

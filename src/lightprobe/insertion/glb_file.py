@@ -6,7 +6,6 @@ holds before memory is taken for it.
 
 import contextlib
 import json
-import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError, shown
 from lightprobe.core.reading import check_file
+from lightprobe.core.stored import is_finite_number
 
 LARGEST_FILE = 2**29  # bytes
 _LARGEST_JSON = 2**26  # bytes
@@ -160,17 +160,13 @@ def _whole(value: object) -> int:
 
 def numbers(value: object, count: int) -> np.ndarray:
     """Return a JSON list of `count` finite numbers (count,) float64; raise `ValueError` when it is none."""
-    if not isinstance(value, list) or len(value) != count or not all(_is_number(one) for one in value):
+    if not isinstance(value, list) or len(value) != count or not all(is_finite_number(one) for one in value):
         raise ValueError(f"{shown(value)} is no list of {count} finite numbers")
     return np.asarray(value, np.float64)
 
 
 def number(value: object) -> float:
     """Return a finite JSON number; raise `ValueError` when it is none."""
-    if not _is_number(value):
+    if not is_finite_number(value):
         raise ValueError(f"{shown(value)} is no finite number")
     return float(value)  # type: ignore[arg-type]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

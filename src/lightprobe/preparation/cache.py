@@ -7,6 +7,10 @@ as good as none.
 import hashlib
 import io
 import json
+import struct
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +19,10 @@ import numpy as np
 
 from lightprobe.core.files import named_file, write_bytes
 
+_LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
+# What the parsers of the archive and of the arrays in it run into.
+_DAMAGE = (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, SyntaxError, RecursionError, MemoryError,
+           RuntimeError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
 _VERSION = 1  # of all steps: raised when what they keep, or how they find it, changes
 
 
@@ -46,9 +54,12 @@ class Cache:
 def _read(path: Path, key: str) -> dict[str, np.ndarray] | None:
     """Return the arrays (of any shape) of a file, None when there is none, it is damaged or it has another key."""
     try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(part.file_size for part in archive.infolist()) > _LARGEST:
+                return None
         with np.load(path, allow_pickle=False) as stored:
             if str(stored["key"]) != key:
                 return None
             return {name: stored[name] for name in stored.files if name != "key"}
-    except (OSError, ValueError, KeyError, EOFError):
+    except _DAMAGE:
         return None

@@ -18,7 +18,7 @@ from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, match_counts
 from lightprobe.preparation.options import PrepareOptions
 from lightprobe.preparation.photos import SourcePhoto, copies, given_mask
-from lightprobe.preparation.rounds import WRITTEN, Cutting
+from lightprobe.preparation.rounds import WRITTEN, Cutting, written_masks
 from lightprobe.preparation.solution import Solution
 from lightprobe.preparation.upright import (
     Up,
@@ -75,8 +75,8 @@ def finished(output: Path, key: str) -> dict[str, Any] | None:
     report = read_json(path)
     if not isinstance(report, dict) or report.get("key") != key:
         return None
-    masks = {name: named_file(output / "masks", name, ".png") for name in read_json(record)}
-    same = all(_as_written(file, record, name) for name, file in masks.items() if file.is_file())
+    masks = {name: named_file(output / "masks", name, ".png") for name in written_masks(output)}
+    same = all(_as_written(file, output, name) for name, file in masks.items() if file.is_file())
     return report if same and all(file.is_file() for file in masks.values()) else None
 
 
@@ -123,7 +123,7 @@ def _write_masks(output: Path, photos: Sequence[SourcePhoto], cutting: Cutting, 
         photo = photos[index]
         own = named_file(folder, photo.name, ".png")
         kept = named_file(corrected, photo.name, ".png")
-        if photo.name in cutting.own and own.is_file() and not _as_written(own, record, photo.name):
+        if photo.name in cutting.own and own.is_file() and not _as_written(own, output, photo.name):
             write_bytes(kept, own.read_bytes())
         masks[photo.name] = _full_mask(photo, mask, cameras[index], bends[index])
     write_masks(masks, folder)
@@ -142,8 +142,8 @@ def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -
     return enlarged(mask.astype(np.float32), photo.height, photo.width)
 
 
-def _as_written(path: Path, record: Path, name: str) -> bool:
-    return record.is_file() and read_json(record).get(name) == checksum(path)
+def _as_written(path: Path, output: Path, name: str) -> bool:
+    return written_masks(output).get(name) == checksum(path)
 
 
 def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:

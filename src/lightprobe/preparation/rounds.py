@@ -3,10 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from lightprobe.core.files import checksum, named_file, read_json
+from lightprobe.core.files import checksum, named_file
+from lightprobe.core.stored import read_object
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.features import Features
@@ -114,12 +116,20 @@ def features_inside(cutting: Cutting, photos: Sequence[Features], otherwise: Seq
     return inside
 
 
+def written_masks(output: Path) -> dict[str, Any]:
+    """Return the checksums of a scene's masks as they were written, by name, none where none were.
+
+    Raises `InputError` for a record that is damaged.
+    """
+    record = output / ".prepare" / WRITTEN
+    return read_object(record, "remove it and prepare the scene anew") if record.is_file() else {}
+
+
 def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarray]:
     """Return the masks (H, W) bool, by name, that were changed in the scene since they were written there."""
-    record = output / ".prepare" / WRITTEN
-    if not record.is_file():
+    if not (output / ".prepare" / WRITTEN).is_file():
         return {}
-    written, corrected = read_json(record), output / ".prepare" / "corrected"
+    written, corrected = written_masks(output), output / ".prepare" / "corrected"
     found = {}
     for photo in photos:
         path, kept = named_file(output / "masks", photo.name, ".png"), named_file(corrected, photo.name, ".png")

@@ -4,14 +4,10 @@ Pixels are those of the working pictures; cameras have OpenGL's axes (x right, y
 x' = x (1 + k r^2) in units of the focal length, COLMAP's SIMPLE_RADIAL.
 """
 
-import io
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lightprobe.core.errors import InputError
-from lightprobe.core.files import write_bytes
 from lightprobe.scene.camera import Camera
 
 
@@ -48,23 +44,6 @@ class Solution:
         pose[:, :3, :3] = rotation @ pose[:, :3, :3]
         pose[:, :3, 3] = scale * pose[:, :3, 3] @ rotation.T
         return replace(self, pose=pose, points=scale * self.points @ rotation.T)
-
-    def save(self, path: Path) -> None:
-        """Write all arrays into one file, atomically."""
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, **{field.name: getattr(self, field.name) for field in fields(self)})
-        write_bytes(path, buffer.getvalue())
-
-    @staticmethod
-    def load(path: Path) -> "Solution":
-        """Read what `save` wrote; raise `InputError` for anything else."""
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                return Solution(**{field.name: stored[field.name] for field in fields(Solution)})
-        except (OSError, ValueError, KeyError, EOFError) as error:
-            raise InputError(
-                f"{path} is damaged; delete the folder it lies in and run the same command again."
-            ) from error
 
 
 def bent(points: np.ndarray, camera: Camera, k: float) -> np.ndarray:

@@ -78,7 +78,7 @@ class Record:
                 raise ValueError(f"format {stored['format']}")
             about = {key: stored[key] for key in Record.__dataclass_fields__ if key in stored and key != "kind"}
             return Record(**about, kind=Kind(stored["kind"]), metrics=_unpacked(stored))
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
             raise InputError(f"{path} is no record of a benchmark ({error!r}); delete it to make it anew.") from error
 
 

@@ -6,7 +6,6 @@ RUN/report/page.json        {"title", "facts", "commands", "pictures": photo -> 
 A run may come from elsewhere: what goes into a page is checked here.
 """
 
-import math
 import re
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.core.stored import checked_object, damaged, read_object
+from lightprobe.core.stored import checked_object, damaged, is_finite_number, read_object
 from lightprobe.report.report import Report
 
 _REMEDY = "make it anew with: lightprobe eval RUN"
@@ -69,7 +68,8 @@ def _checked_metrics(path: Path) -> dict[str, Any]:
                  photo)  # fmt: skip
         for method, each in checked_object(scores.get("methods", {}), path, _REMEDY, photo).items():
             _numbers(each, path, method)
-    if metrics.get("default_method") not in metrics["methods"]:
+    default = metrics.get("default_method")
+    if not isinstance(default, str) or default not in metrics["methods"]:
         raise damaged(path, "'default_method' is none of its methods", _REMEDY)
     for key, inner in (("interval", _intervals), ("confidence", _confidence)):
         for method, value in checked_object(metrics.setdefault(key, {}), path, _REMEDY, key).items():
@@ -89,7 +89,7 @@ def _confidence(value: Any, path: Path, method: str) -> None:
 def _numbers(value: Any, path: Path, key: str) -> None:
     """Raise `InputError` unless `value` is an object of finite numbers."""
     for name, number in checked_object(value, path, _REMEDY, key).items():
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+        if not is_finite_number(number):
             raise damaged(path, f"'{name}' of '{key}' is no number", _REMEDY)
 
 

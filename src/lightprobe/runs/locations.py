@@ -11,7 +11,9 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import checksum, named_file, resolved
 from lightprobe.core.run import RunFolder
+from lightprobe.scene.camera import Camera
 from lightprobe.scene.frame import cut_name
+from lightprobe.scene.record import read_record
 
 if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
     from lightprobe.localization import Located, Locator
@@ -121,6 +123,20 @@ def photo_mask(image: Path, mask: Path | None) -> Path | None:
 def file_stem(image: Path) -> str:
     """Return what the files made of a photo are named by: its stem, cut where names would grow too long."""
     return cut_name(image.stem, _STEM_BYTES)
+
+
+def own_camera(run: RunFolder, digest: str) -> Camera | None:
+    """Return the camera of the scene's photo whose file has this checksum, None where none has; input frame."""
+    if not run.scene_file.is_file():
+        return None
+    photos, cameras = run.scene().get("photos", {}), read_record(run).cameras
+    found = (
+        camera
+        for split, named in cameras.items()
+        for name, camera in named.items()
+        if photos[split][name].get("image_checksum") == digest
+    )
+    return next(found, None)
 
 
 def is_own_photo(run: RunFolder, image: Path) -> bool:

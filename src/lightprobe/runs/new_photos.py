@@ -61,8 +61,13 @@ class NewPhotos:
 
     def find_cameras_with(self, predictor: Predictor) -> None:
         """Load what photos without a camera are located by, if there are any; raises `InputError` where it is gone."""
-        if None in self._photos:
-            self._locator = _locator(self._run, predictor)
+        if self.lack_cameras:
+            self._locator = load_locator(self._run, predictor)
+
+    @property
+    def lack_cameras(self) -> bool:
+        """Whether there are photos that have to be located."""
+        return None in self._photos
 
     def locate_with(self, locator: "Locator") -> None:
         """Take what photos without a camera are located by, which the caller has loaded."""
@@ -104,7 +109,8 @@ def _photo(run: RunFolder, files: PhotoFiles, camera: Path | None) -> Photo | No
     return new_photo(files.image, camera or run.scene_file, files.mask)
 
 
-def _locator(run: RunFolder, predictor: Predictor) -> "Locator":
+def load_locator(run: RunFolder, predictor: Predictor) -> "Locator":
+    """Return what photos of a run's object are located by; raise `InputError` or `ConfigError` where it is missing."""
     from lightprobe.localization import Locator, stored_views
 
     views = stored_views(run, predictor.decomposition)

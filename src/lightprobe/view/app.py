@@ -1,6 +1,5 @@
 """The page's server as an application: its routes, and every failure as a status with one sentence."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -12,18 +11,16 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
-from lightprobe.core.errors import InputError, LightprobeError, ResourceError
-from lightprobe.core.failures import UnexpectedError, reporting_errors
+from lightprobe.core.errors import InputError, LightprobeError
+from lightprobe.service.asgi import App
+from lightprobe.service.errors import reported, status_of
 from lightprobe.view.jobs import Jobs
-from lightprobe.view.security import App, Guard, content_policy
+from lightprobe.view.security import Guard, content_policy
 from lightprobe.view.sources import RunSource, SceneSource, Sources
-from lightprobe.view.uploads import LIMITS, TooLargeError, Uploads
+from lightprobe.view.uploads import LIMITS, Uploads
 from lightprobe.view.watching import TrainingWatch
 
 STATIC = Path(__file__).parent / "static"
-_STATUS: Mapping[type[LightprobeError], int] = {
-    TooLargeError: 413, UnexpectedError: 500, ResourceError: 503, InputError: 422,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -92,13 +89,5 @@ async def _failed(request: Request, error: Exception) -> Response:
         return JSONResponse({"sentence": sentence}, error.status_code)
     if isinstance(error, RequestValidationError):
         return JSONResponse({"sentence": "The page asked for something that cannot be; load it again."}, 422)
-    if not isinstance(error, LightprobeError):
-        try:
-            with reporting_errors():
-                raise error
-        except LightprobeError as reported:
-            error = reported
-        except BrokenPipeError:
-            error = ResourceError("The connection broke.")
-    status = next((code for kind, code in _STATUS.items() if isinstance(error, kind)), 400)
-    return JSONResponse({"sentence": str(error)}, status)
+    known = error if isinstance(error, LightprobeError) else reported(error)
+    return JSONResponse({"sentence": str(known)}, status_of(known))

@@ -10,9 +10,10 @@ from lightprobe.imaging import read_ldr, read_mask
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
 from lightprobe.light.environment import Environment
+from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.camera import Camera
-from lightprobe.view.predicting import MAP, Models
+from lightprobe.view.predicting import MAP
 
 PICTURE = "inserted.png"
 _TITLES = {
@@ -21,7 +22,7 @@ _TITLES = {
 }  # fmt: skip
 
 
-def insert_thing(models: Models, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
+def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
     """Put the GLB `upload` of a request into the file `photo`, whose light the folder `prediction` holds.
 
     Returns what the page is told. Raises `InputError` for a GLB that cannot be used, `ConfigError` for a place that
@@ -29,7 +30,7 @@ def insert_thing(models: Models, request: dict[str, Any], tell: Callable[[str], 
     """
     folder, prediction, image = (Path(request[key]) for key in ("folder", "prediction", "photo"))
     tell("loading the object")
-    decomposition = models.predictor(RunFolder.open(Path(request["run"]))).decomposition
+    decomposition = models.get(RunFolder.open(Path(request["run"]))).predictor.decomposition
     thing, light = load_thing(Path(request["upload"])), Environment.load(prediction / MAP, models.device)
     camera = Camera.from_json(read_json(prediction / "camera.json"), source="this photo's camera")
     photo = PhotoView(read_ldr(image)[0], read_mask(prediction / "mask.png"), camera, is_opaque(image))

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.errors import InputError, LightprobeError, ResourceError
-from lightprobe.view.worker_process import WorkerEndedError, WorkerProcess
+from lightprobe.service.errors import WorkerEndedError
+from lightprobe.service.worker_process import WorkerProcess
 
 _WAITING = 8  # jobs that may wait
 _KEPT = 60  # finished jobs whose files are kept; the oldest go first

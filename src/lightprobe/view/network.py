@@ -4,8 +4,9 @@ import secrets
 import socket
 from dataclasses import dataclass
 
-from lightprobe.core.errors import ConfigError, ResourceError
+from lightprobe.core.errors import ResourceError
 from lightprobe.core.extras import extra_library
+from lightprobe.service.listening import listening_socket
 
 _LOCAL = "127.0.0.1"
 _TOKEN_BYTES = 16  # random ones in a token
@@ -48,17 +49,8 @@ def open_address(port: int, *, lan: bool) -> Address:
 
     Raises `ConfigError` for a port that is none, `ResourceError` for one in use or when there is no network.
     """
-    if not 0 <= port <= 65535:
-        raise ConfigError(f"--port {port} is no port; give a number from 1024 to 65535, or 0 for a free one.")
     network = _own_address() if lan else None
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind(("" if lan else _LOCAL, port))
-        listening.listen(128)
-    except OSError as error:
-        listening.close()
-        raise ResourceError(f"Port {port} cannot be used ({error.strerror}); choose another with --port.") from error
+    listening = listening_socket("" if lan else _LOCAL, port)
     token = secrets.token_urlsafe(_TOKEN_BYTES) if lan else None
     return Address(listening, listening.getsockname()[1], token, network)
 

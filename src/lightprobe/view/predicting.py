@@ -2,16 +2,15 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from PIL import Image
 
 from lightprobe.core.config.prediction import Sun
-from lightprobe.core.files import atomic_path, checksum, write_json
+from lightprobe.core.files import atomic_path, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.evaluation.three_spheres import ThreeSpheres
@@ -21,15 +20,12 @@ from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_png
 from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import plane
 from lightprobe.localization.located import write_overlay
-from lightprobe.prediction import Prediction, Predictor, recorded_config
+from lightprobe.prediction import Prediction
 from lightprobe.prediction.color_scale import confidence_colors
+from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.runs.locations import LocationFiles
-from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
+from lightprobe.runs.new_photos import NewPhoto, PhotoFiles
 from lightprobe.scene.camera import Camera
-from lightprobe.view.sources import RunSource
-
-if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
-    from lightprobe.localization import Locator
 
 MAP = "light.exr"
 SIDE = 1024  # pixels of the longer side of a picture for the page
@@ -46,59 +42,15 @@ _TITLES = {
 }  # fmt: skip
 
 
-@dataclass
-class _Loaded:
-    """What is kept of one run."""
-
-    key: tuple[str, int]
-    predictor: Predictor
-    locator: "Locator | None" = None
-
-
-class Models:
-    """The predictor and locator of the run that was asked for last."""
-
-    def __init__(self, device: torch.device):
-        """Compute on `device`."""
-        self.device = device
-        self._loaded: _Loaded | None = None
-
-    def predictor(self, run: RunFolder) -> Predictor:
-        """Return the predictor of a run, loaded anew when its object has changed."""
-        return self._of(run).predictor
-
-    def locator(self, run: RunFolder) -> "Locator":
-        """Return the locator of a run; raises `ConfigError` without OpenCV."""
-        from lightprobe.localization import Locator, stored_views
-
-        loaded = self._of(run)
-        if loaded.locator is None:
-            found = loaded.predictor.decomposition
-            loaded.locator = Locator(found, stored_views(run, found), self.device)
-        return loaded.locator
-
-    def _of(self, run: RunFolder) -> _Loaded:
-        newest = max(
-            (p.stat().st_mtime_ns for p in (run.asset_file, run.config_file, run.calibration_file) if p.exists()),
-            default=0,
-        )
-        key = (str(run.path), newest)
-        if self._loaded is None or self._loaded.key != key:
-            self._loaded = None  # two objects need not be held at once
-            self._loaded = _Loaded(key, Predictor.load(run.path, self.device, recorded_config(run)))
-        return self._loaded
-
-
-def load(models: Models, request: dict[str, Any]) -> dict[str, Any]:
+def load(models: LoadedRuns, request: dict[str, Any]) -> dict[str, Any]:
     """Load the predictor of a run and what new photos are located by, so that the first photo need not wait for it."""
-    run = RunFolder.open(Path(request["run"]))
-    models.predictor(run)
-    if run.views_file.is_file():
-        models.locator(run)
+    loaded = models.get(RunFolder.open(Path(request["run"])))
+    if loaded.run.views_file.is_file():
+        loaded.locator()
     return {}
 
 
-def predict(models: Models, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
+def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
     """Predict the light in the file `upload` of a request with the run `run`, and write all files into `folder`.
 
     Returns what the page is told. Raises `InputError` for a photo without the object and one that no light explains.
@@ -106,8 +58,10 @@ def predict(models: Models, request: dict[str, Any], tell: Callable[[str], None]
     begin = time.perf_counter()
     run, upload, folder = RunFolder.open(Path(request["run"])), Path(request["upload"]), Path(request["folder"])
     tell("loading the object")
-    predictor = models.predictor(run)
-    photo = _read(models, run, predictor, upload, folder, tell)
+    loaded = models.get(run)
+    predictor = loaded.predictor
+    files = LocationFiles(folder / "camera.json", folder / "mask.png", folder / "overlay.png")
+    photo = loaded.read(PhotoFiles(upload, None, files), tell=tell)
     tell("predicting the light")
     prediction = predictor.predict(
         photo.pixels, photo.camera, background=photo.background, doubt=photo.doubt, sources=True
@@ -125,21 +79,6 @@ def predict(models: Models, request: dict[str, Any], tell: Callable[[str], None]
         write_png(folder / "mask.png", np.repeat(photo.pixels.alpha[..., None], 3, 2), srgb=False)
         write_overlay(folder / "overlay.png", color, photo.pixels.alpha)
     return _told(photo, prediction, folder, time.perf_counter() - begin)
-
-
-def _read(models: Models, run: RunFolder, predictor: Predictor, upload: Path, folder: Path,
-          tell: Callable[[str], None]) -> NewPhoto:  # fmt: skip
-    """Return the photo with its camera: that of the scene's own photo if it is one, else it is located."""
-    files = LocationFiles(folder / "camera.json", folder / "mask.png", folder / "overlay.png")
-    own, camera = RunSource(run).own_photo(checksum(upload)), None
-    if own is not None:
-        camera = folder / "camera.json"
-        write_json(camera, own.camera.to_json())
-    photos = NewPhotos(run, [PhotoFiles(upload, None, files)], camera, True)
-    if own is None:
-        tell("finding the object in the photo")
-        photos.locate_with(models.locator(run))
-    return photos.read(0)
 
 
 def _write_maps(prediction: Prediction, camera: Camera, folder: Path) -> None:

@@ -7,17 +7,11 @@ that other sites cannot send without asking first; and what other sites embed is
 
 import base64
 import hashlib
-import hmac
-import json
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from collections.abc import Iterable
 from http.cookies import SimpleCookie
-from typing import Any
 from urllib.parse import parse_qs
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
+from lightprobe.service.asgi import App, Message, Receive, Scope, Send, headers_of, reply, same_secret
 
 OWN_HEADER = "x-lightprobe"
 _SAFE = ("GET", "HEAD")
@@ -57,19 +51,19 @@ class Guard:
             await self._answer(scope, receive, self._with_headers(scope, send))
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        headers = headers_of(scope)
         sentence = self._refusal(scope, headers)
         if sentence is not None:
-            await _reply(send, 403, sentence)
+            await reply(send, 403, sentence)
         elif self._token is None or self._has_token(headers.get("cookie", "")):
             await self._app(scope, receive, send)
         elif scope["path"] == "/" and self._is_token(_query_token(scope)):
-            await _reply(send, 303, "Come in.", [
+            await reply(send, 303, "Come in.", [
                 (b"location", b"/"),
                 (b"set-cookie", f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict".encode()),
             ])  # fmt: skip
         else:
-            await _reply(send, 401, "This page needs the address with its token; scan the QR code in the terminal.")
+            await reply(send, 401, "This page needs the address with its token; scan the QR code in the terminal.")
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> str | None:
         """Return why a request is refused, whatever its token, or None."""
@@ -95,12 +89,12 @@ class Guard:
         return self._cookie in found and self._is_token(found[self._cookie].value)
 
     def _is_token(self, given: str) -> bool:
-        return self._token is not None and hmac.compare_digest(given.encode(), self._token.encode())
+        return self._token is not None and same_secret(given, self._token)
 
     def _with_headers(self, scope: Scope, send: Send) -> Send:
         cached = b"no-store" if scope["path"].startswith("/api/") else b"no-cache"
 
-        async def send_with(message: MutableMapping[str, Any]) -> None:
+        async def send_with(message: Message) -> None:
             if message["type"] == "http.response.start":
                 given = list(message.get("headers", []))
                 own = [] if any(name.lower() == b"cache-control" for name, _ in given) else [(b"cache-control", cached)]
@@ -112,11 +106,3 @@ class Guard:
 
 def _query_token(scope: Scope) -> str:
     return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-
-
-async def _reply(send: Send, status: int, sentence: str, headers: list[tuple[bytes, bytes]] | None = None) -> None:
-    body = json.dumps({"sentence": sentence}).encode()
-    length = (b"content-length", str(len(body)).encode())
-    start = [(b"content-type", b"application/json"), length, *(headers or [])]
-    await send({"type": "http.response.start", "status": status, "headers": start})
-    await send({"type": "http.response.body", "body": body})

@@ -1,15 +1,13 @@
 """The page from start to end: what is shown, where it listens, and what is cleared away afterwards."""
 
-import contextlib
-import signal
 import tempfile
-import threading
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lightprobe.core.extras import extra_library
 from lightprobe.core.partial import partial_folder
+from lightprobe.service.listening import until_interrupted
 from lightprobe.view.network import Address, open_address, qr_code
 from lightprobe.view.sources import Sources
 
@@ -40,19 +38,6 @@ def serve(
         _run(sources, address, folder, device)
 
 
-@contextlib.contextmanager
-def until_interrupted() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end what is inside, as every end does: what is open there is closed and cleared away."""
-    main = threading.current_thread() is threading.main_thread()  # only there signals can be handled
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler) if main else None
-    try:
-        with contextlib.suppress(KeyboardInterrupt):
-            yield
-    finally:
-        if main:
-            signal.signal(signal.SIGTERM, before)
-
-
 def _announce(address: Address, tell: Callable[[str], None]) -> None:
     tell(f"Page: {address.local_url}   (end with Ctrl-C)")
     if address.network_url is not None:
@@ -62,22 +47,20 @@ def _announce(address: Address, tell: Callable[[str], None]) -> None:
 
 def _run(sources: Sources, address: Address, folder: Path, device: str) -> None:
     """Answer requests on the address's socket, files in `folder`, until a signal ends it."""
-    import uvicorn
+    from uvicorn.config import LOGGING_CONFIG
 
+    from lightprobe.service.running import run_app
+    from lightprobe.service.worker_process import worker_command
     from lightprobe.view.app import Session, create_app
     from lightprobe.view.jobs import Jobs
     from lightprobe.view.uploads import Uploads
-    from lightprobe.view.worker_process import worker_command
 
     for part in ("uploads", "jobs", "pictures"):
         (folder / part).mkdir()
-    jobs = Jobs(folder / "jobs", worker_command(device))
+    jobs = Jobs(folder / "jobs", worker_command("lightprobe.view.worker", device))
     try:
         session = Session(sources, Uploads(folder / "uploads"), jobs, folder / "pictures")
         app = create_app(session, address.hosts, address.token)
-        settings = uvicorn.Config(
-            app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=2, lifespan="off"
-        )  # fmt: skip
-        uvicorn.Server(settings).run(sockets=[address.listening])
+        run_app(app, address.listening, grace=2, log_config=LOGGING_CONFIG)
     finally:
         jobs.close()

@@ -8,6 +8,7 @@ from typing import Any
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import inside, read_json
 from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import is_finite_number
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.plain_inspection import is_plain
 from lightprobe.scene.record import SPLITS, read_record
@@ -47,15 +48,6 @@ class RunSource:
         record = self.run.scene()
         entry = record["photos"][photo.split][photo.name]
         return inside(Path(record["root"]), entry["image"], source=self.run.scene_file)
-
-    def own_photo(self, digest: str) -> RunPhoto | None:
-        """Return the photo whose file has this checksum, None where none has."""
-        if not self.run.scene_file.is_file():
-            return None
-        photos = self.run.scene().get("photos", {})
-        return next(
-            (one for one in self.photos() if photos[one.split][one.name].get("image_checksum") == digest), None
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -118,4 +110,5 @@ def evaluation_of(run: RunFolder) -> dict[str, Any]:
         return {}
     value = read_json(run.metrics_file)
     mean = value.get("mean") if isinstance(value, dict) else None
-    return {key: number for key, number in (mean or {}).items() if isinstance(number, int | float)}
+    scores = mean.items() if isinstance(mean, dict) else ()
+    return {key: number for key, number in scores if is_finite_number(number)}

@@ -9,21 +9,19 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from urllib.parse import unquote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
-from lightprobe.core.errors import InputError, LightprobeError, shown
-from lightprobe.core.files import disk_errors
-from lightprobe.imaging import IMAGE_SUFFIXES, image_size, is_video
+from lightprobe.core.errors import InputError, LightprobeError
+from lightprobe.imaging import image_size, is_video
 from lightprobe.insertion import load_thing
 from lightprobe.light.environment import read_map
+from lightprobe.service.errors import MIB
+from lightprobe.service.incoming import photo_suffix, renamed, shown_name, stream_to
 from lightprobe.view.light_files import light_suffix
 
-_MIB = 2**20  # bytes
 _KEPT = 24  # files of one kind; the oldest go first
-_SHOWN_NAME = 80  # characters
 
 
 class UploadKind(StrEnum):
@@ -35,12 +33,8 @@ class UploadKind(StrEnum):
     """A GLB that is to stand beside the object."""
 
 
-LIMITS = {UploadKind.PHOTO: 64 * _MIB, UploadKind.LIGHT: 256 * _MIB, UploadKind.THING: 200 * _MIB}
+LIMITS = {UploadKind.PHOTO: 64 * MIB, UploadKind.LIGHT: 256 * MIB, UploadKind.THING: 200 * MIB}
 """The most bytes of a file of each kind."""
-
-
-class TooLargeError(LightprobeError):
-    """A file is larger than its kind may be."""
 
 
 @dataclass(frozen=True)
@@ -96,40 +90,15 @@ class Uploads:
         return upload
 
 
-def shown_name(quoted: str) -> str:
-    """Return a file's name out of a header as it may be shown: no folders, nothing unprintable, not long."""
-    name = unquote(quoted).replace("\\", "/").rpartition("/")[2]
-    return shown(name)[:_SHOWN_NAME] or "this file"
-
-
-async def stream_to(request: Request, path: Path, limit: int, name: str) -> None:
-    """Write a request's body to a new file; raise `TooLargeError` before more than `limit` bytes are written."""
-    too_large = TooLargeError(f"{name} is too large: at most {limit // _MIB} MB are taken; choose a smaller file.")
-    length = request.headers.get("content-length", "")
-    if length.isdigit() and int(length) > limit:
-        raise too_large
-    written = 0
-    with disk_errors(path), open(path, "xb") as file:
-        async for chunk in request.stream():
-            written += len(chunk)
-            if written > limit:
-                raise too_large
-            file.write(chunk)
-    if written == 0:
-        raise InputError(f"{name} is empty; choose another file.")
-
-
 def _checked(kind: UploadKind, path: Path, name: str) -> Path:
     """Return where a file is kept after a check of its kind; raise `InputError` naming it as the person does."""
     try:
         if kind is UploadKind.PHOTO:
-            suffix = Path(name).suffix.lower()
-            kept = path.rename(path.with_suffix(suffix if suffix in IMAGE_SUFFIXES else ".png"))
-            path = kept
-            if is_video(kept):
+            path = path.rename(path.with_suffix(photo_suffix(name)))
+            if is_video(path):
                 raise InputError(f"{name} is a video; choose a photo.")
-            image_size(kept)
-            return kept
+            image_size(path)
+            return path
         if kind is UploadKind.LIGHT:
             path = path.rename(path.with_suffix(light_suffix(path, name)))
             read_map(path)
@@ -139,9 +108,4 @@ def _checked(kind: UploadKind, path: Path, name: str) -> Path:
         return path
     except LightprobeError as error:
         path.unlink(missing_ok=True)
-        raise InputError(renamed(str(error), path, name)) from error
-
-
-def renamed(sentence: str, path: Path, name: str) -> str:
-    """Return a sentence in which a file is called as the person knows it."""
-    return sentence.replace(str(path), name).replace(path.name, name)
+        raise InputError(renamed(str(error), {path: name})) from error

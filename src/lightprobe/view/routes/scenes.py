@@ -9,10 +9,10 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
+from lightprobe.service.incoming import stream_to
 from lightprobe.view.pictures import scene_photo
 from lightprobe.view.routes.shared import SessionArg, picture_response
 from lightprobe.view.scenes import ScenePhotos, mask_picture, save_box, save_mask
-from lightprobe.view.uploads import stream_to
 
 router = APIRouter(prefix="/scenes/{index}")
 

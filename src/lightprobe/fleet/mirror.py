@@ -1,0 +1,61 @@
+"""A run in an object store: brought here to be trained, and what changes sent back while it is.
+
+A training writes each file whole, checkpoints before what marks a phase as finished. Files are sent in the order in
+which they were written, and removed ones go last, so that whatever has arrived when a machine dies is a state that the
+training had, but for a checkpoint of which only a part came: that one is passed over for the one before it.
+"""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from lightprobe.fleet.storage import Place
+from lightprobe.runs.progress import OnProgress
+
+_SECONDS = 60.0  # between two looks for changed files: the most that a dead machine costs beside a checkpoint's steps
+_LEFT_OUT = ("predictions/", "report/", "oracle/")
+
+
+class Mirror:
+    """A run's folder here and in an object store."""
+
+    def __init__(self, folder: Path, remote: Place, clock: Callable[[], float] = time.monotonic):
+        """Bring what there is of the run at `remote` into `folder`, unless it is of this machine itself."""
+        self.folder, self._remote, self._clock = folder, remote, clock
+        if remote.files():
+            remote.fetch_folder(folder, _LEFT_OUT)
+        self._sent = self._stamps()
+        self._last = clock()
+
+    def watching(self, on_progress: OnProgress) -> OnProgress:
+        """Return an `OnProgress` that also sends what has changed, now and then."""
+
+        def update(stage: str, done: int, total: int, note: str = "") -> None:
+            on_progress(stage, done, total, note)
+            if self._clock() - self._last >= _SECONDS:
+                self.send()
+
+        return update
+
+    def send(self) -> None:
+        """Send all files that are new or have changed, in the order of their writing; then remove what is gone."""
+        now = self._stamps()
+        for name in sorted(now, key=lambda name: (now[name][0], name)):
+            if self._sent.get(name) != now[name]:
+                self._remote.child(*name.split("/")).write((self.folder / name).read_bytes())
+        for name in self._sent.keys() - now.keys():
+            self._remote.child(*name.split("/")).remove()
+        self._sent, self._last = now, self._clock()
+
+    def _stamps(self) -> dict[str, tuple[int, int]]:
+        """Return time of writing and size of every file, by its path in the folder."""
+        found: dict[str, tuple[int, int]] = {}
+        for parent, folders, files in os.walk(self.folder):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            for file in files:
+                path = Path(parent, file)
+                if not file.startswith("."):
+                    stat = path.stat()
+                    found[path.relative_to(self.folder).as_posix()] = (stat.st_mtime_ns, stat.st_size)
+        return found

@@ -1,0 +1,51 @@
+"""Who writes a folder of results, and what the results in it are of."""
+
+import contextlib
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from lightprobe.core.config.stored import first_difference, plain
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.file_lock import locked_file
+from lightprobe.core.files import disk_errors
+from lightprobe.fleet.storage import Place
+
+RECORD = "fleet.json"
+_LARGEST = 2**20  # bytes of a record
+
+
+@contextlib.contextmanager
+def held(output: Place) -> Iterator[None]:
+    """Hold a folder of results, where this machine has it; an object store has no locks.
+
+    Raises `BusyError` when another fleet writes it.
+    """
+    if output.local is None:
+        yield
+        return
+    with disk_errors(output.local):
+        output.local.mkdir(parents=True, exist_ok=True)
+    with locked_file(output.local / ".fleet.lock", f"{output} is being written by another fleet; wait for it to end."):
+        yield
+
+
+def check_record(output: Place, record: dict[str, Any], *, alone: bool) -> None:
+    """Write what the results are of, or raise `ConfigError` where those that lie there are of something else.
+
+    alone: whether a new folder has to be empty. Raises `InputError` for a damaged record.
+    """
+    file = output.child(RECORD)
+    if not file.exists():
+        if alone and output.names():
+            raise ConfigError(f"{output} is not empty and no fleet's; choose another folder with -o.")
+        file.write((json.dumps(plain(record), indent=2) + "\n").encode())
+        return
+    try:
+        stored = json.loads(file.read(_LARGEST))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file} is damaged; choose another folder with -o.") from error
+    difference = first_difference(stored, plain(record), "fleet")
+    if difference:
+        key, old, new = difference
+        raise ConfigError(f"{output} was started with {key} = {old}, not {new}; choose another folder with -o.")

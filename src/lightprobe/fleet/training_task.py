@@ -1,0 +1,141 @@
+"""One scene to its run: what a worker of a fleet does. It goes on from the run's own checkpoints."""
+
+import contextlib
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from lightprobe.core.config import DecomposeConfig, DistillConfig
+from lightprobe.core.config.prediction import PredictConfig
+from lightprobe.core.errors import BusyError, LightprobeError, LightprobeWarning
+from lightprobe.core.failures import reporting_errors
+from lightprobe.core.partial import partial_folder
+from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import read_object
+from lightprobe.core.timings import PhaseTiming, read_timings
+from lightprobe.fleet.index import SceneRow, State
+from lightprobe.fleet.mirror import Mirror
+from lightprobe.fleet.storage import Place
+from lightprobe.models import ProbeModel
+from lightprobe.prediction import methods_for, recorded_config
+from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
+from lightprobe.runs.preparing import SCENE
+from lightprobe.runs.progress import OnProgress, silent
+from lightprobe.runs.training import train_run
+
+# A lock dies with its process; a file server may take some minutes to notice that a machine is gone, and a machine
+# that only the cluster has lost may still be at work.
+_PATIENCE = 900.0  # seconds
+_PAUSE = 2.0  # seconds between two tries
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """How all scenes of a call are trained."""
+
+    decompose: DecomposeConfig
+    distill: DistillConfig
+    predict: PredictConfig
+    seed: int = 0
+    hdri: str | None = None
+    evaluate: bool = False  # also on the test photos, by the method that the run uses
+
+
+@dataclass(frozen=True)
+class SceneTask:
+    """A scene, and where its run goes."""
+
+    scene: Place
+    run: Place
+    options: SceneOptions
+    threads: int = 1
+    device: str = "cpu"
+    patience: float = _PATIENCE
+
+
+def train_scene(task: SceneTask) -> SceneRow:
+    """Train both phases of a scene, or go on with them, and return the row of its index."""
+    torch.set_num_threads(task.threads)
+    row = SceneRow(task.scene.name, str(task.run), State.FAILED.value)
+    try:
+        with reporting_errors(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", LightprobeWarning)
+            return _trained(task, row)
+    except LightprobeError as error:
+        return replace(row, reason=str(error))
+
+
+def _trained(task: SceneTask, row: SceneRow) -> SceneRow:
+    with _folders(task) as (scene, run, mirror):
+        on_progress = silent if mirror is None else mirror.watching(silent)
+        _patiently(lambda: _train(task, scene, run, on_progress), task.patience)
+        if task.options.evaluate:
+            _patiently(lambda: _evaluate(task, scene, run, on_progress), task.patience)
+        if mirror is not None:
+            mirror.send()
+        return _told(RunFolder(run), row)
+
+
+@contextlib.contextmanager
+def _folders(task: SceneTask) -> Iterator[tuple[Path, Path, Mirror | None]]:
+    """Yield scene and run on this machine, and what keeps the run in its object store, if it belongs there."""
+    with contextlib.ExitStack() as stack:
+        scene, run, mirror = task.scene.local, task.run.local, None
+        if scene is None or run is None:
+            base = stack.enter_context(partial_folder(Path(tempfile.gettempdir())))
+            scene = scene or task.scene.fetch_folder(base / "scene")
+            if run is None:
+                run = base / "run"
+                mirror = Mirror(run, task.run)
+        yield scene, run, mirror
+
+
+def _train(task: SceneTask, scene: Path, run: Path, on_progress: OnProgress) -> None:
+    options = task.options
+    train_run(
+        scene, run, decompose=options.decompose, distill=options.distill, predict=options.predict, device=task.device,
+        seed=options.seed, hdri=options.hdri, on_progress=on_progress,
+    )  # fmt: skip
+
+
+def _evaluate(task: SceneTask, scene: Path, run: Path, on_progress: OnProgress) -> None:
+    folder = RunFolder(run)
+    if folder.metrics_file.is_file():
+        return
+    method = methods_for(ProbeModel.load(folder.model_folder), recorded_config(folder))[0]
+    prepared = run / SCENE  # of plain photos
+    where = prepared if prepared.is_dir() else scene
+    evaluate_run(run, EvaluationOptions((method,)), scene_folder=where, device=task.device, on_progress=on_progress)
+
+
+def _patiently(work: Callable[[], None], patience: float) -> None:
+    """Do `work`, again and again while another process holds the run, for `patience` seconds at most."""
+    end = time.monotonic() + patience
+    while True:
+        try:
+            work()
+            return
+        except BusyError:
+            if time.monotonic() >= end:
+                raise
+            time.sleep(min(_PAUSE, patience))
+
+
+def _told(run: RunFolder, row: SceneRow) -> SceneRow:
+    """Return the row of a finished run."""
+    timings = read_timings(run.timings_file)
+    first, second = (timings.get(phase, PhaseTiming()) for phase in ("decompose", "distill"))
+    memory = [phase.memory for phase in (first, second) if phase.memory is not None]
+    means = (
+        read_object(run.metrics_file, "evaluate the run again").get("mean", {}) if run.metrics_file.is_file() else {}
+    )
+    return replace(
+        row, state=State.DONE.value, phase1_seconds=first.seconds, phase2_seconds=second.seconds,
+        memory=max(memory, default=None), photos=len(run.scene().get("photos", {}).get("train", {})),
+        relit=means.get("relit_psnr"), object=means.get("psnr_masked"),
+    )  # fmt: skip

@@ -1,0 +1,105 @@
+"""Answers to a prediction: one JSON object with the files inside, a ZIP archive, or the map alone, as Accept says."""
+
+import base64
+import json
+import zipfile
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from starlette.background import BackgroundTask
+from starlette.responses import FileResponse, Response
+
+from lightprobe.service.asked import FILES, MEDIA_TYPES, Output
+from lightprobe.service.errors import NotAcceptableError
+
+ANSWER, LIGHT, ARCHIVE = "answer.json", "light.light.json", "light.zip"
+
+
+class AnswerKind(StrEnum):
+    """What an answer is, by its media type."""
+
+    JSON = "application/json"
+    """Everything in one object, files as base64."""
+    ZIP = "application/zip"
+    """The files beside light.light.json and answer.json."""
+    EXR = "image/x-exr"
+    """Only the map."""
+    HDR = "image/vnd.radiance"
+    """Only the map."""
+
+    @property
+    def output(self) -> Output | None:
+        """The file that alone is the answer, None where there are more."""
+        return {AnswerKind.EXR: Output.EXR, AnswerKind.HDR: Output.HDR}.get(self)
+
+
+def accepted_kind(header: str) -> AnswerKind:
+    """Return the kind of answer that an Accept header prefers (RFC 9110, section 12.5.1); raise if it takes none.
+
+    Without a header, and where several are as welcome, JSON comes first.
+    """
+    best, weight = None, 0.0
+    for kind in AnswerKind:
+        here = _weight(header, kind) if header.strip() else 1.0
+        if here > weight:
+            best, weight = kind, here
+    if best is None:
+        raise NotAcceptableError(f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept.")
+    return best
+
+
+def _weight(header: str, kind: AnswerKind) -> float:
+    """Return how welcome a media type is: the weight of the most specific range that has it."""
+    ranges = {}
+    for entry in header.split(","):
+        name, *parameters = (part.strip() for part in entry.lower().split(";"))
+        ranges[name] = next((_number(p[2:]) for p in parameters if p.startswith("q=")), 1.0)
+    main = kind.partition("/")[0]
+    return next((ranges[name] for name in (kind.value, f"{main}/*", "*/*") if name in ranges), 0.0)
+
+
+def _number(text: str) -> float:
+    try:
+        return min(max(float(text), 0.0), 1.0)
+    except ValueError:
+        return 0.0
+
+
+def answer(kind: AnswerKind, told: dict[str, Any], folder: Path, done: BackgroundTask) -> Response:
+    """Return the answer out of what a worker has told and the files that it wrote; `done` follows when it is sent.
+
+    told: with the light file as "light" and the names of the files as "files".
+    """
+    if kind.output is not None:
+        name = FILES[kind.output]
+        headers = {"x-lightprobe-verdict": told["verdict"]["status"], "x-lightprobe-method": told["method"]}
+        return FileResponse(folder / name, media_type=kind.value, filename=name, headers=headers, background=done)
+    if kind is AnswerKind.ZIP:
+        _write_archive(told, folder)
+        return FileResponse(folder / ARCHIVE, media_type=kind.value, filename=ARCHIVE, background=done)
+    files = [{**_described(folder / name), "base64": _encoded(folder / name)} for name in told["files"]]
+    return Response(_json({**told, "files": files}), media_type=kind.value, background=done)
+
+
+def _described(path: Path) -> dict[str, Any]:
+    return {"name": path.name, "media_type": MEDIA_TYPES[path.suffix], "bytes": path.stat().st_size}
+
+
+def _encoded(path: Path) -> str:
+    return base64.b64encode(path.read_bytes()).decode()
+
+
+def _json(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, allow_nan=False).encode()
+
+
+def _write_archive(told: dict[str, Any], folder: Path) -> None:
+    """Write all files of an answer as one archive; maps hardly get smaller, so that nothing is compressed."""
+    rest = {key: value for key, value in told.items() if key != "light"}
+    about = {**rest, "files": [_described(folder / name) for name in told["files"]]}
+    with zipfile.ZipFile(folder / ARCHIVE, "w") as archive:
+        archive.writestr(ANSWER, _json(about))
+        archive.writestr(LIGHT, _json(told["light"]))
+        for name in told["files"]:
+            archive.write(folder / name, name)

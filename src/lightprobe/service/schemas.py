@@ -1,0 +1,106 @@
+"""The interface in words for /openapi.json: bodies and answers that FastAPI cannot read off the functions."""
+
+from typing import Any
+
+from pydantic import BaseModel
+
+from lightprobe.core.config.prediction import Method, Sun
+from lightprobe.light.upsampling import HEIGHTS
+from lightprobe.service.answers import AnswerKind
+from lightprobe.service.asked import FIELDS, Output
+
+
+class ObjectEntry(BaseModel):
+    """An object that light can be predicted with."""
+
+    name: str
+    trained: bool
+    """Whether it has a model; without one the light is only solved for."""
+    locatable: bool
+    """Whether photos without a camera can be taken at once."""
+    calibrated: bool
+    """Whether the brightness of its maps is the true one."""
+
+
+class ObjectList(BaseModel):
+    """Objects in the order of their names."""
+
+    objects: list[ObjectEntry]
+    next: str | None
+    """What to give as `after` for those that follow; null: these are all."""
+
+
+class Refusal(BaseModel):
+    """Why a request was refused or failed."""
+
+    sentence: str
+    request: str = ""
+    """Its id, as in the log."""
+
+
+class AnswerFile(BaseModel):
+    """A file of an answer."""
+
+    name: str
+    media_type: str
+    bytes: int
+    base64: str
+
+
+class Answer(BaseModel):
+    """A prediction."""
+
+    object: str
+    request: str
+    method: str
+    verdict: dict[str, Any]
+    """Whether the photo can be what it is taken for, see docs/photos.md."""
+    pose: dict[str, Any] | None
+    """The same of the camera that was found; null: it was given."""
+    warnings: list[str]
+    seconds: dict[str, float]
+    """waiting, load, locate, the parts of the prediction and all."""
+    light: dict[str, Any]
+    """The light in numbers: docs/light-files.md."""
+    files: list[AnswerFile]
+
+
+_VALUES: dict[str, dict[str, Any]] = {
+    "photo": {"type": "string", "format": "binary"},
+    "camera": {"type": "string"},
+    "mask": {"type": "string", "format": "binary"},
+    "method": {"type": "string", "enum": [*Method]},
+    "size": {"type": "string", "enum": [f"{2 * rows}x{rows}" for rows in HEIGHTS]},
+    "sun": {"type": "string", "enum": [*Sun], "default": Sun.INSIDE},
+    "sources": {"type": "boolean", "default": True},
+    "background": {"type": "boolean", "default": True},
+    "formats": {"type": "array", "items": {"type": "string", "enum": [*Output]}, "default": ["exr", "confidence"]},
+    "deadline": {"type": "number", "exclusiveMinimum": 0},
+}
+BODY: dict[str, Any] = {
+    "requestBody": {"required": True, "content": {"multipart/form-data": {"schema": {
+        "type": "object", "required": ["photo"],
+        "properties": {
+            name: {**_VALUES[name], "description": f"{words} At most {limit} bytes."}
+            for name, (limit, words) in FIELDS.items()
+        },
+    }}}}
+}  # fmt: skip
+"""The body of a prediction."""
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_REASONS = {
+    404: "There is no such object.", 406: "None of the kinds of answer is accepted.",
+    408: "The body did not arrive in time.", 413: "A field is too large.", 415: "The body is no form.",
+    422: "A field cannot be used, or the photo does not show the object.", 429: "Too much waits; see Retry-After.",
+    500: "The worker ended twice on this request, or something unexpected.", 503: "Not now; see Retry-After.",
+    504: "The deadline is over.",
+}  # fmt: skip
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "model": Answer, "description": "The prediction.",
+        "content": {kind.value: _BINARY for kind in AnswerKind if kind is not AnswerKind.JSON},
+    },
+    **{status: {"model": Refusal, "description": words} for status, words in _REASONS.items()},
+}  # fmt: skip
+"""The answers to it."""

@@ -1,0 +1,183 @@
+"""The service from start to end: where it listens, who may ask it, what computes, and what is cleared away."""
+
+import contextlib
+import functools
+import logging
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lightprobe.core.device import resolve_device
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.extras import extra_library
+from lightprobe.core.partial import partial_folder
+from lightprobe.core.reading import check_file
+from lightprobe.service.devices import CPU, Assignment, assignments
+from lightprobe.service.guard import check_access, is_loopback
+from lightprobe.service.listening import listening_socket, until_interrupted
+from lightprobe.service.worker_process import worker_command
+
+if TYPE_CHECKING:  # these need the extra
+    from lightprobe.service.app import Service
+    from lightprobe.service.objects import Objects
+    from lightprobe.service.telemetry import Telemetry
+
+PORT = 8422
+"""Where the service is unless another port is asked for."""
+
+GIB = 2**30
+"""Bytes."""
+
+_LARGEST_TOKEN = 4096  # bytes of a token's file
+_GRACE = 5.0  # seconds beyond the deadlines in which the last answers are sent when the service is stopped
+
+
+class LogLevel(StrEnum):
+    """What is logged."""
+
+    DEBUG = "debug"
+    """Everything, requests that only look included."""
+    INFO = "info"
+    """Predictions, refusals and what happens to workers."""
+    WARNING = "warning"
+    """Only what should not happen often."""
+
+
+@dataclass(frozen=True)
+class ServiceConfig:
+    """Limits of a service."""
+
+    deadline: float = 60.0
+    """Seconds that a request may take, waiting included; then its worker is ended and replaced."""
+    queue: int = 64
+    """Requests that may wait; more are refused (429)."""
+    uploads: int = 64
+    """Photos that may be sent at the same time; more are refused (429)."""
+    upload_seconds: float = 60.0
+    """Seconds in which a photo must arrive."""
+    max_megapixels: float = 64.0
+    """Pixels of a photo or mask, in millions, beyond which it is refused before it is decoded."""
+    cache_memory: float = 1.0
+    """GiB that a worker's loaded objects may take; then the least recently used goes."""
+    worker_memory: float = 6.0
+    """GiB that a worker's process may take; then it is ended and replaced (on Linux)."""
+
+    def __post_init__(self) -> None:
+        """Refuse limits that no service could work with."""
+        if self.queue < 1 or self.uploads < 1:
+            raise ConfigError("--queue and --uploads must be at least 1.")
+        positive = (self.deadline, self.upload_seconds, self.max_megapixels, self.cache_memory, self.worker_memory)
+        if not all(0 < value < float("inf") for value in positive):
+            raise ConfigError("Seconds, megapixels and memory of the service must be above 0 and finite.")
+
+
+@dataclass(frozen=True)
+class Served:
+    """What a service has done when it has ended."""
+
+    requests: int  # answers, refusals included
+    predictions: int  # those with a map
+
+
+def serve(
+    folder: Path, *, host: str = "127.0.0.1", port: int = PORT, token: str | None = None, anyone: bool = False,
+    devices: Sequence[str] = (), workers: int | None = None, config: ServiceConfig | None = None,
+    log_level: LogLevel = LogLevel.INFO, tell: Callable[[str], None] = print,
+) -> Served:  # fmt: skip
+    """Serve predictions from the runs of a folder until a signal comes, and finish what was accepted by then.
+
+    token: what requests must bring. anyone: others may ask without one. devices, workers: see
+    `service.devices.assignments`. `tell` is given the address. Photos and maps lie in a temporary folder meanwhile.
+    Raises `InputError` for a folder that is none, `ConfigError` for options that cannot be used or do not fit each
+    other and without the extra `serve`, `ResourceError` for an address that cannot be used.
+    """
+    for library in ("fastapi", "uvicorn", "python_multipart", "prometheus_client"):
+        extra_library(library, "The service", "serve")
+    from lightprobe.service.app import create_app
+    from lightprobe.service.objects import Objects
+    from lightprobe.service.running import run_app
+    from lightprobe.service.telemetry import Telemetry
+
+    config = config or ServiceConfig()
+    check_access(host, token, anyone=anyone)
+    assigned = assignments(devices, workers)
+    for one in assigned:
+        resolve_device(one.device)
+    known = Objects(folder)
+    telemetry = Telemetry(logging.getLogger("lightprobe.service"))
+    with (
+        until_interrupted(), listening_socket(host, port) as listening, _logging(log_level),
+        partial_folder(Path(tempfile.gettempdir())) as temporary,
+    ):  # fmt: skip
+        name = f"[{host}]" if ":" in host else host
+        tell(f"Service: http://{name}:{listening.getsockname()[1]}/   ({_described(assigned)}; end with Ctrl-C)")
+        with _service(config, known, assigned, temporary, telemetry) as service:
+            app = create_app(service, token, local=is_loopback(host) and not anyone)
+            run_app(app, listening, grace=math.ceil(config.deadline + _GRACE), log_config=None)
+    return Served(telemetry.total("lightprobe_requests_total"), telemetry.total("lightprobe_prediction_seconds_count"))
+
+
+@contextlib.contextmanager
+def _service(
+    config: ServiceConfig, known: "Objects", assigned: Sequence[Assignment], folder: Path, telemetry: "Telemetry"
+) -> Iterator["Service"]:  # fmt: skip
+    """Yield the service with its workers started, which end with it."""
+    from lightprobe.service.app import Service
+    from lightprobe.service.pool import Pool
+    from lightprobe.service.slot import SlotSettings
+
+    command = functools.partial(worker_arguments, config)
+    settings = SlotSettings(command, round(config.worker_memory * GIB), telemetry.worker_said)
+    pool = Pool(assigned, settings, config.queue, telemetry)
+    telemetry.watch(pool)
+    try:
+        yield Service(known, pool, telemetry, folder, config.deadline, config.upload_seconds, config.uploads)
+    finally:
+        pool.close()
+
+
+@contextlib.contextmanager
+def _logging(level: LogLevel) -> Iterator[None]:
+    """Let our own events and the messages of the HTTP server go to standard error as JSON lines meanwhile."""
+    from lightprobe.service.telemetry import JsonLines
+
+    loggers = {"lightprobe.service": level.upper(), "uvicorn": "WARNING"}
+    handler = JsonLines()
+    try:
+        for name, lowest in loggers.items():
+            logger = logging.getLogger(name)
+            logger.setLevel(lowest)
+            logger.propagate = False
+            logger.addHandler(handler)
+        yield
+    finally:
+        for name in loggers:
+            logging.getLogger(name).removeHandler(handler)
+
+
+def _described(assigned: Sequence[Assignment]) -> str:
+    if all(one.device == CPU for one in assigned):
+        return f"{len(assigned)} workers on the CPU, {assigned[0].threads} threads each"
+    return "a worker on each of " + ", ".join(one.device for one in assigned)
+
+
+def read_token(path: Path) -> str:
+    """Return the token that a file holds, its first line; raise `InputError` where there is none."""
+    check_file(path, _LARGEST_TOKEN)
+    try:
+        token = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read as text: {error}.") from error
+    if not token or "\n" in token:
+        raise InputError(f"{path} must hold the token in one line; make it with: openssl rand -hex 32 > {path}")
+    return token
+
+
+def worker_arguments(config: ServiceConfig, assignment: Assignment) -> tuple[str, ...]:
+    """Return the command of a worker, see `service.worker`."""
+    numbers = (assignment.threads, round(config.cache_memory * GIB), round(config.max_megapixels * 1e6))
+    return worker_command("lightprobe.service.worker", assignment.device, *map(str, numbers))

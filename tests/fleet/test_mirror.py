@@ -1,0 +1,65 @@
+"""A run in an object store: what is sent, in which order, and what is brought back."""
+
+import os
+
+import fsspec
+import pytest
+
+from lightprobe.fleet.mirror import Mirror
+from lightprobe.fleet.storage import Place
+
+
+@pytest.fixture
+def remote():
+    fsspec.filesystem("memory").store.clear()
+    return Place.of("memory://bucket/runs/cup")
+
+
+def write(folder, name, text, at):
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(text)
+    os.utime(folder / name, (at, at))
+
+
+def test_files_go_in_the_order_of_their_writing_and_removed_ones_last(monkeypatch, remote, tmp_path):
+    happened = []
+    write_, remove = Place.write, Place.remove
+    monkeypatch.setattr(Place, "write", lambda self, data: (happened.append(self.name), write_(self, data)))
+    monkeypatch.setattr(Place, "remove", lambda self: (happened.append(f"-{self.name}"), remove(self)))
+    mirror = Mirror(tmp_path, remote)
+    write(tmp_path, "mesh/asset.safetensors", "last", 300)
+    write(tmp_path, "config.json", "first", 100)
+    write(tmp_path, "checkpoints/step-1/state.json", "second", 200)
+    write(tmp_path, ".lock", "", 50)
+    mirror.send()
+    assert happened == ["config.json", "state.json", "asset.safetensors"]
+    happened.clear()
+    write(tmp_path, "checkpoints/step-2/state.json", "third", 400)
+    (tmp_path / "checkpoints" / "step-1" / "state.json").unlink()
+    mirror.send()
+    assert happened == ["state.json", "-state.json"]
+    assert sorted(remote.files()) == ["checkpoints/step-2/state.json", "config.json", "mesh/asset.safetensors"]
+
+
+def test_what_is_there_is_brought_and_not_sent_again(monkeypatch, remote, tmp_path):
+    for name in ("config.json", "checkpoints/step-1/state.json", "report/index.html"):
+        remote.child(*name.split("/")).write(b"x")
+    mirror = Mirror(tmp_path / "run", remote)
+    found = sorted(p.relative_to(tmp_path / "run").as_posix() for p in (tmp_path / "run").rglob("*") if p.is_file())
+    assert found == ["checkpoints/step-1/state.json", "config.json"]
+    monkeypatch.setattr(Place, "write", lambda self, data: pytest.fail(f"{self} was sent again"))
+    mirror.send()
+    assert "report/index.html" in remote.files()
+
+
+def test_changes_are_sent_now_and_then(remote, tmp_path):
+    now, heard = [0.0], []
+    mirror = Mirror(tmp_path, remote, lambda: now[0])
+    update = mirror.watching(lambda *words: heard.append(words))
+    write(tmp_path, "config.json", "{}", 1)
+    update("pass1", 1, 9)
+    assert remote.files() == {}
+    now[0] = 61
+    update("pass1", 2, 9, "loss 1")
+    assert list(remote.files()) == ["config.json"]
+    assert heard == [("pass1", 1, 9, ""), ("pass1", 2, 9, "loss 1")]

@@ -1,0 +1,144 @@
+"""Tiny valid pictures of every kind that is read, as small as shows every part of their formats."""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pillow_heif
+import tifffile
+from PIL import Image, PngImagePlugin
+
+from lightprobe.imaging import png16, write_exr, write_radiance
+from tests.imaging.icc_profiles import P3_PRIMARIES, grey_icc, icc
+from tests.imaging.raw_files import write_dng
+
+_RNG = np.random.default_rng(26)
+_COLOR = _RNG.integers(0, 256, (12, 16, 3), np.uint8)
+_ALPHA = np.dstack([_COLOR, _RNG.integers(0, 256, (12, 16), np.uint8)])
+_DEEP = _RNG.integers(0, 65536, (12, 16, 4), np.uint16)
+_LIGHT = _RNG.random((12, 16, 3)).astype(np.float32)
+_PROFILE = icc("Display P3", P3_PRIMARIES, 2.2)
+
+
+def _exif() -> bytes:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    exif.get_ifd(0x8769).update({0x829A: 0.01, 0x829D: 2.8, 0x8827: 100, 0x920A: 5.0, 0xA405: 28})
+    return exif.tobytes()
+
+
+def _saved(picture: np.ndarray | Image.Image, kind: str, **options: object) -> bytes:
+    buffer = io.BytesIO()
+    image = picture if isinstance(picture, Image.Image) else Image.fromarray(picture)
+    image.save(buffer, format=kind, **options)
+    return buffer.getvalue()
+
+
+def write_png(folder: Path) -> None:
+    """Write PNG of 8 and 16 bits, with a palette, interlaced text, a profile, code points and EXIF."""
+    info = PngImagePlugin.PngInfo()
+    info.add(b"cICP", bytes((12, 16, 0, 1)))
+    info.add_text("words", "a" * 40, zip=True)
+    palette = Image.fromarray(_COLOR).quantize(16)
+    palette.info["transparency"] = 3
+    pictures = {
+        "8.png": _saved(_COLOR, "PNG", icc_profile=_PROFILE, exif=_exif()),
+        "alpha.png": _saved(_ALPHA, "PNG", pnginfo=info),
+        "palette.png": _saved(palette, "PNG", transparency=3),
+        "grey.png": _saved(_COLOR[..., 0], "PNG", icc_profile=grey_icc("grey", 2.2)),
+        "bits.png": _saved(Image.fromarray(_COLOR[..., 0]).convert("1"), "PNG"),
+        "16.png": png16.encode(_DEEP),
+        "16grey.png": png16.encode(_DEEP[..., :1]),
+    }
+    _write(folder, pictures)
+
+
+def write_jpeg(folder: Path) -> None:
+    """Write JPEG: plain, progressive, grey and in inks, with profile and EXIF."""
+    cmyk = Image.fromarray(_COLOR).convert("CMYK")
+    pictures = {
+        "plain.jpg": _saved(_COLOR, "JPEG", icc_profile=_PROFILE, exif=_exif()),
+        "progressive.jpg": _saved(_COLOR, "JPEG", progressive=True, subsampling=0),
+        "grey.jpg": _saved(_COLOR[..., 0], "JPEG"),
+        "cmyk.jpg": _saved(cmyk, "JPEG"),
+    }
+    _write(folder, pictures)
+
+
+def write_webp(folder: Path) -> None:
+    """Write WebP: lossy, lossless, with alpha, profile and EXIF."""
+    pictures = {
+        "lossy.webp": _saved(_COLOR, "WEBP"),
+        "lossless.webp": _saved(_COLOR, "WEBP", lossless=True),
+        "extended.webp": _saved(_ALPHA, "WEBP", icc_profile=_PROFILE, exif=_exif()),
+    }
+    _write(folder, pictures)
+
+
+def write_tiff(folder: Path) -> None:
+    """Write TIFF of 8 and 16 bits and of floats, in strips and tiles, compressed in several ways."""
+    folder.mkdir(parents=True)
+    tifffile.imwrite(folder / "8.tif", _COLOR, photometric="rgb", iccprofile=_PROFILE)
+    tifffile.imwrite(folder / "16.tif", _DEEP[..., :3], photometric="rgb", compression="zlib", predictor=True)
+    tifffile.imwrite(folder / "alpha.tif", _DEEP, photometric="rgb", extrasamples=["assocalpha"])
+    tifffile.imwrite(folder / "float.tif", _LIGHT, photometric="rgb", tile=(16, 16))
+    tifffile.imwrite(folder / "grey.tif", _COLOR[..., 0], bigtiff=True, rowsperstrip=4)
+    for name, compression in (("lzw", "tiff_lzw"), ("deflate", "tiff_adobe_deflate"), ("jpeg", "jpeg")):
+        Image.fromarray(_COLOR).save(folder / f"{name}.tif", compression=compression)
+
+
+def write_heic(folder: Path) -> None:
+    """Write HEIC of 8 and 10 bits, with alpha, and AVIF."""
+    folder.mkdir(parents=True)
+    side = 64  # the codec's least
+    color = np.kron(_ALPHA[:8, :8], np.ones((side // 8, side // 8, 1), np.uint8))
+    exif = {"exif": _exif(), "icc_profile": _PROFILE}
+    pillow_heif.from_pillow(Image.fromarray(color[..., :3])).save(folder / "8.heic", quality=80, **exif)
+    pillow_heif.from_pillow(Image.fromarray(color)).save(folder / "alpha.heic", quality=80)
+    deep = np.ascontiguousarray(color[..., :3]).astype(np.uint16) * 257
+    pillow_heif.from_bytes(mode="RGB;16", size=(side, side), data=deep.tobytes()).save(folder / "10.heic", quality=80)
+    Image.fromarray(color).save(folder / "alpha.avif", quality=80)
+
+
+def write_exrs(folder: Path) -> None:
+    """Write OpenEXR in scan lines and tiles, of halves and floats, in several compressions."""
+    folder.mkdir(parents=True)
+    light = np.repeat(_LIGHT[:8], 1, 1)
+    write_exr(folder / "zip.exr", light)
+    write_exr(folder / "alpha.exr", np.dstack([light, light[..., :1]]), half=True)
+    planes = {name: np.ascontiguousarray(light[..., k]) for k, name in enumerate("RGB")}
+    for name in ("PIZ", "RLE", "NO", "B44", "DWAA", "PXR24"):
+        header = {"compression": getattr(OpenEXR, f"{name}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+        OpenEXR.File(header, planes).write(str(folder / f"{name.lower()}.exr"))
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = 8
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.tiledimage, "tiles": tiles}
+    OpenEXR.File(header, planes).write(str(folder / "tiles.exr"))
+
+
+def write_radiances(folder: Path) -> None:
+    """Write Radiance maps with runs, and too narrow for them."""
+    folder.mkdir(parents=True)
+    runs = np.repeat(_LIGHT[:8, :4], 4, 1)
+    write_radiance(folder / "runs.hdr", runs)
+    write_radiance(folder / "narrow.hdr", _LIGHT[:3, :6])
+
+
+def write_raw(folder: Path) -> None:
+    """Write a camera raw file."""
+    folder.mkdir(parents=True)
+    write_dng(folder / "camera.dng", _RNG.random((24, 32, 3)), orientation=6, focal_35=28)
+
+
+def _write(folder: Path, pictures: dict[str, bytes]) -> None:
+    folder.mkdir(parents=True)
+    for name, data in pictures.items():
+        (folder / name).write_bytes(data)
+
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "PNG": write_png, "JPEG": write_jpeg, "WebP": write_webp, "TIFF": write_tiff, "HEIC, AVIF": write_heic,
+    "OpenEXR": write_exrs, "Radiance": write_radiances, "camera raw": write_raw,
+}  # fmt: skip

@@ -1,0 +1,280 @@
+"""Everything that reads a file which may come from elsewhere, with valid files for it, made by code."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lightprobe.core.checkpoint import Checkpoints, load_metadata, load_tensors, save_tensors
+from lightprobe.core.config.prediction import Sun
+from lightprobe.core.errors import InputError
+from lightprobe.core.run import RunFolder
+from lightprobe.export.light_file import read_sources, write_sources
+from lightprobe.imaging import (
+    extract_frames,
+    focal_ratio,
+    gravity,
+    image_size,
+    is_video,
+    read_alpha,
+    read_exif_ev100,
+    read_ldr,
+    read_mask,
+)
+from lightprobe.imaging.video import measure_frames
+from lightprobe.insertion.thing import load_thing
+from lightprobe.light.environment import Environment
+from lightprobe.light.sources import LightSource
+from lightprobe.localization.views import KnownViews
+from lightprobe.models.calibration import Calibration
+from lightprobe.prediction import Predictor
+from lightprobe.preparation.cache import Cache
+from lightprobe.preparation.hints import store_hint, stored_hint
+from lightprobe.preparation.output import finished
+from lightprobe.report.records import Record
+from lightprobe.report.stored import read_report
+from lightprobe.scene import read_camera
+from lightprobe.scene.frame import Problems
+from lightprobe.scene.lens import Lens
+from lightprobe.scene.loading import read_folder
+from lightprobe.view.sources import evaluation_of
+from lightprobe.view.watching import newest_record, read_records, stage_lengths
+from tests.fuzz import pictures
+from tests.fuzz.edits import GLB, JSON, LINES, SAFETENSORS, WORDS, Form
+from tests.imaging.videos import pan, write_video
+from tests.insertion.glbs import box, png, write
+from tests.report.pages import evaluated_run
+from tests.report.results import record
+from tests.scene.worlds import views, write_colmap, write_nerd, write_nerfstudio
+from tests.view.finished_run import add_model, finished_run
+
+Read = Callable[[Path, Path], object]  # of the target's folder and of the file in it that was spoilt
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader, and the files it is attacked through."""
+
+    name: str
+    make: Callable[[Path], object]  # writes the folder of valid files; the same one is made once for several targets
+    files: tuple[str, ...]  # of that folder, those that are spoilt
+    read: Read
+    form: Form | None = None  # what the files say, where that is spoilt as well as their bytes
+
+    def write(self, corpus: Path) -> None:
+        """Make the valid files in `corpus`; what is there already stays."""
+        folder = corpus / self.make.__name__
+        if not folder.exists():
+            self.make(folder)
+
+    def copy(self, corpus: Path, folder: Path) -> None:
+        """Copy the valid files to `folder`/NAME."""
+        shutil.copytree(corpus / self.make.__name__, folder / self.name)
+
+
+def _read_picture(root: Path, path: Path) -> None:
+    image_size(path)
+    color, alpha = read_ldr(path)
+    for values in (color, read_mask(path), alpha if alpha is not None else np.zeros(1), read_alpha(path)):
+        if values is not None and not np.isfinite(values).all():
+            raise AssertionError("a picture was read with NaN or infinity")
+    for fact in (focal_ratio, gravity, read_exif_ev100):
+        fact(path)
+
+
+def _read_map(root: Path, path: Path) -> None:
+    try:
+        _read_picture(root, path)
+    finally:
+        Environment.load(path)
+
+
+def _read_scene(root: Path, path: Path) -> None:
+    problems = Problems(collect=True)
+    try:
+        read_folder(root, problems)
+    except InputError as error:
+        problems.messages.append(str(error))
+    wrong = [m for m in problems.messages if not m.isprintable() or not m.endswith(".") or len(m) > 1500]
+    if wrong:
+        raise AssertionError(f"no sentence: {wrong[0][:500]}")
+    read_folder(root, Problems())
+
+
+def _write_cameras(root: Path) -> None:
+    write_nerfstudio(root, views(2))
+    frames = json.loads((root / "transforms.json").read_text())
+    camera = {"camera_to_world": frames["frames"][0]["transform_matrix"], "fx": 9, "fy": 9, "cx": 4, "cy": 4}
+    camera |= {"width": 8, "height": 8, "lens": Lens((0.1, 0.01), (0.001, 0.0)).to_json()}
+    scene = {"root": "/", "photos": {"train": {"a": {"image": "a.png", "camera": camera}}, "test": {}}}
+    (root / "camera.json").write_text(json.dumps(camera))
+    (root / "scene.json").write_text(json.dumps(scene))
+
+
+def _nerfstudio(root: Path) -> None:
+    write_nerfstudio(root, views(3))
+
+
+def _colmap_text(root: Path) -> None:
+    write_colmap(root, views(3), binary=False)
+
+
+def _colmap_binary(root: Path) -> None:
+    write_colmap(root, views(3), binary=True)
+
+
+def _nerd(root: Path) -> None:
+    write_nerd(root, views(3))
+
+
+def _glbs(root: Path) -> None:
+    root.mkdir()
+    made = box()
+    textured = box()
+    corners = len(textured.binary) and 8
+    uvs = textured.array(np.random.default_rng(0).random((corners, 2)).astype(np.float32), "VEC2")
+    textured.document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = uvs
+    picture = textured.view(png((128, 255, 51)))
+    textured.document |= {
+        "images": [{"bufferView": picture, "mimeType": "image/png"}], "textures": [{"source": 0, "sampler": 0}],
+        "samplers": [{"wrapS": 33071}],
+    }  # fmt: skip
+    shift = {"KHR_texture_transform": {"offset": [0.1, 0.2], "scale": [2, 2], "rotation": 0.3}}
+    textured.document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0, "extensions": shift}
+    write(root / "box.glb", made)
+    write(root / "textured.glb", textured)
+
+
+def _videos(root: Path) -> None:
+    root.mkdir()
+    frames = [frame[:48, :64] for frame in pan(4)]
+    write_video(root / "a.mp4", frames)
+    write_video(root / "a.mov", frames, codec="mjpeg", pixels="yuvj420p")
+    write_video(root / "a.avi", frames)
+    write_video(root / "a.mkv", frames, codec="ffv1")
+
+
+def _read_video(root: Path, path: Path) -> None:
+    if is_video(path):
+        shutil.rmtree(root / "frames", ignore_errors=True)
+        measure_frames(path)
+        extract_frames(path, root / "frames", 2)
+
+
+def _run(root: Path) -> None:
+    root.mkdir()
+    run = finished_run(root)
+    add_model(run)
+    Calibration((1.0, 2.0, 0.5), "a grey card").save(run.calibration_file)
+    (run.timings_file).write_text(json.dumps({"decompose": {"seconds": 3.5, "memory": 1.0, "finished": True}}))
+    Checkpoints(run.path / "checkpoints").save(5, {"a": torch.ones(3)}, {"losses": [1.0, 2.0]})
+    tensors = {
+        "descriptor": torch.zeros(3, 128, dtype=torch.uint8), "point": torch.rand(3, 3), "side": torch.eye(3)[:2],
+        "photo": torch.tensor([0, 0, 1], dtype=torch.int32), "camera": torch.eye(4)[None].repeat(2, 1, 1),
+        "tangent": torch.ones(2), "mask": torch.ones(2, 32, 32, dtype=torch.uint8),
+        "mean": torch.ones(2, 3, 32, 32).half(), "lights": torch.ones(2, 6, 32, 32).half(),
+        "edges": torch.ones(2, 2, 32, 32).half(), "focal": torch.tensor([1.2], dtype=torch.float64),
+    }  # fmt: skip
+    save_tensors(root / "views.safetensors", tensors, {"kind": "views"})
+    _evaluate(run, root)
+
+
+def _evaluate(run: RunFolder, root: Path) -> None:
+    other = evaluated_run(root / "other", {"test_00": 30.0, "test_01": 28.0})
+    shutil.copy(other.metrics_file, run.metrics_file)
+    shutil.copytree(other.report_file.parent, run.report_file.parent)
+
+
+def _read_run(root: Path, path: Path) -> None:
+    run = RunFolder.open(root / "run")
+    evaluation_of(run)
+    for phase in ("decompose", "distill"):
+        stage_lengths(run, phase)
+    newest_record(run.metrics_log)
+    read_records(run.metrics_log, 0)
+    run.checkpoints.latest()
+    read_report(run)
+    Predictor.load(run.path)
+
+
+def _read_tensors(root: Path, path: Path) -> None:
+    load_tensors(path)
+    load_metadata(path)
+    KnownViews.load(path)
+
+
+def _prepared(root: Path) -> None:
+    write_nerfstudio(root, views(2))
+    (root / ".prepare").mkdir()
+    (root / "prepare.json").write_text(json.dumps({"key": "k", "warnings": ["one"], "mask_hull_iou": {"view_00": 0.9}}))
+    (root / ".prepare" / "written.json").write_text(json.dumps({"view_00": "0" * 32}))
+    store_hint(root, "view_00", (1, 2, 30, 40))
+    rng = np.random.default_rng(0)
+    Cache(root / ".prepare").arrays("step", "k", lambda: {"values": rng.random((8, 8))})
+
+
+def _read_prepared(root: Path, path: Path) -> None:
+    stored_hint(root)
+    finished(root, "k")
+    Cache(root / ".prepare").arrays("step", "k", lambda: {"values": np.zeros(1)})
+
+
+def _light_files(root: Path) -> None:
+    root.mkdir()
+    source = LightSource((0.0, 0.6, 0.8), 0.01, (3.0, 2.0, 1.0), 0.1, 0.02)
+    write_sources(root / "light.exr", 64, (source, source), Sun.SEPARATE)
+    record("cup").write(root)
+
+
+def _read_light_file(root: Path, path: Path) -> None:
+    read_sources(root / "light.exr")
+
+
+_RUN_JSON = (
+    "run/config.json", "run/scene.json", "run/calibration.json", "run/timings.json", "run/metrics.json",
+    "run/report/page.json", "run/model/config.json", "run/checkpoints/step-000000005/state.json",
+)  # fmt: skip
+_RUN_TENSORS = (
+    "run/mesh/asset.safetensors", "run/mesh/lights.safetensors", "run/model/illumination_mlp.safetensors",
+    "run/model/sphere_net.safetensors", "run/checkpoints/step-000000005/tensors.safetensors",
+)  # fmt: skip
+
+
+def _picture_targets() -> list[Target]:
+    files = {
+        "PNG": ("8.png", "alpha.png", "palette.png", "grey.png", "bits.png", "16.png", "16grey.png"),
+        "JPEG": ("plain.jpg", "progressive.jpg", "grey.jpg", "cmyk.jpg"),
+        "WebP": ("lossy.webp", "lossless.webp", "extended.webp"),
+        "TIFF": ("8.tif", "16.tif", "alpha.tif", "float.tif", "grey.tif", "lzw.tif", "deflate.tif", "jpeg.tif"),
+        "HEIC, AVIF": ("8.heic", "alpha.heic", "10.heic", "alpha.avif"),
+        "OpenEXR": tuple(f"{n}.exr" for n in ("zip", "alpha", "piz", "rle", "no", "b44", "dwaa", "pxr24", "tiles")),
+        "Radiance": ("runs.hdr", "narrow.hdr"),
+        "camera raw": ("camera.dng",),
+    }  # fmt: skip
+    maps = ("OpenEXR", "Radiance")
+    return [Target(n, pictures.WRITERS[n], f, _read_map if n in maps else _read_picture) for n, f in files.items()]
+
+
+TARGETS = (
+    *_picture_targets(),
+    Target("transforms", _nerfstudio, ("transforms.json",), _read_scene, JSON),
+    Target("COLMAP text", _colmap_text, ("sparse/0/cameras.txt", "sparse/0/images.txt"), _read_scene, WORDS),
+    Target("COLMAP binary", _colmap_binary, ("sparse/0/cameras.bin", "sparse/0/images.bin"), _read_scene),
+    Target("NeRD arrays", _nerd, ("poses_bounds.npy",), _read_scene),
+    Target("camera files", _write_cameras, ("camera.json", "scene.json", "transforms.json"),
+           lambda root, path: read_camera(path, root / "images" / "view_01.jpg"), JSON),
+    Target("GLB", _glbs, ("box.glb", "textured.glb"), lambda root, path: load_thing(path), GLB),
+    Target("video", _videos, ("a.mp4", "a.mov", "a.avi", "a.mkv"), _read_video),
+    Target("JSON of runs", _run, _RUN_JSON, _read_run, JSON),
+    Target("metrics.jsonl", _run, ("run/metrics.jsonl",), _read_run, LINES),
+    Target("tensors of runs", _run, _RUN_TENSORS, _read_run, SAFETENSORS),
+    Target("safetensors", _run, ("views.safetensors",), _read_tensors, SAFETENSORS),
+    Target("files of prepare", _prepared, ("prepare.json", "hint.json", ".prepare/written.json"), _read_prepared, JSON),
+    Target("kept steps of prepare", _prepared, (".prepare/step.npz",), _read_prepared),
+    Target("light files", _light_files, ("light.light.json",), _read_light_file, JSON),
+    Target("records", _light_files, ("cup.json",), lambda root, path: Record.read(path), JSON),
+)  # fmt: skip

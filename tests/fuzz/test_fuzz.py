@@ -1,0 +1,104 @@
+"""A short attack; what the long one has found stands beside the tests of what was mended."""
+
+import signal
+from pathlib import Path
+
+import pytest
+
+from lightprobe.core.errors import InputError
+from tests.fuzz import worker
+from tests.fuzz.__main__ import Attack, main
+from tests.fuzz.edits import JSON, Splice, drawn, fewest, spoilt, value_edits, with_checksums
+from tests.fuzz.targets import TARGETS, Target
+
+
+def defects(root: Path, path: Path) -> None:
+    """Do what a file's first byte asks for."""
+    content = path.read_bytes()[:1]
+    if content == b"k":
+        signal.raise_signal(signal.SIGKILL)
+    if content == b"m":
+        bytearray(2**33)
+    if content == b"h":
+        signal.pause()
+    if content == b"e":
+        raise KeyError("a")
+    if content == b"s":
+        raise InputError("no full stop")
+    if content == b"r":
+        raise InputError("Refused.")
+
+
+def test_edits_follow_from_their_seed_and_leave_what_they_do_not_name():
+    assert drawn(value_edits(), 20, 3) == drawn(value_edits(), 20, 3) != drawn(value_edits(), 20, 4)
+    assert spoilt(b"abcdef", [Splice(2, 1, b"XY"), Splice(14, 9, b"")], None) == b"abXYde"
+    assert JSON.read(spoilt(b'{"a": [1, 2]}', drawn(value_edits(), 1, 0)[0], JSON)) is not None
+
+
+def test_edits_that_a_failure_does_not_need_are_left_away():
+    assert fewest([1, 2, 3, 4], lambda edits: 3 in edits and 1 in edits) == [1, 3]
+
+
+def test_a_png_gets_its_checksums_back(tmp_path):
+    png = next(target for target in TARGETS if target.name == "PNG")
+    png.make(tmp_path / "png")
+    sound = (tmp_path / "png" / "8.png").read_bytes()
+    assert with_checksums(sound) == sound
+    assert with_checksums(sound[:29] + b"xxxx" + sound[33:]) == sound
+
+
+@pytest.mark.slow
+def test_whatever_a_reader_does_is_told_apart(tmp_path, monkeypatch):
+    """Each in a process of its own kind: one that is killed, hangs, or takes all memory ends nobody else."""
+    monkeypatch.setattr(worker, "SECONDS", 1.0)
+    attacked = worker.Worker(tmp_path / "corpus", "tests.fuzz.test_fuzz", "DEFECTS")
+    DEFECTS[0].write(tmp_path / "corpus")
+    try:
+        found = {kind: attacked.read("defects", "a", kind.encode()) for kind in "rkmhes "}
+    finally:
+        attacked.close()
+    words = {"k": "death", "m": "MemoryError", "h": "hang", "e": "KeyError", "s": "no sentence", "r": "", " ": ""}
+    assert {kind: outcome.finding.partition(" in ")[0] for kind, outcome in found.items()} == {
+        **words, "k": "death of the process",
+    }  # fmt: skip
+    assert found["r"].refused
+    assert not found[" "].refused
+
+
+def _one_file(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    (folder / "a").write_bytes(b" ")
+
+
+DEFECTS = (Target("defects", _one_file, ("a",), defects),)
+
+
+@pytest.mark.slow
+def test_every_reader_survives_a_short_attack(tmp_path):
+    attack = Attack(tmp_path, seed=26)
+    try:
+        assert attack.check_corpus() == []
+        attack.turn(0, batch=4)
+    finally:
+        attack.close()
+    assert {name: tally.findings for name, tally in attack.tallies.items() if tally.findings} == {}
+    assert all(tally.files >= 2 for tally in attack.tallies.values())
+
+
+def test_findings_are_kept_and_read_again(tmp_path, capsys, monkeypatch):
+    attack = Attack(tmp_path, 0, [target for target in TARGETS if target.name == "GLB"])
+    found = worker.Outcome("KeyError in GLB at thing.py:load_thing", "a trace")
+    attack._keep(attack.targets[0], "box.glb", b"no GLB at all", [Splice(0, 1, b"")], found)
+    for outcome, code, words in ((found, 1, found.finding), (worker.Outcome(), 0, "is wrong any more")):
+        read = []
+        monkeypatch.setattr(worker.Worker, "read", lambda self, *given, o=outcome, r=read: r.append(given) or o)
+        assert main(["--again", "--folder", str(tmp_path)]) == code
+        assert words in capsys.readouterr().out
+        assert read == [("GLB", "box.glb", b"no GLB at all")]
+
+
+def test_a_record_is_a_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(Attack, "check_corpus", lambda self: [])
+    assert main(["--minutes", "0", "--folder", str(tmp_path), "--page", str(tmp_path / "a.md"), "--only", "GLB"]) == 0
+    assert "| GLB | 0 | 0 | 0 | 0 |" in (tmp_path / "a.md").read_text()
+    assert "0 findings" in capsys.readouterr().out

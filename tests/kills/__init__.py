@@ -1,0 +1,1 @@
+"""Commands that are killed, run out of disk or meet a read-only folder at any moment: `make kills`."""
