@@ -38,6 +38,8 @@ nitpick_ignore_regex = [
     # Other projects' names: they could be resolved with intersphinx only, which needs the network.
     ("py:.*", r"(torch|numpy|scipy|PIL|pathlib|collections|contextlib|types|typing|socket|starlette)\..*"),
     ("py:.*", r"(asyncio|concurrent|fastapi|logging|prometheus_client|pydantic|threading|uvicorn)\..*"),
+    # What FastAPI's parameters are annotated with.
+    ("py:class", r"(.*\.)?Annotated|Query|PydanticUndefined|_thread\..*"),
     # Private names and type variables, which have no entry of their own.
     ("py:class", r"lightprobe\.([a-z_0-9]+\.)+(_\w+|T|Item|Array|Task|Result)"),
 ]

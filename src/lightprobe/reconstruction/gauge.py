@@ -9,8 +9,8 @@ A factor changes nothing but the base colours, to which roughness and metallic h
 the nearest good one. Once, when the shape is roughly known, the material is therefore fitted anew from several
 brightnesses (`reconstruction.material_trials`).
 
-Only the first checkpoints choose. Later the materials have grown used to what was chosen, and a choice follows their
-errors: a bottle of gilt and leather went on darkening by a tenth each time, to half its brightness.
+Only the first checkpoints choose, and none after that trial. Later the materials have grown used to what was chosen, and
+a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at every one.
 """
 
 import math
@@ -26,8 +26,8 @@ from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 
-CHOICES = 4  # checkpoints that choose
-TRIALS_AT = 2  # which of them fits the material anew
+CHOICES = 2  # checkpoints that choose
+TRIALS_AT = 2  # which of them first fits the material anew
 START = 0.45  # mean linear base colour that Phase I starts with
 DARKEST, BRIGHTEST = 0.02, 0.8  # mean linear base colours that no choice goes beyond
 _PHOTOS = 8  # that a choice looks at

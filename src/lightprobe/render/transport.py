@@ -130,11 +130,7 @@ def solve_light(
     gain^2 = mean_w |A 1|^2 is what the object reflects of a white light. So `regularisation` has no dimension: it does
     not depend on the number of pixels, the exposure, or how dark the object is. Texels the photo does not pin go to
     the prior. observed (P, 3) linear; weight (P,) >= 0; where clipped (P, 3) bool, a brighter render costs nothing.
-
-    The last term holds the three channels of a light to one picture. m is the mean colour of the prior and g the mean
-    of its channels, U = E / m, and u the mean of U over channels in the light that the search starts from: bright
-    places may be coloured, too. Lights differ far more in brightness than in colour, while a dielectric that is taken
-    for a coloured metal asks for a light of much contrast in one channel and little in another.
+    The last term holds the channels together (`_ChannelCoupling`).
 
     Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0, and an
     exact line search follows between the light and the projected point: all of that segment is valid, so an iteration
@@ -183,13 +179,16 @@ class _State:
 
 @dataclass(frozen=True)
 class _ChannelCoupling:
-    """The last term of `solve_light` but for gain^2 and solid angle, as `stiffness` |U - mean_c U|^2 of U = E / mean.
+    """The last term of `solve_light` but for gain^2 and solid angle: chroma g^2 |U - mean_c U|^2 / (1 + u), U = E / m.
 
-    |U - mean_c U|^2 is at most |U|^2, so that a diagonal bounds its Hessian from above.
+    m is the mean colour of the prior, g the mean of its channels, and u the mean of U over channels in the light that
+    the search starts from: bright places may be coloured, too. Lights differ far more in brightness than in colour,
+    while a dielectric that is taken for a coloured metal asks for a light of much contrast in one channel and little in
+    another. |U - mean_c U|^2 is at most |U|^2, so that a diagonal bounds the term's Hessian from above.
     """
 
-    stiffness: Tensor  # (6, R, R, 1)
-    mean: Tensor  # (3,)
+    stiffness: Tensor  # (6, R, R, 1): all but |U - mean_c U|^2
+    mean: Tensor  # (3,): m
 
     @staticmethod
     def of(light: Tensor, prior: Tensor, chroma: float) -> "_ChannelCoupling | None":
