@@ -9,8 +9,8 @@ A factor changes nothing but the base colours, to which roughness and metallic h
 the nearest good one. Once, when the shape is roughly known, the material is therefore fitted anew from several
 brightnesses (`reconstruction.material_trials`).
 
-Only the first checkpoints choose, and none after that trial. Later the materials have grown used to what was chosen, and
-a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at every one.
+Only the first checkpoints choose, and none after that trial. Later the materials have grown used to what was chosen,
+and a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at every one.
 """
 
 import math
