@@ -13,8 +13,9 @@ from tests.cli.commands import fails, succeed
 from tests.export.glb_reader import Glb
 
 KEYS = {
-    "format", "version", "map", "units", "color_space", "axes", "up", "sources", "spherical_harmonics", "white_balance",
-    "exposure", "photometry", "calibration", "confidence", "photo", "verdict", "background",
+    "format", "version", "map", "units", "color_space", "axes", "up", "sources", "sources_sought",
+    "spherical_harmonics", "white_balance", "exposure", "photometry", "calibration", "confidence",
+    "photo", "verdict", "background",
 }  # fmt: skip
 
 
