@@ -11,16 +11,19 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
+from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import InputError, LightprobeError, LightprobeWarning, shown
 from lightprobe.core.failures import reporting_errors
 from lightprobe.core.partial import partial_folder
 from lightprobe.core.reading import LARGEST_PICTURE, LARGEST_TEXT
+from lightprobe.core.run import RunFolder
 from lightprobe.fleet.index import PhotoRow, State
 from lightprobe.fleet.jobs import Job
 from lightprobe.fleet.storage import Place
 from lightprobe.light.upsampling import map_height
+from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocationFiles
-from lightprobe.runs.predictions import LoadedRun, PredictedPhoto, PredictionFiles, predict_photos
+from lightprobe.runs.predictions import PredictedPhoto, PredictionFiles, predict_photos
 
 MAPS = "maps"
 IN_A_FOLDER = 1000  # maps of a folder: file systems and object stores list folders of a million slowly
@@ -174,5 +177,5 @@ def _loaded(run: Place, device: str, settings: PredictionOptions) -> LoadedRun:
         if folder is None:
             base = stack.enter_context(partial_folder(Path(tempfile.gettempdir())))
             folder = run.fetch_folder(base / "run", _LEFT_OUT)
-        _HELD[key] = (LoadedRun(folder, device, settings), stack)
+        _HELD[key] = (LoadedRun(RunFolder.open(folder), resolve_device(device), settings), stack)
     return _HELD[key][0]

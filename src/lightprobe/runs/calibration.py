@@ -33,7 +33,7 @@ from lightprobe.models.calibration import Calibration, is_plausible
 from lightprobe.prediction import Predictor
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.runs.locations import LocationFiles, photo_mask
-from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
+from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles, load_locator
 from lightprobe.scene.camera import Camera
 
 _ROUNDS = 3  # of a factor that also changes what the object reflects onto itself
@@ -140,7 +140,8 @@ class _Opened:
         found = LocationFiles().within(run.path / "predictions", image)
         photos = NewPhotos(run, [PhotoFiles(image, photo_mask(image, mask), found)], camera, False)
         decomposition = Decomposition.load(run, where, calibrated=False)
-        photos.find_cameras_with(Predictor(decomposition, device=where))
+        if photos.lack_cameras:
+            photos.locate_with(load_locator(run, Predictor(decomposition, device=where)))
         return _Opened(run, photos.read(0), decomposition, where)
 
     def predicted(self) -> Tensor:

@@ -12,7 +12,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
 from lightprobe.light.environment import Environment
-from lightprobe.prediction import Predictor, recorded_config
+from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
 from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
 from lightprobe.scene.background import is_opaque
@@ -59,8 +59,9 @@ def insert_object(
     given = photo_mask(image, None if mask is None else Path(mask))
     location = LocationFiles().within(folder.path / "predictions", image)
     photos = NewPhotos(folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True)
-    predictor = Predictor.load(folder.path, where, recorded_config(folder))
-    photos.find_cameras_with(predictor)
+    loaded = LoadedRun(folder, where)
+    loaded.find_cameras_of(photos)
+    predictor = loaded.predictor
     new = photos.read(0)
     warnings = [] if new.location is None else new.location.warnings()
     if light is None:

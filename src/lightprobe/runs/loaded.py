@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from lightprobe.core.config.prediction import UNCHANGED, PredictionOptions
 from lightprobe.core.files import checksum, write_json
 from lightprobe.core.memory import held_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import image_size
 from lightprobe.prediction import Predictor, recorded_config
 from lightprobe.runs.locations import own_camera
-from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
+from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles, load_locator
 from lightprobe.scene.background import is_opaque
 
 if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
@@ -24,22 +25,27 @@ if TYPE_CHECKING:  # the package is loaded when a photo is located, and not befo
 class LoadedRun:
     """A run with its predictor, and what its new photos are located by once one has needed it."""
 
-    def __init__(self, run: RunFolder, device: torch.device):
-        """Load the predictor; raise `InputError` for a run without an object."""
+    def __init__(self, run: RunFolder, device: torch.device, settings: PredictionOptions = UNCHANGED):
+        """Load the predictor; raise `InputError` for a run without an object.
+
+        settings: what changes of how the run predicts.
+        """
         begin = time.perf_counter()
-        self.run, self._device = run, device
-        self.predictor = Predictor.load(run.path, device, recorded_config(run))
+        self.run = run
+        self.predictor = Predictor.load(run.path, device, settings.over(recorded_config(run)))
         self.seconds = time.perf_counter() - begin
         self._locator: Locator | None = None
 
     def locator(self) -> "Locator":
-        """Return the locator, loaded once; raises `ConfigError` without OpenCV."""
-        from lightprobe.localization import Locator, stored_views
-
+        """Return the locator, loaded once; errors as in `load_locator`."""
         if self._locator is None:
-            found = self.predictor.decomposition
-            self._locator = Locator(found, stored_views(self.run, found), self._device)
+            self._locator = load_locator(self.run, self.predictor)
         return self._locator
+
+    def find_cameras_of(self, photos: NewPhotos) -> None:
+        """Give photos without a camera what they are located by, if there are any; errors as in `load_locator`."""
+        if photos.lack_cameras:
+            photos.locate_with(self.locator())
 
     def read(
         self, files: PhotoFiles, camera: Path | None = None, *, background: bool = True,

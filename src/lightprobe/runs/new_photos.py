@@ -59,11 +59,6 @@ class NewPhotos:
         self._photos = [_photo(run, one, camera) for one in files]
         self._locator: Locator | None = None
 
-    def find_cameras_with(self, predictor: Predictor) -> None:
-        """Load what photos without a camera are located by, if there are any; raises `InputError` where it is gone."""
-        if self.lack_cameras:
-            self._locator = load_locator(self._run, predictor)
-
     @property
     def lack_cameras(self) -> bool:
         """Whether there are photos that have to be located."""

@@ -6,7 +6,6 @@ A photo without a camera is located first (`localization`); camera, mask and ove
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -18,13 +17,11 @@ from lightprobe.core.files import remove
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
 from lightprobe.export.light_file import PhotoFacts, light_file, write_light_file
-from lightprobe.prediction import Prediction, Predictor, check_names, methods_for, recorded_config
+from lightprobe.prediction import Prediction, Predictor, check_names, methods_for
+from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, file_stem, photo_mask
-from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles, load_locator
+from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.record import read_record
-
-if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
-    from lightprobe.localization import Locator
 
 
 @dataclass(frozen=True)
@@ -96,22 +93,6 @@ class MapFiles:
         write_light_file(self.output, prediction, facts, self.sun, self.height)
 
 
-class LoadedRun:
-    """A run's predictor, and its locator once a photo needs it, for many calls of `predict_photos`."""
-
-    def __init__(self, run: Path | str, device: str | torch.device = "auto", settings: PredictionOptions = UNCHANGED):
-        """Load the predictor; errors as in `Predictor.load`."""
-        self.run = RunFolder.open(Path(run))
-        self.predictor = Predictor.load(self.run.path, resolve_device(device), settings.over(recorded_config(self.run)))
-        self._locator: Locator | None = None
-
-    def find_cameras_of(self, photos: NewPhotos) -> None:
-        """Load what photos without a camera are located by, if there are any; raises `InputError` where it is gone."""
-        if photos.lack_cameras:
-            self._locator = self._locator or load_locator(self.run, self.predictor)
-            photos.locate_with(self._locator)
-
-
 @dataclass(frozen=True)
 class PhotoPredictions:
     """Photos ready to be predicted from: everything is read and checked that can be before any work."""
@@ -170,7 +151,7 @@ def predict_photos(
         raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
     folders = [one.output.parent for one in maps]
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
-    loaded = loaded or LoadedRun(run.path, device, settings)
+    loaded = loaded or LoadedRun(run, resolve_device(device), settings)
     loaded.find_cameras_of(photos)
     predictor = loaded.predictor
     chosen = method or methods_for(predictor.model, predictor.config)[0]
@@ -206,8 +187,9 @@ def predict_one_light(
     target = MapFiles.of(run, images[0], False, method, files)
     folders = [target.output.parent] * len(images)
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
-    predictor = Predictor.load(run.path, resolve_device(device), settings.over(recorded_config(run)))
-    photos.find_cameras_with(predictor)
+    loaded = LoadedRun(run, resolve_device(device), settings)
+    loaded.find_cameras_of(photos)
+    predictor = loaded.predictor
     chosen = method or methods_for(predictor.model, predictor.config)[0]
     read, left_out = _readable(photos, images)
     if not read:
