@@ -8,7 +8,7 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.light.prefilter import cached
-from lightprobe.reconstruction.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness
+from lightprobe.reconstruction.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness, trials_at
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
@@ -103,3 +103,11 @@ def test_only_the_first_checkpoints_choose(stage, iteration, choices):
     task = ImageTask(model, [target], lights, stage, replace(config, checkpoint_every=1), 0)
     task.refresh(iteration, 0.1)
     assert len(model.factors) == choices
+
+
+@pytest.mark.parametrize(("trial_steps", "length", "every", "steps"), [
+    (240, 1500, 150, {300, 1050}), (240, 650, 150, {300, 450}), (240, 5000, 1000, {2000, 4000}), (0, 1500, 150, set()),
+])  # fmt: skip
+def test_materials_are_tried_on_the_rough_shape_and_again_on_the_nearly_finished_one(trial_steps, length, every, steps):
+    config = replace(DecomposeConfig(), trial_steps=trial_steps, pass1_iterations=length, checkpoint_every=every)
+    assert trials_at(config) == steps

@@ -7,7 +7,7 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction.photos import Target
-from lightprobe.reconstruction.validation import fit_light, validate
+from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.surface import View
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
@@ -68,3 +68,20 @@ def test_a_photo_that_shows_nothing_leaves_the_light_as_it_was(start):
     given = None if start is None else torch.full((6, 8, 8, 3), start)
     _, light = fit_light(true, hidden, 16, CONFIG, 0, start=given)
     torch.testing.assert_close(light, torch.full((6, 16, 16, 3), start or 0.5))
+
+
+def test_parts_of_the_true_asset_agree_about_the_light_better_than_those_of_a_wrong_one():
+    true = glossy_sphere()
+    photos, color = targets(true), true.textures.base_color
+    wrong = recolored(true, color.flip(1))
+    best, other = (judge_object(asset, photos, CONFIG, 0) for asset in (true, wrong))
+    assert best.photos == other.photos == 2
+    assert best.disagreement < 0.5 * other.disagreement
+    assert best == judge_object(true, photos, CONFIG, 0)
+
+
+def test_photos_that_do_not_show_the_object_give_no_verdict():
+    (photo,) = targets(glossy_sphere(), 1)
+    hidden = replace(photo, alpha=torch.zeros_like(photo.alpha))
+    assert judge_object(glossy_sphere(), [hidden], CONFIG, 0) is None
+    assert judge_object(glossy_sphere(), [], CONFIG, 0) is None

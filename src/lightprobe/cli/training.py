@@ -14,6 +14,7 @@ from lightprobe.cli.progress import Meter
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, demo_settings, settings
 from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.core.run import RunFolder
+from lightprobe.models import ObjectVerdict
 from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
 from lightprobe.runs.training import distill_run, fit_run, train_run
 
@@ -113,6 +114,9 @@ def _tell(run: RunFolder, following: str | None = None) -> None:
     """Print where a training's results are, and the command that follows."""
     mesh, environments = run.mesh_folder / "object.glb", run.environment_folder
     say(f"Mesh: {mesh}\nEnvironments: {environments}", run=run.path, mesh=mesh, environments=environments)
+    verdict = ObjectVerdict.load(run.verdict_file)
+    if verdict is not None:
+        say(verdict.sentence, object=verdict.to_json())
     if following is not None:
         say(f"Next: {following}")
 

@@ -136,6 +136,11 @@ class RunFolder:
         return self.path / "env"
 
     @property
+    def verdict_file(self) -> Path:
+        """How far the object can be trusted; runs that held no photo out have none."""
+        return self.mesh_folder / "verdict.json"
+
+    @property
     def calibration_file(self) -> Path:
         """The factor between the run's own brightness and the true one, if it is known."""
         return self.path / "calibration.json"

@@ -13,6 +13,7 @@ from lightprobe.core.run import REMAKE, RunFolder
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.light.environment import Environment
 from lightprobe.models.calibration import Calibration
+from lightprobe.models.object_verdict import ObjectVerdict
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
@@ -29,11 +30,14 @@ class Decomposition:
     similarity: Similarity
     trained: Asset | None = None  # the asset in the run's own gauge, where a calibration has changed it
     calibration: Calibration | None = None  # that `asset` and `lights` have been through
+    verdict: ObjectVerdict | None = None  # None where no photo was held out to judge the object by
 
     def save(self, run: RunFolder) -> None:
-        """Write the asset and the lights; the asset comes last and marks Phase I as finished."""
+        """Write asset, lights and verdict; the asset comes last and marks Phase I as finished."""
         names = sorted(self.lights)
         save_tensors(_lights_file(run), {name: self.lights[name].texels for name in names})
+        if self.verdict is not None:
+            self.verdict.save(run.verdict_file)
         self.asset.save(run.asset_file)
 
     @staticmethod
@@ -52,12 +56,13 @@ class Decomposition:
         lights = _load_lights(_lights_file(run), set(record.cameras["train"]))
         asset = Asset.load(run.asset_file).to(device)
         environments = {name: Environment(light).to(device) for name, light in lights.items()}
+        verdict = ObjectVerdict.load(run.verdict_file)
         calibration = Calibration.load(run.calibration_file) if calibrated else None
         if calibration is None:
-            return Decomposition(asset, environments, record.similarity)
+            return Decomposition(asset, environments, record.similarity, verdict=verdict)
         factor = calibration.tensor(device)
         environments = {name: light.scaled(factor) for name, light in environments.items()}
-        return Decomposition(calibration.applied(asset), environments, record.similarity, asset, calibration)
+        return Decomposition(calibration.applied(asset), environments, record.similarity, asset, calibration, verdict)
 
 
 def _load_lights(path: Path, photos: set[str]) -> dict[str, Tensor]:

@@ -168,7 +168,8 @@ class Predictor:
             with clock.part("solve"):
                 light = _FITTED[method](self, joint, light, len(photos))
         with clock.part("confidence"):
-            doubt = max(verdict.doubt, doubt)
+            known = self.decomposition.verdict
+            doubt = max(verdict.doubt, doubt, 0.0 if known is None else known.doubt)
             trust = confidence(joint, light, fitted=method in _FITTED, doubt=doubt, seed=self.seed)
             use = BackgroundUse.ABSENT
             if seen is not None and method in _FITTED:

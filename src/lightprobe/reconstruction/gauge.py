@@ -6,11 +6,13 @@ dim a light asks for brighter colours), and visit by visit the two drift off tog
 and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
 
 A factor changes nothing but the base colours, to which roughness and metallic have fitted themselves, so it finds only
-the nearest good one. Once, when the shape is roughly known, the material is therefore fitted anew from several
-brightnesses (`reconstruction.material_trials`).
+the nearest good one. Twice the material is therefore fitted anew from several brightnesses
+(`reconstruction.material_trials`): when the shape is roughly known, as a wrong brightness misleads the shape as well,
+and when it is nearly done, as on a rough shape several brightnesses can seem equally good.
 
-Only the first checkpoints choose, and none after that trial. Later the materials have grown used to what was chosen,
-and a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at every one.
+Only the first checkpoints choose a factor, and none after the first trial. Later the materials have grown used to what
+was chosen, and a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at
+every one. A trial starts from a material without a past.
 """
 
 import math
@@ -26,13 +28,22 @@ from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 
-CHOICES = 2  # checkpoints that choose
-TRIALS_AT = 2  # which of them first fits the material anew
+CHOICES = 2  # checkpoints that choose a factor
+_FIRST_TRIAL = 2  # the checkpoint that fits the material anew before it chooses
+_SECOND_TRIAL = 0.7  # share of the first pass after which that is done again: the rest adapts shape and detail to it
 START = 0.45  # mean linear base colour that Phase I starts with
 DARKEST, BRIGHTEST = 0.02, 0.8  # mean linear base colours that no choice goes beyond
 _PHOTOS = 8  # that a choice looks at
 _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice
+
+
+def trials_at(config: DecomposeConfig) -> frozenset[int]:
+    """Return the steps of the first pass, checkpoints all, at which the material is fitted anew."""
+    if config.trial_steps == 0:
+        return frozenset()
+    every = config.checkpoint_every
+    return frozenset((_FIRST_TRIAL * every, round(_SECOND_TRIAL * config.pass1_iterations / every) * every))
 
 
 def evenly_spaced(targets: list[Target], count: int = _PHOTOS) -> list[Target]:

@@ -10,7 +10,7 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.core.device import generator, to_device
 from lightprobe.reconstruction.frame_loss import frame_loss
-from lightprobe.reconstruction.gauge import CHOICES, TRIALS_AT, choose_brightness, evenly_spaced
+from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_spaced, trials_at
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
@@ -70,15 +70,18 @@ class ImageTask(PassTask):
         return f"'{self.target(iteration).name}'"
 
     def refresh(self, iteration: int, fraction: float) -> None:
-        """Renew the shadows; early on also choose the base colours' brightness, its product with each light kept."""
+        """Renew the shadows; in the first pass also choose the brightness, its product with each light kept."""
         self.model.update_visibility()
-        step = self.stage.first_step + iteration
-        late = step > CHOICES * self.config.checkpoint_every
-        if iteration == 0 or late or self.config.brightness_anchor == 0:
+        if iteration == 0 or self.config.brightness_anchor == 0:
             return
-        due = self.config.trial_steps > 0 and iteration == TRIALS_AT * self.config.checkpoint_every
-        if due and isinstance(self.model, LatticeModel):
+        if isinstance(self.model, LatticeModel) and iteration in trials_at(self.config):
             self._try_materials(self.model, fraction)
+        step = self.stage.first_step + iteration
+        if step <= CHOICES * self.config.checkpoint_every:
+            self._choose_brightness(step, fraction)
+
+    def _choose_brightness(self, step: int, fraction: float) -> None:
+        """Multiply the base colours by the best factor near 1, and divide the lights by it."""
         chosen = evenly_spaced(self.targets)
         shown = zip(chosen, self.model.gbuffers([target.view for target in chosen], fraction), strict=True)
         mean = float(self.model.mean_color)

@@ -19,7 +19,7 @@ from lightprobe.reconstruction.photos import Target, load_targets
 from lightprobe.reconstruction.start import BOX, Start, start_from_box, start_from_hull
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
-from lightprobe.reconstruction.validation import fit_light, validate
+from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.asset import Asset
 from lightprobe.scene import carved_hull
 from lightprobe.scene.photo import Photo, Scene
@@ -110,7 +110,11 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
         training.begin(third, start.tensors())
     end = _third_pass(job, fitted, held_out, start, resumed)
     lights = _final_lights(job, end.asset, _lights(job, fitted, end.lights))
-    return Decomposition(end.asset, {k: Environment(v) for k, v in lights.items()}, scene.similarity)
+    verdict = judge_object(end.asset, job.targets(held_out, config.pass1_side), config, seed)
+    if verdict is not None:
+        job.tell(verdict.sentence)
+    environments = {name: Environment(light) for name, light in lights.items()}
+    return Decomposition(end.asset, environments, scene.similarity, verdict=verdict)
 
 
 def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:

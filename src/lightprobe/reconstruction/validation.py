@@ -1,13 +1,15 @@
-"""How well an asset explains photos it was not fitted to: the guard of the second pass, and the final lights."""
+"""How well an asset explains photos it was not fitted to: the passes' guard, the final lights, and the verdict."""
 
 import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.device import generator
+from lightprobe.core.device import draw_rows, generator
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.photometry import one_sided, srgb_encode
 from lightprobe.light.resize import magnify_light
+from lightprobe.models.object_verdict import ObjectVerdict
+from lightprobe.reconstruction.agreement import disagreement
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.asset import Asset, asset_gbuffer
@@ -15,6 +17,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import visible_surface
 
+_JUDGED = 1536  # pixels of each photo that an object is judged by
 _ROUNDS = 3  # solves from scratch, each pulled towards the mean of the one before
 
 
@@ -56,3 +59,18 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
         error = (srgb_encode(ours) - srgb_encode(target.color[inside].clamp(0, 1))).square().mean()
         scores.append(float(-10 * torch.log10(error.clamp(min=1e-10))))
     return sum(scores) / len(scores)
+
+
+@torch.no_grad()
+def judge_object(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> ObjectVerdict | None:
+    """Return the verdict on an asset from photos it was not fitted to; None when they show too little."""
+    errors = []
+    for target in targets:
+        gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
+        inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+        pixels = gbuffer.select(draw_rows(inside, _JUDGED, generator(seed, f"judge/{target.name}")))
+        color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
+        halves = disagreement(pixels, color, clipped, light, config, generator(seed, f"judge-halves/{target.name}"))
+        if halves is not None:
+            errors.append(float(halves[0]))  # of the darker and the brighter surfaces
+    return ObjectVerdict(sum(errors) / len(errors), len(errors)) if errors else None

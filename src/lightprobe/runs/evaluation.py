@@ -146,11 +146,13 @@ class _Subject:
 
     def facts(self) -> dict[str, str]:
         """Return what the report says of the scene and the object, by heading."""
+        verdict = self.decomposition.verdict
         return {
             "training photos": str(len(self.scene.train)),
             "test photos": str(len(self.scene.test)),
             "triangles": f"{len(self.decomposition.asset.mesh.faces):,}",
             "textures": f"{self.decomposition.asset.textures.size}²",
+            **({} if verdict is None else {"object": verdict.sentence.removeprefix("The object is ")}),
         }
 
 

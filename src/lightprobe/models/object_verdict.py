@@ -1,0 +1,97 @@
+"""How far a reconstructed object can be trusted, found from its own photos without any truth.
+
+Every photo can be explained by some light, and the wrong materials bend it: a light that is solved from the darker half
+of the surface then fails to explain the brighter half, and the other way round. That failure (`disagreement`, see
+`reconstruction.agreement`), on photos the object was not fitted to, is the number that the verdict rests on. What
+relighting turned out to be on objects with known materials tells what to expect of it
+(docs/decisions/object-verdict.md).
+
+It does not see how bright the whole object is: light and base colour share a factor, which `lightprobe calibrate`
+settles from one known patch or lamp.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from lightprobe.core.files import write_json
+from lightprobe.core.stored import damaged, read_object
+
+_REMEDY = "make it anew with: lightprobe train SCENE -o RUN --restart"
+
+# Relighting under known novel lights, in dB after one factor per channel, of objects with known materials:
+# _AT_TENTH dB where the disagreement is .1, and _PER_DECADE dB more for each tenth of that.
+_AT_TENTH, _PER_DECADE = 17.0, 18.0
+_GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
+_DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
+
+
+class Trust(StrEnum):
+    """How far an object can be trusted."""
+
+    GOOD = "good"
+    DOUBTFUL = "doubtful"
+    POOR = "poor"
+
+
+@dataclass(frozen=True)
+class ObjectVerdict:
+    """What was measured on an object's held-out photos, and what follows from it."""
+
+    disagreement: float  # displayed, 0 to 1: by how much each half of the surface fails to explain the other
+    photos: int  # that it is the mean over
+
+    @property
+    def trust(self) -> Trust:
+        """How far the object can be trusted."""
+        if self.disagreement <= _GOOD:
+            return Trust.GOOD
+        return Trust.DOUBTFUL if self.disagreement < _POOR else Trust.POOR
+
+    @property
+    def expected_psnr(self) -> float:
+        """What relighting under a known light is likely to score, in dB after one factor per channel."""
+        return _AT_TENTH - _PER_DECADE * math.log10(max(self.disagreement, 1e-3) / 0.1)
+
+    @property
+    def sentence(self) -> str:
+        """What to think of the object, and what to do about a poor one."""
+        found = (
+            f"its darker and its brighter parts disagree by {100 * self.disagreement:.1f} % about the light of "
+            f"{self.photos} held-out photos, expect some {self.expected_psnr:.0f} dB when it is relit"
+        )
+        advice = {
+            Trust.GOOD: "",
+            Trust.DOUBTFUL: "; look at its materials before you rely on it",
+            Trust.POOR: "; its materials are probably wrong: try more steps (--preset standard), more photos under "
+            "other lights, or another --seed",
+        }[self.trust]
+        return f"The object is {self.trust.value}: {found}{advice}."
+
+    @property
+    def doubt(self) -> float:
+        """What this adds to the error to expect of ln radiance of every map that is predicted with the object."""
+        return _DOUBT if self.trust is Trust.POOR else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON value: the measures, the trust and the sentence."""
+        return {
+            **vars(self), "trust": self.trust.value, "expected_psnr": self.expected_psnr, "sentence": self.sentence
+        }  # fmt: skip
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON, atomically."""
+        write_json(path, self.to_json())
+
+    @staticmethod
+    def load(path: Path) -> "ObjectVerdict | None":
+        """Return the verdict in a file, None where there is no file; raise `InputError` when it holds none."""
+        if not path.exists():
+            return None
+        value = read_object(path, _REMEDY)
+        error, photos = value.get("disagreement"), value.get("photos")
+        if not isinstance(error, (int, float)) or not 0 <= error <= 1 or not isinstance(photos, int) or photos < 1:
+            raise damaged(path, "'disagreement' is not from 0 to 1, or 'photos' is no count", _REMEDY)
+        return ObjectVerdict(float(error), photos)

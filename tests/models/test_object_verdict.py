@@ -1,0 +1,42 @@
+"""An object's verdict: what it says, and its file."""
+
+import json
+
+import pytest
+
+from lightprobe.core.errors import InputError
+from lightprobe.models.object_verdict import ObjectVerdict, Trust
+
+
+@pytest.mark.parametrize(("disagreement", "trust", "told"), [
+    (0.03, Trust.GOOD, "is good"), (0.06, Trust.DOUBTFUL, "look at its materials"), (0.09, Trust.POOR, "--seed"),
+])  # fmt: skip
+def test_parts_that_disagree_about_the_light_tell_a_poor_object(disagreement, trust, told):
+    verdict = ObjectVerdict(disagreement, 5)
+    assert verdict.trust is trust
+    assert told in verdict.sentence
+    assert "5 held-out photos" in verdict.sentence
+
+
+def test_the_more_parts_disagree_the_less_is_expected_and_only_poor_objects_lower_the_confidence():
+    verdicts = [ObjectVerdict(value, 5) for value in (0.0, 0.03, 0.06, 0.09)]
+    expected = [verdict.expected_psnr for verdict in verdicts]
+    assert expected == sorted(expected, reverse=True)
+    assert [verdict.doubt > 0 for verdict in verdicts] == [False, False, False, True]
+
+
+def test_a_verdict_comes_back_from_its_file(tmp_path):
+    path = tmp_path / "verdict.json"
+    assert ObjectVerdict.load(path) is None
+    verdict = ObjectVerdict(0.0612, 5)
+    verdict.save(path)
+    assert ObjectVerdict.load(path) == verdict
+
+
+@pytest.mark.parametrize("value", [[], {}, {"disagreement": 2, "photos": 5}, {"disagreement": 0.1, "photos": 0},
+                                   {"disagreement": "0.1", "photos": 5}, {"disagreement": 0.1, "photos": 1.5}])
+def test_a_file_that_holds_none_is_refused(tmp_path, value):
+    path = tmp_path / "verdict.json"
+    path.write_text(json.dumps(value))
+    with pytest.raises(InputError, match="verdict.json"):
+        ObjectVerdict.load(path)
