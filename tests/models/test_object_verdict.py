@@ -33,10 +33,19 @@ def test_a_verdict_comes_back_from_its_file(tmp_path):
     assert ObjectVerdict.load(path) == verdict
 
 
-@pytest.mark.parametrize("value", [[], {}, {"disagreement": 2, "photos": 5}, {"disagreement": 0.1, "photos": 0},
-                                   {"disagreement": "0.1", "photos": 5}, {"disagreement": 0.1, "photos": 1.5}])
+@pytest.mark.parametrize(
+    "value",
+    [
+        [],
+        {},
+        {"disagreement": 2, "photos": 5},
+        {"disagreement": 0.1, "photos": 0},
+        {"disagreement": "0.1", "photos": 5},
+        {"disagreement": 0.1, "photos": 1.5},
+    ],
+)
 def test_a_file_that_holds_none_is_refused(tmp_path, value):
     path = tmp_path / "verdict.json"
     path.write_text(json.dumps(value))
-    with pytest.raises(InputError, match="verdict.json"):
+    with pytest.raises(InputError, match="verdict"):
         ObjectVerdict.load(path)

@@ -1,4 +1,4 @@
-"""The material fitted anew from several brightnesses: a dark object that was taken for a bright one is found out."""
+"""The material fitted from several brightnesses: a dark object that was taken for a bright one is found out."""
 
 import math
 from dataclasses import replace
@@ -11,7 +11,8 @@ from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction import material_trials
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.material_trials import STARTS, Sample, best_trial
+from lightprobe.reconstruction.material_trials import STARTS, Sample, Trial, best_new, best_rescaled
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer
 
@@ -39,28 +40,49 @@ def photos(scale, count=6):
     return samples, Lights([s.name for s in samples], CONFIG, CPU, 0), float(color.mean())
 
 
+def material_of(mean, config=CONFIG):
+    return ScaledMaterial(mean, config, CPU, 0)
+
+
+@pytest.fixture
+def best_at_eight_percent(monkeypatch):
+    """Let errors fall evenly to a mean base colour of .08 and rise evenly from it, and fits change nothing."""
+    monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
+    monkeypatch.setattr(Trial, "error", lambda trial: abs(math.log(float(trial.material.mean_color) / 0.08)))
+
+
 @pytest.mark.parametrize(("mean", "expected"), [(0.5, (0.08, 1.0)), (0.03, (0.08, 1.0)), (0.09, None), (0.07, None)])
-def test_the_best_start_is_taken_where_it_is_another_one(monkeypatch, mean, expected):
-    """Errors fall evenly to the third start and rise evenly from it."""
-    monkeypatch.setattr(material_trials.Trial, "fit", lambda trial: None)
-    monkeypatch.setattr(
-        material_trials.Trial, "error", lambda trial: abs(math.log(float(trial.material.mean_color) / 0.08))
-    )
+def test_the_best_start_is_taken_where_it_is_another_one(best_at_eight_percent, mean, expected):
     samples, lights, _ = photos(0.25, 1)
-    best = best_trial(samples, lights, mean, CONFIG, 0)
+    best = best_new(samples, lights, material_of(mean), 0)
     assert (best is None) == (expected is None)
     if best is not None and expected is not None:
         assert float(best[0].material.mean_color) == pytest.approx(expected[0])
         assert best[1] == pytest.approx(expected[1], rel=0.05)
 
 
+@pytest.mark.parametrize(("mean", "expected"), [(0.16, 0.08), (0.5, 0.25), (0.04, 0.08), (0.08, None)])
+def test_the_present_material_is_brightened_or_darkened_and_keeps_what_it_has_learnt(
+    best_at_eight_percent, mean, expected
+):
+    samples, lights, _ = photos(0.25, 1)
+    present = material_of(mean)
+    points = torch.rand(20, 3)
+    before = present(points)
+    best = best_rescaled(samples, lights, present, 0)
+    assert torch.equal(present(points), before)
+    assert (best is None) == (expected is None)
+    if best is not None and expected is not None:
+        assert float(best[0].material.mean_color) == pytest.approx(expected)
+        assert torch.allclose(best[0].material(points)[:, 3:], before[:, 3:])
+
+
 def test_the_same_call_gives_the_same_bits():
-    config = replace(CONFIG, trial_steps=6)
     samples, lights, _ = photos(0.1, 2)
     errors = []
     for _ in range(2):
-        trial = material_trials.Trial(STARTS[1], samples, lights, 0.4, config, 0)
-        trial.fit()
+        trial = Trial(material_of(STARTS[1]), samples, lights, 0.4, 0)
+        trial.fit(6)
         errors.append(trial.error())
     assert errors[0] == errors[1]
 
@@ -70,14 +92,14 @@ def test_the_same_call_gives_the_same_bits():
     ([1.0, 2.0, 3.0, 4.0], 0, 1.0),  # at the end of the range
 ])  # fmt: skip
 def test_the_lowest_point_of_the_parabola(errors, best, expected):
-    assert material_trials._vertex(errors, best) == pytest.approx(expected, abs=0.06)
+    assert material_trials._vertex(STARTS, errors, best) == pytest.approx(expected, abs=0.06)
 
 
 def test_the_lowest_point_leans_towards_the_lower_neighbour():
-    assert material_trials._vertex([1.5, 1.0, 3.0, 5.0], 1) > 1  # the brighter start is the better neighbour
+    assert material_trials._vertex(STARTS, [1.5, 1.0, 3.0, 5.0], 1) > 1  # the brighter start is the better neighbour
 
 
 def test_no_pixels_no_trial():
     samples, lights, _ = photos(0.1, 1)
     empty = [Sample(s.name, s.pixels.select(torch.arange(0)), s.color[:0], s.clipped[:0], 0.0) for s in samples]
-    assert best_trial(empty, lights, 0.4, CONFIG, 0) is None
+    assert best_new(empty, lights, material_of(0.4), 0) is None

@@ -14,7 +14,7 @@ from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_s
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
-from lightprobe.reconstruction.material_trials import PHOTOS, Sample, best_trial
+from lightprobe.reconstruction.material_trials import PHOTOS, Sample, best_new, best_rescaled
 from lightprobe.reconstruction.pass_task import PassTask, Unknowns
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
@@ -74,8 +74,8 @@ class ImageTask(PassTask):
         self.model.update_visibility()
         if iteration == 0 or self.config.brightness_anchor == 0:
             return
-        if isinstance(self.model, LatticeModel) and iteration in trials_at(self.config):
-            self._try_materials(self.model, fraction)
+        if isinstance(self.model, LatticeModel) and iteration in (trials := trials_at(self.config)):
+            self._try_materials(self.model, fraction, anew=iteration == min(trials))
         step = self.stage.first_step + iteration
         if step <= CHOICES * self.config.checkpoint_every:
             self._choose_brightness(step, fraction)
@@ -89,12 +89,12 @@ class ImageTask(PassTask):
         self.model.brighten(factor)
         self.lights.dim(factor)
 
-    def _try_materials(self, model: LatticeModel, fraction: float) -> None:
-        """Give the model the material of another brightness where that explains the photos better."""
+    def _try_materials(self, model: LatticeModel, fraction: float, *, anew: bool) -> None:
+        """Give the model the material of another brightness, new or rescaled, where parts agree better under it."""
         chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
         shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
         samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
-        best = best_trial(samples, self.lights, mean, self.config, self.seed)
+        best = (best_new if anew else best_rescaled)(samples, self.lights, model.material, self.seed)
         if best is None:
             return
         trial, factor = best

@@ -1,8 +1,10 @@
-"""The first pass's material fitted anew from several brightnesses, and the one kept under which parts agree best.
+"""The first pass's material fitted from several brightnesses, and the one kept under which parts agree best.
 
 Bright and matte, or dark and glossy: either explains most photos when roughness, metallic and lights have fitted
 themselves to it, so that no small step leads from one to the other. So each is fitted for a short time on the surface
-as it is, which costs a fraction of as many steps of the pass, and judged by `reconstruction.agreement`.
+as it is, which costs a fraction of as many steps of the pass, and judged by `reconstruction.agreement`. On a rough
+surface the material is fitted from nothing; on one that is nearly finished the present one is brightened or darkened
+and fitted on, as what it has learnt tells brightnesses apart better than a material without detail can.
 
 A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a material
 fitted to the same pixels turns into a mirror. So each step solves the light from one half of a photo's pixels, drawn at
@@ -16,7 +18,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
@@ -27,7 +28,8 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.training import Descent, ParameterGroup
 
 PHOTOS = 32  # that a trial learns from
-STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours tried
+STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours that a new material is tried with
+FACTORS = (2.0, 1.0, 0.5)  # that the present material's are tried times
 _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
 _JUDGES = 8  # of the photos
@@ -59,19 +61,15 @@ class Sample:
 
 
 class Trial:
-    """A new material on a fixed surface, and its lights."""
+    """A material on a fixed surface, and its lights."""
 
-    def __init__(self, mean: float, samples: Sequence[Sample], lights: Lights, factor: float, config: DecomposeConfig,
-                 seed: int):  # fmt: skip
-        """Start from the mean base colour `mean`, and from the `lights` divided by `factor`."""
-        self.samples, self.config, self.seed = samples, config, seed
-        device = lights.maps[0].device
-        self.material = ScaledMaterial(mean, config, device, seed)
+    def __init__(self, material: ScaledMaterial, samples: Sequence[Sample], lights: Lights, factor: float, seed: int):
+        """Start from a material, which is changed, and from the `lights` divided by `factor`."""
+        self.material, self.samples, self.config, self.seed = material, samples, material.config, seed
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
 
-    def fit(self) -> None:
+    def fit(self, steps: int) -> None:
         """Fit the material to the samples, one photo a step, each photo's light solved at each visit."""
-        steps = self.config.trial_steps
         descent = Descent(
             [ParameterGroup(dict(self.material.named_parameters()), _RATE * self.config.learning_rate_material)],
             self._loss, schedule=lambda rate, step: rate * 0.1 ** (step / steps), betas=(0.9, 0.99), epsilon=1e-12,
@@ -106,33 +104,51 @@ class Trial:
         return float(errors.clamp(min=1e-9).log().mean())
 
 
-def best_trial(
-    samples: Sequence[Sample], lights: Lights, mean: float, config: DecomposeConfig, seed: int
+def best_new(
+    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
 ) -> tuple[Trial, float] | None:
-    """Return the trial under which parts agree best, and the factor on its base colours that would be best.
+    """Return the trial of a new material under which parts agree best, and the best factor on its base colours.
 
-    None when the present mean base colour `mean` is as good, or when no sample has pixels; deterministic.
+    None when the brightness of the present `material` is as good, or when no sample has pixels; deterministic.
     """
+    config, device, mean = material.config, lights.maps[0].device, float(material.mean_color)
+    trials = [(start, ScaledMaterial(start, config, device, seed)) for start in STARTS]
+    return _best(samples, lights, mean, trials, config.trial_steps, seed)
+
+
+def best_rescaled(
+    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
+) -> tuple[Trial, float] | None:
+    """Return the same of the present `material` with brighter and darker base colours, fitted for half as long."""
+    mean = float(material.mean_color)
+    trials = [(mean * factor, material.rescaled(factor)) for factor in FACTORS]
+    return _best(samples, lights, mean, trials, (material.config.trial_steps + 1) // 2, seed)
+
+
+def _best(
+    samples: Sequence[Sample], lights: Lights, mean: float, materials: Sequence[tuple[float, ScaledMaterial]],
+    steps: int, seed: int,
+) -> tuple[Trial, float] | None:  # fmt: skip
     samples = [sample for sample in samples if len(sample.color) > 1]  # which halve
     if not samples:
         return None
-    trials, errors = [], []
-    for start in STARTS:
-        trial = Trial(start, samples, lights, start / mean, config, seed)
-        trial.fit()
+    trials, errors, starts = [], [], [start for start, _ in materials]
+    for start, material in materials:
+        trial = Trial(material, samples, lights, start / mean, seed)
+        trial.fit(steps)
         trials.append(trial)
         errors.append(trial.error())
-    best = min(range(len(STARTS)), key=errors.__getitem__)
-    factor = _vertex(errors, best)
-    ratio = STARTS[best] * factor / mean
+    best = min(range(len(starts)), key=errors.__getitem__)
+    factor = _vertex(starts, errors, best)
+    ratio = starts[best] * factor / mean
     return None if 1 / _ALIKE <= ratio <= _ALIKE else (trials[best], factor)
 
 
-def _vertex(errors: list[float], best: int) -> float:
+def _vertex(starts: Sequence[float], errors: Sequence[float], best: int) -> float:
     """Return where the parabola through the least error and its neighbours is lowest, relative to the least one."""
     if not 0 < best < len(errors) - 1:
         return 1.0
-    left, here, right = (math.log(STARTS[k]) for k in (best - 1, best, best + 1))
+    left, here, right = (math.log(starts[k]) for k in (best - 1, best, best + 1))
     below, least, above = (errors[k] for k in (best - 1, best, best + 1))
     first, second = (least - below) / (here - left), (above - least) / (right - here)
     slope = (second - first) / (right - left)

@@ -1,5 +1,7 @@
 """The material of the first pass: a field whose base colours share one factor, and what the material costs."""
 
+import copy
+
 import torch
 from torch import Tensor, nn
 
@@ -40,6 +42,13 @@ class ScaledMaterial(nn.Module):
     def mean_color(self) -> Tensor:
         """The mean () that base colours are held at."""
         return START_BASE * self.brightness
+
+    @torch.no_grad()
+    def rescaled(self, factor: float) -> "ScaledMaterial":
+        """Return a copy with all base colours times `factor`."""
+        copied = copy.deepcopy(self)
+        copied.brightness *= factor
+        return copied
 
     @torch.no_grad()
     def take_over(self, other: "ScaledMaterial") -> None:
