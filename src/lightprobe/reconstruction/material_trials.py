@@ -21,6 +21,7 @@ from torch import Tensor
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
+from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
@@ -29,7 +30,7 @@ from lightprobe.training import Descent, ParameterGroup
 
 PHOTOS = 32  # that a trial learns from
 STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours that a new material is tried with
-FACTORS = (2.0, 1.0, 0.5)  # that the present material's are tried times
+FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # that the present material's are tried times, as far as they stay plausible
 _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
 _JUDGES = 8  # of the photos
@@ -121,7 +122,8 @@ def best_rescaled(
 ) -> tuple[Trial, float] | None:
     """Return the same of the present `material` with brighter and darker base colours, fitted for half as long."""
     mean = float(material.mean_color)
-    trials = [(mean * factor, material.rescaled(factor)) for factor in FACTORS]
+    factors = [factor for factor in FACTORS if factor == 1 or DARKEST <= mean * factor <= BRIGHTEST]
+    trials = [(mean * factor, material.rescaled(factor)) for factor in factors]
     return _best(samples, lights, mean, trials, (material.config.trial_steps + 1) // 2, seed)
 
 
