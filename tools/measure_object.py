@@ -5,7 +5,7 @@
 For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide or add an
 error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training photos, compared
 with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, and of that the part in which channels
-differ (cast).
+differ (cast). The last column is what the object's verdict rests on (`models.object_verdict`).
 """
 
 import argparse
@@ -35,7 +35,7 @@ _FLOOR = 0.05  # of a map's mean radiance: what is darker counts as this
 _COLUMNS = {
     "seconds": ".0f", "base_color_psnr": ".1f", "base_color_psnr_scaled": ".1f", "base_color_ratio": ".2f",
     "roughness_mae": ".3f", "metallic_mae": ".3f", "normal_degrees": ".1f", "relight_psnr": ".1f",
-    "relight_psnr_scaled": ".1f", "light_log_rmse": ".2f", "light_cast": ".2f",
+    "relight_psnr_scaled": ".1f", "light_log_rmse": ".2f", "light_cast": ".2f", "disagreement": ".4f",
 }  # fmt: skip
 
 
@@ -86,8 +86,10 @@ def measure(folder: Path, config: DecomposeConfig, seed: int) -> dict[str, float
     seconds, materials = time.monotonic() - start, MaterialScores()
     for photo in scene.test:
         materials.add(TestView.load(photo, decomposition, config.teacher_resolution, _CPU))
-    scores = materials.result() | relight_scores(decomposition, scene, _CPU) | light_scores(decomposition, scene)
-    return {"seconds": seconds, **scores}
+    verdict = decomposition.verdict
+    judged = {} if verdict is None else {"disagreement": verdict.disagreement}
+    lit = relight_scores(decomposition, scene, _CPU) | light_scores(decomposition, scene)
+    return {"seconds": seconds, **materials.result(), **lit, **judged}
 
 
 def main() -> None:

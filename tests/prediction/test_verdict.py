@@ -1,5 +1,6 @@
 """Photos that are what they are taken for, and the ways in which they are not."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import torch
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import srgb_decode, srgb_encode
-from lightprobe.models import Decomposition
+from lightprobe.models import Decomposition, ObjectVerdict
 from lightprobe.prediction import Method, PredictConfig, Predictor, Status
 from lightprobe.prediction.observation import observe
 from lightprobe.prediction.verdict import _STRENGTH, _fitted, judge
@@ -170,3 +171,12 @@ def test_the_fit_is_that_of_non_negative_least_squares():
         for c in range(3):
             ours, least = objective(found[half, c].double().numpy(), half, c)
             assert least <= ours * (1 + 1e-6) < 1.02 * least
+
+
+@pytest.mark.parametrize(("disagreement", "share"), [(0.03, 1.0), (0.12, math.exp(-0.3))])
+def test_maps_of_a_poor_object_are_trusted_less(predictor, photo, disagreement, share):
+    object_ = replace(predictor.decomposition, verdict=ObjectVerdict(disagreement, 5))
+    judged = Predictor(object_, config=predictor.config).predict(photo, CAMERA)
+    plain = predictor.predict(photo, CAMERA)
+    assert torch.equal(judged.environment.texels, plain.environment.texels)
+    assert torch.allclose(judged.confidence, share * plain.confidence)

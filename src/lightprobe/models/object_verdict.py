@@ -23,7 +23,7 @@ _REMEDY = "make it anew with: lightprobe train SCENE -o RUN --restart"
 
 # Relighting under known novel lights, in dB after one factor per channel, of objects with known materials:
 # _AT_TENTH dB where the disagreement is .1, and _PER_DECADE dB more for each tenth of that.
-_AT_TENTH, _PER_DECADE = 17.0, 18.0
+_AT_TENTH, _PER_DECADE = 17.0, 20.0
 _GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
 _DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
 
