@@ -165,7 +165,7 @@ class DecomposeConfig:
     """Weight of the texture's difference between neighbouring texels in the second pass."""
     smoothness_detail: float = 0.01
     """The same in the third pass."""
-    metallic_prior: float = 0.02
+    metallic_prior: float = 0.015
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals go free."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
