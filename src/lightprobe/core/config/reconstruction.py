@@ -172,8 +172,8 @@ class DecomposeConfig:
     brightness_anchor: float = 0.1
     """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
     trial_steps: int = 240
-    """Steps for which the material is fitted anew from each of several brightnesses, once in the first pass, to find
-    out whether the object is a dark one; 0 leaves that out."""
+    """Steps for which a new material is fitted from each of several brightnesses, early in the first pass, to find out
+    whether the object is a dark one, and twice as many as the present one is for the same late in it; 0: neither."""
     parsimony: float = 0.02
     """Weight of the entropy of the metals' base colours. It sets in over the first pass's second quarter; the third
     pass has none."""
@@ -242,8 +242,8 @@ def quick() -> DecomposeConfig:
 def demo() -> DecomposeConfig:
     """The bundled scene, whose photos are small, within a few minutes on two CPU cores.
 
-    In so few steps brass does not form against the whole prior, and trials take the pot for a dark one:
-    docs/decisions/light-channels.md.
+    In so few steps brass does not form against the whole prior, nor anew after a trial:
+    docs/decisions/brightness-once-more.md.
     """
     return replace(
         quick(), pass1_iterations=650, pass2_iterations=330, lattice_cells=64, max_faces=16000, metallic_prior=0.01,
