@@ -61,14 +61,13 @@ def insert_object(
     photos = NewPhotos(folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True)
     loaded = LoadedRun(folder, where)
     loaded.find_cameras_of(photos)
-    predictor = loaded.predictor
     new = photos.read(0)
     warnings = [] if new.location is None else new.location.warnings()
     if light is None:
-        prediction = predictor.predict(new.pixels, new.camera, background=new.background, doubt=new.doubt)
+        prediction = loaded.predictor.predict(new.pixels, new.camera, background=new.background, doubt=new.doubt)
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
     view = PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
-    inserted = insert(predictor.decomposition, light, view, found, wish)
+    inserted = insert(loaded.predictor.decomposition, light, view, found, wish)
     files = LayerFiles.of(output)
     inserted.write(files)
     return InsertedObject(
