@@ -42,6 +42,12 @@ def test_a_draft_holds_fewer_entries_and_says_nearly_the_same():
     assert cached(32) is exact
 
 
+def test_the_dense_levels_are_the_operator():
+    operator, light = cached(R), random_light()
+    levels = (operator.dense_levels() @ light.reshape(-1, 3)).contiguous()
+    assert torch.allclose(levels, operator.apply(light)[: operator.first_block], atol=1e-6)
+
+
 def test_gradient_is_the_adjoint():
     operator, light = cached(R), random_light().requires_grad_()
     other = torch.rand(operator.total, 3, generator=torch.Generator().manual_seed(2))

@@ -125,12 +125,6 @@ def test_steps_on_batches_explain_the_photo_as_steps_on_all_pixels_do():
     assert in_turn < 0.8 * of_few
 
 
-def test_momentum_is_a_share():
-    for momentum in (-0.1, 1.0):
-        with pytest.raises(ConfigError, match="momentum"):
-            OptimizeConfig(momentum=momentum)
-
-
 @pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "broad_damping", "grey", "batch"])
 def test_negative_weights_are_refused(name):
     with pytest.raises(ConfigError, match="at least 0"):

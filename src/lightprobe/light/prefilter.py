@@ -164,6 +164,10 @@ class Prefilter:
         """Return the transpose of `apply`, (6, R, R, 3), on levels (T, 3); no gradient of its own."""
         return self.expand(levels, self.lobes, self.first_block)
 
+    def dense_levels(self) -> Tensor:
+        """Return the levels as a matrix (first_block, 6 R^2) of the light; for small lights."""
+        return torch.from_numpy((self.lobes.matrix() @ self.nodes.matrix()).toarray()).to(self.lobes.forward.value)
+
     def averages(self, env: Tensor, lobes: SparseOperator | ChosenRows) -> Tensor:
         """Return what `lobes`, all or some, see of env (6, R, R, 3), and below it the blocks."""
         texels = env.reshape(-1, 3)

@@ -33,10 +33,13 @@ class SparseOperator:
     @functools.cached_property
     def transpose(self) -> CompressedRows:
         """The transposed matrix, its rows sorted."""
+        return _compress(self.matrix().T.tocsr(), self.forward.value.device)
+
+    def matrix(self) -> scipy.sparse.csr_array:
+        """Return the SciPy matrix, float32."""
         held = self.forward
         entries = (held.value.cpu().numpy(), held.column.cpu().numpy().astype(np.int32), held.start.cpu().numpy())
-        matrix = scipy.sparse.csr_array(entries, shape=(len(held.start) - 1, held.columns))
-        return _compress(matrix.T.tocsr(), held.value.device)
+        return scipy.sparse.csr_array(entries, shape=(len(held.start) - 1, held.columns))
 
     def apply(self, x: Tensor) -> Tensor:
         """Return matrix @ x, (rows, 3), from x (columns, 3); no gradient."""

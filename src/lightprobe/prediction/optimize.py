@@ -12,6 +12,9 @@ moves it is the asset's errors. So the size is damped, g / (|g| + damping RMS(g)
 texels at the first step; and x is the sum of single texels, a smooth part and a broad one. The smooth ones move faster,
 and the broad one, which all pixels have a say in, is damped less: few steps would not bring it to where the photo
 wants it.
+
+A step of the refinement looks at a twelfth of the pixels, and the next one at others. What Adam averages over a dozen
+steps then has seen all of them, and the map is as good as with all pixels in every step.
 """
 
 from dataclasses import dataclass
@@ -97,9 +100,7 @@ def optimize_environment(
         seen = pixels.select(part) if isinstance(part, Tensor) else part
         return seen.error(sought) + config.grey * chroma
 
-    descent = Descent(
-        groups, loss, schedule=cosine(config.iterations), betas=(config.momentum, 0.999), fused=True, recordable=True
-    )
+    descent = Descent(groups, loss, schedule=cosine(config.iterations), fused=True, recordable=True)
     batches = _batches(len(chosen), config.batch, start.device)
     parts = batches if descent.recorded else [pixels.select(rows) for rows in batches]
     for step in range(config.iterations):

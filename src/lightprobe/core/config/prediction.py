@@ -99,8 +99,6 @@ class OptimizeConfig:
     """How large a gradient, relative to the usual one, makes half a step."""
     broad_damping: float = 0.0
     """The same of the broad part."""
-    momentum: float = 0.9
-    """Share of the mean gradient that a step keeps of the mean before it (Adam's first beta)."""
     pixels: int = 12_288
     """Pixels the light is fitted to."""
     batch: int = 0
@@ -114,15 +112,13 @@ class OptimizeConfig:
             raise ConfigError("An optimisation needs iterations and pixels of at least 1 and a positive step.")
         if min(self.smooth_learning_rate, self.damping, self.broad_damping, self.grey, self.batch) < 0:
             raise ConfigError("An optimisation needs weights and a batch of at least 0.")
-        if not 0 <= self.momentum < 1:
-            raise ConfigError(f"The momentum of an optimisation must be at least 0 and below 1, not {self.momentum}.")
 
 
 def refinement() -> OptimizeConfig:
     """Return a tenth of a second of it, for where a network has gone most of the way."""
     return OptimizeConfig(
-        iterations=45, learning_rate=0.133, smooth_learning_rate=0.267, damping=0.3, broad_damping=0.1, momentum=0.87,
-        pixels=3072, batch=256,
+        iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, broad_damping=0.1, pixels=3072,
+        batch=256,
     )  # fmt: skip
 
 
