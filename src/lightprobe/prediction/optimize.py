@@ -60,6 +60,19 @@ class _Pixels:
     target: Tensor  # (P, 3) tone-mapped
     clipped: Tensor  # (P, 3) bool
 
+    @staticmethod
+    def of(
+        observation: Observation, resolution: int, count: int, seed: int, accuracy: Accuracy | None
+    ) -> "tuple[_Pixels, Tensor]":
+        """Return at most `count` of the trusted pixels, and what their radiance is divided by ()."""
+        every = torch.arange(len(observation.rows), device=observation.rows.device)
+        chosen = draw_rows(every, count, generator(seed, "subset/optimize"))
+        color = observation.pixels.color[chosen]
+        unit = exposure_unit(color)  # the loss is taken as if the photo were well exposed
+        operator = prefilters.cached(resolution, every.device, accuracy)
+        transport = Transport(observation.gbuffer, operator, observation.rows[chosen])
+        return _Pixels(transport, tone_map(color / unit), observation.clipped[chosen]), unit
+
     def select(self, rows: Tensor) -> "_Pixels":
         """Return those at `rows` (K,) int64."""
         return _Pixels(self.transport.select(rows), self.target[rows], self.clipped[rows])
@@ -77,13 +90,7 @@ def optimize_environment(
 
     accuracy: of the prefilter, by default what lights of this resolution deserve.
     """
-    every = torch.arange(len(observation.rows), device=start.device)
-    chosen = draw_rows(every, config.pixels, generator(seed, "subset/optimize"))
-    color = observation.pixels.color[chosen]
-    unit = exposure_unit(color)  # the loss is taken as if the photo were well exposed
-    operator = prefilters.cached(start.shape[1], start.device, accuracy)
-    transport = Transport(observation.gbuffer, operator, observation.rows[chosen])
-    pixels = _Pixels(transport, tone_map(color / unit), observation.clipped[chosen])
+    pixels, unit = _Pixels.of(observation, start.shape[1], config.pixels, seed, accuracy)
     first = (start / unit).clamp(min=1e-4).log()
     groups = _groups(start, config)
     changes = [change for group in groups for change in group.parameters.values()]
@@ -101,7 +108,7 @@ def optimize_environment(
         return seen.error(sought) + config.grey * chroma
 
     descent = Descent(groups, loss, schedule=cosine(config.iterations), fused=True, recordable=True)
-    batches = _batches(len(chosen), config.batch, start.device)
+    batches = _batches(len(pixels.target), config.batch, start.device)
     parts = batches if descent.recorded else [pixels.select(rows) for rows in batches]
     for step in range(config.iterations):
         descent.step(step, parts[step % len(parts)])
