@@ -15,7 +15,7 @@ from torch.utils._pytree import tree_leaves
 
 from lightprobe.kernels import dispatch
 from lightprobe.light import cubemap
-from lightprobe.render import transport
+from lightprobe.render import taps, transport
 from lightprobe.training.recording import Call
 
 # what reads values on the host, or brings them from there
@@ -28,7 +28,7 @@ def compute_as_a_gpu_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.REFERENCE)
     monkeypatch.setattr(dispatch, "require_index", lambda *_: None)
     monkeypatch.setattr(cubemap, "_on_cpu", lambda tensor: False)
-    monkeypatch.setattr(transport, "_look_up", lambda device: transport._GatheredTaps)
+    monkeypatch.setattr(transport, "look_up", lambda device: taps.GatheredTaps)
 
 
 class _Tape(TorchDispatchMode):

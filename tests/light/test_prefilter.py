@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lightprobe.light import cubemap
-from lightprobe.light.prefilter import cached
+from lightprobe.light.prefilter import DRAFT, cached
 
 R = 8
 
@@ -30,6 +30,22 @@ def test_adjoint_is_the_transpose():
     other = torch.rand(levels.shape, generator=torch.Generator().manual_seed(1))
     left, right = float((levels * other).double().sum()), float((light * operator.adjoint(other)).double().sum())
     assert left == pytest.approx(right, rel=1e-5)
+
+
+def test_a_draft_holds_fewer_entries_and_says_nearly_the_same():
+    exact, draft = cached(32), cached(32, accuracy=DRAFT)
+    light = torch.rand(6, 32, 32, 3, generator=torch.Generator().manual_seed(0)) ** 4
+    assert len(draft.lobes.forward.value) < 0.7 * len(exact.lobes.forward.value)
+    error = (draft.apply(light) - exact.apply(light)).abs()[exact.levels[3].offset : exact.first_block]
+    assert 0 < float(error.mean()) < 0.02 * float(light.mean())
+    assert cached(32, accuracy=DRAFT) is draft
+    assert cached(32) is exact
+
+
+def test_the_dense_levels_are_the_operator():
+    operator, light = cached(R), random_light()
+    levels = (operator.dense_levels() @ light.reshape(-1, 3)).contiguous()
+    assert torch.allclose(levels, operator.apply(light)[: operator.first_block], atol=1e-6)
 
 
 def test_gradient_is_the_adjoint():

@@ -9,8 +9,11 @@ import torch
 from lightprobe.core.config.prediction import OptimizeConfig, refinement
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
+from lightprobe.light.photometry import displayed_error
+from lightprobe.light.prefilter import cached
 from lightprobe.prediction.observation import observe
-from lightprobe.prediction.optimize import refine_environment
+from lightprobe.prediction.optimize import _batches, refine_environment
+from lightprobe.render.transport import Transport
 from lightprobe.training import descent
 from tests.lit_sphere import CORNER, corner, glossy_sphere, patch_light, photograph
 from tests.tape import compute_as_a_gpu_does, record_on_tape
@@ -96,7 +99,33 @@ sys.exit("torch._dynamo" in sys.modules)
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True)
 
 
-@pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "broad_damping", "grey"])
+@pytest.mark.parametrize("count", [7, 256, 1000, 3072])
+def test_batches_are_of_one_size_and_share_no_pixel(count):
+    batches = _batches(count, 256, CPU)
+    assert len({len(rows) for rows in batches}) == 1
+    every = torch.cat(batches)
+    assert len(every.unique()) == len(every) > count - len(batches)
+    assert len(batches) == max(1, round(count / 256))
+    assert [rows.tolist() for rows in _batches(count, 0, CPU)] == [list(range(count))]
+
+
+def test_steps_on_batches_explain_the_photo_as_steps_on_all_pixels_do():
+    asset = glossy_sphere()
+    observation = observe(asset, photograph(asset, CORNER, patch_light((0.2, 1.0, 0.5))), CORNER, CPU, 65_536)
+    prior = observation.light_level.expand(6, 16, 16, 3).contiguous()
+    transport = Transport(observation.gbuffer, cached(16), observation.rows)
+
+    def error(**changes):
+        light = refine_environment(observation, prior, replace(refinement(), **changes), seed=0)
+        return float(displayed_error(transport.apply(light), observation.pixels.color, observation.clipped))
+
+    few = len(observation.rows) // 8
+    together, in_turn, of_few = error(batch=0), error(batch=few), error(batch=0, pixels=few)
+    assert in_turn < 1.5 * together
+    assert in_turn < 0.8 * of_few
+
+
+@pytest.mark.parametrize("name", ["smooth_learning_rate", "damping", "broad_damping", "grey", "batch"])
 def test_negative_weights_are_refused(name):
     with pytest.raises(ConfigError, match="at least 0"):
-        OptimizeConfig(**{name: -0.1})
+        OptimizeConfig(**{name: -1})

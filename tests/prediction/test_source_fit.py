@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.optimize
 import torch
 
 from lightprobe.geometry.mesh import Mesh
@@ -13,7 +14,7 @@ from lightprobe.light.environment import Environment
 from lightprobe.light.sources import LightSource
 from lightprobe.material.textures import Textures
 from lightprobe.prediction.observation import Observation, observe
-from lightprobe.prediction.source_fit import fitted_sources
+from lightprobe.prediction.source_fit import _non_negative, fitted_sources
 from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.render.picture import Picture
 from lightprobe.scene.photo import Pixels
@@ -114,3 +115,16 @@ def test_a_map_without_sources_stays_as_it_is(scene):
     split = fitted_sources(observation, Environment(sky()), asset.mesh, 0)
     assert split.sources == ()
     assert torch.equal(split.rest.texels, sky())
+
+
+@pytest.mark.parametrize("count", [1, 3, 9, 20])
+def test_non_negative_minima_are_scipys(count):
+    random = np.random.default_rng(count)
+    held = 0
+    for _ in range(20):
+        matrix, observed = random.uniform(size=(30, count)) ** 4 + 1, random.uniform(size=30)  # alike, as images are
+        found = _non_negative(torch.from_numpy(matrix.T @ matrix), torch.from_numpy(matrix.T @ observed)).numpy()
+        np.testing.assert_allclose(found, scipy.optimize.nnls(matrix, observed)[0], atol=1e-9)
+        held += int((found == 0).sum())
+    assert (held > 0) == (count > 1)
+    assert not _non_negative(torch.eye(count), -torch.ones(count)).any()

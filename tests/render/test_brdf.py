@@ -5,8 +5,9 @@ import math
 import pytest
 import torch
 
+from lightprobe.core.checkpoint import load_tensors
 from lightprobe.light import cubemap
-from lightprobe.render.brdf import DIELECTRIC_F0, base_reflectance, diffuse_fresnel, environment_brdf
+from lightprobe.render.brdf import DIELECTRIC_F0, TABLE, base_reflectance, diffuse_fresnel, environment_brdf, integrals
 from lightprobe.render.gbuffer import GBuffer
 from tests.gbuffers import brute_force, sphere_gbuffer
 
@@ -20,6 +21,10 @@ def test_environment_brdf_matches_direct_integration():
             g = sphere_gbuffer(1, roughness=float(roughness[i]), metallic=1.0, base=(f0,) * 3)
             g = GBuffer(**{**vars(g), "normal": torch.tensor([[0.0, 0, 1]]), "view": v[None]})
             assert float(brute_force(g, torch.ones(6, 96, 96, 3))[0, 0]) == pytest.approx(float(expected), abs=0.012)
+
+
+def test_the_bundled_table_is_what_integration_gives():
+    torch.testing.assert_close(load_tensors(TABLE)["integrals"], integrals(), rtol=1e-9, atol=1e-12)
 
 
 def test_a_mirror_reflects_as_schlick_says():

@@ -9,13 +9,15 @@ from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
 from lightprobe.render import transport
 from lightprobe.render.split_sum import shade
+from lightprobe.render.taps import GatheredTaps, SparseTaps
 from lightprobe.render.transport import Transport, solve_light
+from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import R, sky, sphere_gbuffer
 
 
-@pytest.mark.parametrize("taps", [transport._SparseTaps, transport._GatheredTaps])  # a CPU's and a GPU's
+@pytest.mark.parametrize("taps", [SparseTaps, GatheredTaps])  # a CPU's and a GPU's
 def test_transport_is_the_renderer_and_its_adjoint(taps, monkeypatch):
-    monkeypatch.setattr(transport, "_look_up", lambda device: taps)
+    monkeypatch.setattr(transport, "look_up", lambda device: taps)
     gbuffer, operator = sphere_gbuffer(200, metallic=0.4), cached(R)
     light = sky(R)
     linear = Transport(gbuffer, operator)
@@ -24,6 +26,27 @@ def test_transport_is_the_renderer_and_its_adjoint(taps, monkeypatch):
     other = torch.rand(200, 3, generator=torch.Generator().manual_seed(3))
     left = float((linear.apply(light) * other).double().sum())
     assert left == pytest.approx(float((light * linear.adjoint(other)).double().sum()), rel=1e-4)
+
+
+@pytest.mark.parametrize("taps", [SparseTaps, GatheredTaps])
+@pytest.mark.parametrize("shadowed", [False, True])
+def test_some_pixels_of_a_transport_are_a_transport_of_their_own(taps, shadowed, monkeypatch):
+    monkeypatch.setattr(transport, "look_up", lambda device: taps)
+    gbuffer, operator, light = sphere_gbuffer(60, metallic=0.4), cached(R), sky(R)
+    if shadowed:
+        random = torch.Generator().manual_seed(0)
+        seen = VertexVisibility(
+            torch.randint(0, 256, (9, 384), generator=random, dtype=torch.uint8), torch.rand(9, 3, generator=random)
+        )
+        index, weight = torch.randint(0, 9, (60, 3), generator=random), torch.full((60, 3), 1 / 3)
+        gbuffer = replace(gbuffer, visibility=PointVisibility(seen, index, weight))
+    rows = torch.tensor([50, 3, 3, 17])
+    whole = Transport(gbuffer, operator)
+    part = whole.select(rows)
+    assert torch.allclose(part.apply(light), whole.apply(light)[rows], rtol=1e-5, atol=1e-6)
+    given = torch.rand(4, 3, generator=torch.Generator().manual_seed(3))
+    spread = torch.zeros(60, 3).index_add(0, rows, given)
+    assert torch.allclose(part.adjoint(given), whole.adjoint(spread), rtol=1e-4, atol=1e-6)
 
 
 def test_solve_recovers_light_and_clipped_highlights():

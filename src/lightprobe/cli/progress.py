@@ -10,12 +10,13 @@ import html
 import sys
 import time
 from types import TracebackType
-from typing import Any, Protocol
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lightprobe.runs.progress import clock
+
+if TYPE_CHECKING:  # rich takes a tenth of a second to load, and a command that shows no progress goes without
+    from rich.console import Console
+    from rich.progress import TaskID
 
 _QUIET_SECONDS = 10.0  # between two lines where there is no terminal
 _CELL_SECONDS = 0.25  # between two changes of a notebook's cell, which costs a message each
@@ -33,6 +34,8 @@ class Meter:
     """Shows how far each stage of the work is; a context manager. Nothing is shown before the first update."""
 
     def __init__(self) -> None:
+        from rich.console import Console
+
         console, notebook = Console(stderr=True), _notebook()
         self._display: _Display = (
             _Cell(notebook) if notebook is not None else _Bar(console) if console.is_terminal else _Lines()
@@ -54,7 +57,9 @@ class Meter:
 class _Bar:
     """Bars of a terminal, one for each stage."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: "Console") -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
         columns = (
             TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
             TextColumn("{task.fields[note]}"),

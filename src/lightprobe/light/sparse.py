@@ -1,5 +1,6 @@
-"""A constant sparse matrix acting on radiance triples, with its transpose stored beside it; see `kernels.sparse`."""
+"""A constant sparse matrix acting on radiance triples, and its transpose; see `kernels.sparse`."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,23 +10,36 @@ from torch import Tensor
 
 from lightprobe.kernels import CompressedRows, sparse_product, sparse_product_transposed
 
-PARTS = 8  # partial sums of a transposed product over chosen rows: fixed, so that the thread count changes no bit
+PARTS = 8  # partial sums, at most, of a transposed product over chosen rows; the thread count changes none of its bits
+_ENTRIES_PER_PART = 1 << 16  # with fewer, adding the partial sums up costs more than a thread saves
 
 
 @dataclass(frozen=True)
 class SparseOperator:
-    """A constant matrix and its transpose."""
+    """A constant matrix, and its transpose once somebody asks for it: some rows of it (`ChosenRows`) do without."""
 
     forward: CompressedRows
-    transpose: CompressedRows
 
     @staticmethod
     def build(matrix: scipy.sparse.csr_array, device: torch.device | str = "cpu") -> "SparseOperator":
-        """Return the operator of a SciPy matrix; entries are rounded to float32, or shared where they are."""
-        transpose = matrix.T.tocsr()
-        if not matrix.has_sorted_indices:  # a transpose is sorted, stably, and quicker to find than an order
-            matrix = transpose.T.tocsr()
-        return SparseOperator(_compress(matrix, device), _compress(transpose, device))
+        """Return the operator of a SciPy matrix; entries are rounded to float32, or shared where they are.
+
+        On a CPU rows keep the order of their entries; PyTorch's product on a GPU wants them sorted.
+        """
+        if torch.device(device).type != "cpu" and not matrix.has_sorted_indices:
+            matrix = matrix.T.tocsr().T.tocsr()  # a transpose is sorted, stably, and quicker to find than an order
+        return SparseOperator(_compress(matrix, device))
+
+    @functools.cached_property
+    def transpose(self) -> CompressedRows:
+        """The transposed matrix, its rows sorted."""
+        return _compress(self.matrix().T.tocsr(), self.forward.value.device)
+
+    def matrix(self) -> scipy.sparse.csr_array:
+        """Return the SciPy matrix, float32."""
+        held = self.forward
+        entries = (held.value.cpu().numpy(), held.column.cpu().numpy().astype(np.int32), held.start.cpu().numpy())
+        return scipy.sparse.csr_array(entries, shape=(len(held.start) - 1, held.columns))
 
     def apply(self, x: Tensor) -> Tensor:
         """Return matrix @ x, (rows, 3), from x (columns, 3); no gradient."""
@@ -42,7 +56,7 @@ class ChosenRows:
 
     operator: SparseOperator
     rows: Tensor  # int32
-    bounds: np.ndarray  # (PARTS + 1,) where each of the parts starts in `rows`; all hold about as many entries
+    bounds: np.ndarray  # (parts + 1,) where each of the parts starts in `rows`; all hold about as many entries
 
     @staticmethod
     def of(operator: SparseOperator, rows: Tensor) -> "ChosenRows":
@@ -51,7 +65,8 @@ class ChosenRows:
         start = operator.forward.start.numpy()
         filled = np.cumsum((start[1:] - start[:-1])[rows.numpy()])
         total = int(filled[-1]) if len(filled) else 0
-        bounds = np.searchsorted(filled, np.arange(1, PARTS) * (total / PARTS))
+        parts = min(PARTS, 1 + total // _ENTRIES_PER_PART)
+        bounds = np.searchsorted(filled, np.arange(1, parts) * (total / parts))
         return ChosenRows(operator, rows, np.concatenate([[0], bounds, [len(rows)]]).astype(np.int32))
 
     def apply(self, x: Tensor) -> Tensor:
@@ -64,7 +79,6 @@ class ChosenRows:
 
 
 def _compress(matrix: scipy.sparse.csr_array, device: torch.device | str) -> CompressedRows:
-    matrix.sort_indices()
     small = torch.device(device).type == "cpu" and matrix.shape[1] <= 1 << 16
     return CompressedRows(
         torch.from_numpy(matrix.indptr.astype(np.int32, copy=False)).to(device),

@@ -12,8 +12,12 @@ moves it is the asset's errors. So the size is damped, g / (|g| + damping RMS(g)
 texels at the first step; and x is the sum of single texels, a smooth part and a broad one. The smooth ones move faster,
 and the broad one, which all pixels have a say in, is damped less: few steps would not bring it to where the photo
 wants it.
+
+A step of the refinement looks at a twelfth of the pixels, and the next one at others. What Adam averages over a dozen
+steps then has seen all of them, and the map is as good as with all pixels in every step.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -23,7 +27,7 @@ from lightprobe.core.config.prediction import OptimizeConfig
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.photometry import exposure_unit, one_sided_residual, tone_map
-from lightprobe.light.prefilter import BLOCKS
+from lightprobe.light.prefilter import BLOCKS, DRAFT, Accuracy
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.transport import Transport
@@ -48,15 +52,45 @@ class _Render(torch.autograd.Function):
         return ctx.transport.adjoint(gradient), None
 
 
-def optimize_environment(observation: Observation, start: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
-    """Return the light (6, R, R, 3) > 0 found from `start` (6, R, R, 3)."""
-    every = torch.arange(len(observation.rows), device=start.device)
-    chosen = draw_rows(every, config.pixels, generator(seed, "subset/optimize"))
-    operator = prefilters.cached(start.shape[1], start.device)
-    transport = Transport(observation.gbuffer, operator, observation.rows[chosen])
-    color, clipped = observation.pixels.color[chosen], observation.clipped[chosen]
-    unit = exposure_unit(color)  # the loss is taken as if the photo were well exposed
-    target = tone_map(color / unit)
+@dataclass(frozen=True)
+class _Pixels:
+    """The pixels that a light is fitted to, at a usual exposure."""
+
+    transport: Transport
+    target: Tensor  # (P, 3) tone-mapped
+    clipped: Tensor  # (P, 3) bool
+
+    @staticmethod
+    def of(
+        observation: Observation, resolution: int, count: int, seed: int, accuracy: Accuracy | None
+    ) -> "tuple[_Pixels, Tensor]":
+        """Return at most `count` of the trusted pixels, and what their radiance is divided by ()."""
+        every = torch.arange(len(observation.rows), device=observation.rows.device)
+        chosen = draw_rows(every, count, generator(seed, "subset/optimize"))
+        color = observation.pixels.color[chosen]
+        unit = exposure_unit(color)  # the loss is taken as if the photo were well exposed
+        operator = prefilters.cached(resolution, every.device, accuracy)
+        transport = Transport(observation.gbuffer, operator, observation.rows[chosen])
+        return _Pixels(transport, tone_map(color / unit), observation.clipped[chosen]), unit
+
+    def select(self, rows: Tensor) -> "_Pixels":
+        """Return those at `rows` (K,) int64."""
+        return _Pixels(self.transport.select(rows), self.target[rows], self.clipped[rows])
+
+    def error(self, light: Tensor) -> Tensor:
+        """Return the mean displayed error () under `light` (6, R, R, 3)."""
+        render = _Render.apply(light, self.transport)
+        return one_sided_residual(tone_map(render), self.target, self.clipped).abs().mean()
+
+
+def optimize_environment(
+    observation: Observation, start: Tensor, config: OptimizeConfig, seed: int, accuracy: Accuracy | None = None
+) -> Tensor:
+    """Return the light (6, R, R, 3) > 0 found from `start` (6, R, R, 3).
+
+    accuracy: of the prefilter, by default what lights of this resolution deserve.
+    """
+    pixels, unit = _Pixels.of(observation, start.shape[1], config.pixels, seed, accuracy)
     first = (start / unit).clamp(min=1e-4).log()
     groups = _groups(start, config)
     changes = [change for group in groups for change in group.parameters.values()]
@@ -67,17 +101,28 @@ def optimize_environment(observation: Observation, start: Tensor, config: Optimi
             change = magnify_light(change, finer.shape[1]) + finer
         return (first + change).exp()
 
-    def loss() -> Tensor:
+    def loss(part: _Pixels | Tensor) -> Tensor:
         sought = light()
-        difference = one_sided_residual(tone_map(_Render.apply(sought, transport)), target, clipped)
         chroma = (sought - sought.mean(-1, keepdim=True)).abs().mean()
-        return difference.abs().mean() + config.grey * chroma
+        seen = pixels.select(part) if isinstance(part, Tensor) else part
+        return seen.error(sought) + config.grey * chroma
 
-    descent = Descent(groups, loss, schedule=cosine(config.iterations), recordable=True)
+    descent = Descent(groups, loss, schedule=cosine(config.iterations), fused=True, recordable=True)
+    batches = _batches(len(pixels.target), config.batch, start.device)
+    parts = batches if descent.recorded else [pixels.select(rows) for rows in batches]
     for step in range(config.iterations):
-        descent.step(step)
+        descent.step(step, parts[step % len(parts)])
     descent.end()
     return unit * light().detach()
+
+
+def _batches(count: int, size: int, device: torch.device) -> list[Tensor]:
+    """Return the rows (K,) int64 of each batch of about `size` pixels, of all `count` if it is 0; all of one size.
+
+    Pixels come in the order of the photo's rows: taking every n-th spreads each batch over the whole object.
+    """
+    number = max(1, round(count / size)) if size else 1
+    return list(torch.arange(count // number * number, device=device).reshape(-1, number).T)
 
 
 def _groups(start: Tensor, config: OptimizeConfig) -> list[ParameterGroup]:
@@ -103,5 +148,5 @@ def refine_environment(observation: Observation, prior: Tensor, config: Optimize
     """
     coarse = resize_light(prior, min(_REFINED_RESOLUTION, prior.shape[1]))
     dark = _DARK * observation.light_level
-    factor = (optimize_environment(observation, coarse, config, seed) + dark) / (coarse + dark)
+    factor = (optimize_environment(observation, coarse, config, seed, DRAFT) + dark) / (coarse + dark)
     return prior * magnify_light(factor.log(), prior.shape[1]).exp()

@@ -223,8 +223,8 @@ class Predictor:
 
 
 def _for_photos(config: OptimizeConfig, photos: int) -> OptimizeConfig:
-    """Return the configuration with as many pixels for each of several photos as it has for one."""
-    return replace(config, pixels=config.pixels * photos)
+    """Return the configuration with as many pixels for each of several photos, at every step, as it has for one."""
+    return replace(config, pixels=config.pixels * photos, batch=config.batch * photos)
 
 
 _PRIORS = {

@@ -11,21 +11,25 @@ radiance 1 the specular part reflects F0 A + B and the diffuse part c_diff (1 - 
 
     A = int (1 - (1 - v.h)^5) D V n.l dl,   B = int (1 - v.h)^5 D V n.l dl,   C = int (1 - v.h)^5 n.l / pi dl
 
-A and B depend on (n.v, r), C on n.v alone.
+A and B depend on (n.v, r), C on n.v alone. Their table is bundled, as it takes a new process most of a second
+(`tools/make_brdf_table.py`).
 """
 
 import functools
 import math
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from lightprobe.core.checkpoint import load_tensors
 from lightprobe.kernels import weighted_gather
 
 DIELECTRIC_F0 = 0.04  # glTF 2.0, appendix B: index of refraction 1.5
 MIN_COS = 1e-3  # views that graze more, or look from behind a shading normal, count as this
 SIZE = 64  # table nodes per axis; cos_view is spaced by its square root, as A and B turn quickly where views graze
 _SAMPLES = (64, 24)  # strata of the micro-normal's elevation and azimuth
+TABLE = Path(__file__).parents[1] / "assets" / "brdf_integrals.safetensors"
 
 
 def environment_brdf(cos_view: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
@@ -56,7 +60,7 @@ def integrals_at(taps: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
 def diffuse_fresnel(cos_view: Tensor) -> Tensor:
     """Return C (N,) of the module's notation, differentiable in cos_view (N,)."""
     x, fx = _cell(cos_view.clamp(MIN_COS, 1.0).sqrt())
-    table = _diffuse_table(cos_view.device, cos_view.dtype)
+    table = _table(cos_view.device, cos_view.dtype)[:SIZE, 2:]
     return weighted_gather(table, torch.stack([x, x + 1], dim=-1), torch.stack([1.0 - fx, fx], dim=-1))[:, 0]
 
 
@@ -76,9 +80,13 @@ def _cell(value: Tensor) -> tuple[Tensor, Tensor]:
 @functools.lru_cache(maxsize=8)
 def _table(device: torch.device, dtype: torch.dtype) -> Tensor:
     """Return (A, B, C) as (64 * 64, 3): rows run over roughness, columns over cos_view."""
+    return load_tensors(TABLE)["integrals"].to(device, dtype)
+
+
+def integrals() -> Tensor:
+    """Return the table of A, B and C, (64 * 64, 3) float64, by integration: what the bundled file holds."""
     rows = [_integrate_row(roughness) for roughness in torch.linspace(0.0, 1.0, SIZE, dtype=torch.float64)]
-    diffuse = _diffuse_table(torch.device("cpu"), torch.float64).repeat(SIZE, 1)
-    return torch.cat([torch.cat(rows), diffuse], dim=-1).to(device, dtype)
+    return torch.cat([torch.cat(rows), _diffuse_integral().repeat(SIZE, 1)], dim=-1)
 
 
 def _integrate_row(roughness: Tensor) -> Tensor:
@@ -116,9 +124,8 @@ def _smith_ratio(cos_view: Tensor, cos_light: Tensor, alpha: float) -> Tensor:
     return (1.0 + lambda_view) / (1.0 + lambda_view + lambda_light)
 
 
-@functools.lru_cache(maxsize=8)
-def _diffuse_table(device: torch.device, dtype: torch.dtype) -> Tensor:
-    """Return C as (64, 1): the mean of (1 - v.h)^5 over cosine-distributed light directions."""
+def _diffuse_integral() -> Tensor:
+    """Return C for all cos_view, (64, 1): the mean of (1 - v.h)^5 over cosine-distributed light directions."""
     n = 96
     u = (torch.arange(n, dtype=torch.float64) + 0.5) / n
     radius2, phi = (grid.flatten() for grid in torch.meshgrid(u, math.pi * u, indexing="ij"))
@@ -126,4 +133,4 @@ def _diffuse_table(device: torch.device, dtype: torch.dtype) -> Tensor:
     cos_view = (torch.linspace(0.0, 1.0, SIZE, dtype=torch.float64) ** 2)[:, None]
     cos_between = (1.0 - cos_view**2).sqrt() * light_x + cos_view * light_z
     cos_half = torch.sqrt((0.5 * (1.0 + cos_between)).clamp(min=0.0))  # v.h = cos(half the angle between v and l)
-    return ((1.0 - cos_half) ** 5).mean(-1, keepdim=True).to(device, dtype)
+    return ((1.0 - cos_half) ** 5).mean(-1, keepdim=True)

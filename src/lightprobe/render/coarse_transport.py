@@ -73,13 +73,7 @@ class CoarseTransport:
 def _dense_prefilter(device: torch.device) -> tuple[prefilters.Prefilter, Tensor]:
     """Return the prefilter of the coarse light and its levels as a matrix (T, 384)."""
     operator = prefilters.cached(BLOCKS, device)
-    columns = [operator.apply(part.reshape(6, BLOCKS, BLOCKS, 3)) for part in _unit_lights(device)]
-    return operator, torch.cat(columns, 1)[: operator.first_block].contiguous()
-
-
-def _unit_lights(device: torch.device) -> Tensor:
-    """Return (128, 384, 3): lights that are 1 in one texel of each channel, so that together they are the identity."""
-    return torch.eye(TEXELS, device=device).reshape(TEXELS, TEXELS // 3, 3).permute(1, 0, 2).contiguous()
+    return operator, operator.dense_levels()
 
 
 def _open_averages(visibility: PointVisibility, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:

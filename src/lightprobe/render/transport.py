@@ -5,21 +5,19 @@ T the look-up taps of each pixel and F what each pixel reflects per channel. A i
 All entries of A are non-negative.
 """
 
+import copy
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-import scipy.sparse
 import torch
 from torch import Tensor
 
-from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light import cubemap
 from lightprobe.light.photometry import beyond_clipping, one_sided_residual
-from lightprobe.light.prefilter import BLOCKS, Prefilter, PrefilterPart
-from lightprobe.light.sparse import SparseOperator
+from lightprobe.light.prefilter import BLOCKS, Prefilter
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import Shading
+from lightprobe.render.taps import look_up
 
 _TINY = 1e-30  # keeps a division by nothing finite
 _LEAST_SHARE = 0.05  # of the mean channel: fainter ones are compared as if they were this bright
@@ -36,7 +34,15 @@ class Transport:
             gbuffer = gbuffer.select(rows)
         shading = Shading.of(gbuffer, prefilter)
         self._normal, self._visibility, self._factors = shading.normal, shading.visibility, shading.factors
-        self._looked_up = _look_up(gbuffer.normal.device)(shading.taps, prefilter)
+        self._looked_up = look_up(gbuffer.normal.device)(shading.taps, prefilter)
+
+    def select(self, rows: Tensor) -> "Transport":
+        """Return the operator of the pixels at `rows` (K,) int64 alone."""
+        part = copy.copy(self)
+        part._normal, part._factors = self._normal[rows], self._factors[:, rows]
+        part._visibility = None if self._visibility is None else self._visibility.select(rows)
+        part._looked_up = self._looked_up.select(rows)
+        return part
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
@@ -53,66 +59,6 @@ class Transport:
             return self._looked_up.adjoint(lobes.reshape(-1, 3), lobes.new_zeros(6 * BLOCKS**2, 3))
         blocks = self._visibility.adjoint(lobes[1], lobes[2], self._normal)
         return self._looked_up.adjoint(lobes[0], blocks)
-
-
-Taps = list[tuple[Tensor, Tensor]]  # look-ups of index (P, K) and weight (P, K); their rows stand one below the other
-
-
-class _SparseTaps:
-    """A CPU's look-ups in a light's levels: only texels that somebody looks up are prefiltered."""
-
-    def __init__(self, taps: Taps, prefilter: Prefilter):
-        used, matrix = _tap_matrix(taps, prefilter.total)
-        self._part, self._taps = PrefilterPart(prefilter, used), SparseOperator.build(matrix)
-
-    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
-        levels = self._part.apply(env)
-        return self._taps.apply(levels[: self._part.first_block]), levels[self._part.first_block :]
-
-    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
-        """Return the transpose of `apply`, (6, R, R, 3)."""
-        return self._part.adjoint(torch.cat([self._taps.adjoint(lobes), blocks]))
-
-
-class _GatheredTaps:
-    """The same on a GPU, where finding out which texels these are would take longer than they do."""
-
-    def __init__(self, taps: Taps, prefilter: Prefilter):
-        self._taps, self._prefilter = taps, prefilter
-
-    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
-        levels, blocks = self._prefilter.apply(env).tensor_split([self._prefilter.first_block])
-        return torch.cat([weighted_gather(levels, *taps) for taps in self._taps]), blocks
-
-    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
-        """Return the transpose of `apply`, (6, R, R, 3)."""
-        count = self._prefilter.first_block
-        levels = lobes.new_zeros(count, 3)
-        for part, taps in zip(lobes.split([len(index) for index, _ in self._taps]), self._taps, strict=True):
-            levels += weighted_scatter(part, *taps, count)
-        return self._prefilter.adjoint(torch.cat([levels, blocks]))
-
-
-def _look_up(device: torch.device) -> type[_SparseTaps] | type[_GatheredTaps]:
-    return _SparseTaps if device.type == "cpu" else _GatheredTaps
-
-
-def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]:
-    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (rows, U)."""
-    index = np.concatenate([index.numpy().ravel() for index, _ in taps])
-    weight = np.concatenate([weight.numpy().ravel() for _, weight in taps])
-    lengths = np.repeat([index.shape[1] for index, _ in taps], [len(index) for index, _ in taps])
-    filled = weight > 0
-    looked_up = np.zeros(count, bool)
-    looked_up[index[filled]] = True
-    place = np.cumsum(looked_up) - 1
-    # Texels that only weightless taps name get some place; it does not matter which.
-    start = np.concatenate([[0], np.cumsum(lengths)])
-    used = np.flatnonzero(looked_up)
-    column = np.where(filled, place[index], 0)
-    return torch.from_numpy(used), scipy.sparse.csr_array((weight, column, start), shape=(len(lengths), len(used)))
 
 
 @torch.no_grad()

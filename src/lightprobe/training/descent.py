@@ -50,10 +50,10 @@ class Descent:
         """
         device = next(iter(groups[0].parameters.values())).device
         recorder = recorder_for(device) if recordable else None
-        recorded = recorder is not None
-        self.adam = Adam(
-            groups, betas=betas, epsilon=epsilon, fused=recorded if fused is None else fused, recordable=recorded
-        )
+        self.recorded = recorder is not None
+        """Whether steps are replayed from a recording, and so take tensors."""
+        fused = self.recorded if fused is None else fused
+        self.adam = Adam(groups, betas=betas, epsilon=epsilon, fused=fused, recordable=self.recorded)
         self._loss, self._schedule, self._largest, self._after = loss, schedule, largest_gradient, after
         self._step = RecordedStep(self._descend, recorder)
 

@@ -90,7 +90,7 @@ class OptimizeConfig:
     """Cost and steps of the optimisation."""
 
     iterations: int = 1500
-    """Adam steps, each on all pixels."""
+    """Adam steps."""
     learning_rate: float = 0.05
     """Adam step in log radiance at the start; it falls to nothing along a cosine."""
     smooth_learning_rate: float = 0.0
@@ -101,6 +101,8 @@ class OptimizeConfig:
     """The same of the broad part."""
     pixels: int = 12_288
     """Pixels the light is fitted to."""
+    batch: int = 0
+    """About how many of them each step looks at, others at the next; 0: all."""
     grey: float = 0.005
     """Weight of the mean deviation of the light from grey."""
 
@@ -108,14 +110,15 @@ class OptimizeConfig:
         """Refuse values no optimisation could use."""
         if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0:
             raise ConfigError("An optimisation needs iterations and pixels of at least 1 and a positive step.")
-        if min(self.smooth_learning_rate, self.damping, self.broad_damping, self.grey) < 0:
-            raise ConfigError("An optimisation needs weights of at least 0.")
+        if min(self.smooth_learning_rate, self.damping, self.broad_damping, self.grey, self.batch) < 0:
+            raise ConfigError("An optimisation needs weights and a batch of at least 0.")
 
 
 def refinement() -> OptimizeConfig:
-    """Return a fraction of a second of it, for where a network has gone most of the way."""
+    """Return a tenth of a second of it, for where a network has gone most of the way."""
     return OptimizeConfig(
-        iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, broad_damping=0.1, pixels=3072
+        iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, broad_damping=0.1, pixels=3072,
+        batch=256,
     )  # fmt: skip
 
 
