@@ -10,6 +10,7 @@ from lightprobe.scene.camera import Camera
 from tests.shapes import camera_at
 
 SIZE = 40
+_PHASES = ("decompose", "distill")
 
 
 def ball_photo(camera: Camera, lamp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -58,10 +59,16 @@ TINY = [
     "--decompose.teacher-resolution", "8", "--decompose.texture-size", "64", "--decompose.light-solve-pixels", "256",
     "--decompose.checkpoint-every", "5", "--decompose.trial-steps", "3", "--decompose.light-solve-iterations", "2",
 ]  # fmt: skip
+
+
+def changed(words: list[str], **values: object) -> list[str]:
+    """Return the words of a command with other values for some options, by their names without the phase."""
+    new = {f"--{phase}.{name.replace('_', '-')}": value for name, value in values.items() for phase in _PHASES}
+    return [str(new.get(before, word)) for before, word in zip(["", *words], words, strict=False)]
+
+
 # where nothing depends on how bright the object came out: tried brightnesses take a third of the time
-TINY_WITHOUT_TRIALS = [
-    "0" if before == "--decompose.trial-steps" else word for before, word in zip(["", *TINY], TINY, strict=False)
-]
+TINY_WITHOUT_TRIALS = changed(TINY, trial_steps=0)
 TINY_DISTILL = [
     "--distill.steps", "12", "--distill.samples", "64", "--distill.light-resolution", "8", "--distill.width", "16",
     "--distill.checkpoint-every", "5", "--distill.sphere-steps", "6", "--distill.sphere-batch", "2",

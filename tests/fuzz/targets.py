@@ -24,6 +24,7 @@ from lightprobe.imaging import (
     read_exif_ev100,
     read_ldr,
     read_mask,
+    write_exr,
 )
 from lightprobe.imaging.video import measure_frames
 from lightprobe.insertion.thing import load_thing
@@ -43,13 +44,14 @@ from lightprobe.scene.lens import Lens
 from lightprobe.scene.loading import read_folder
 from lightprobe.view.sources import evaluation_of
 from lightprobe.view.watching import newest_record, read_records, stage_lengths
-from tests.fuzz import pictures
-from tests.fuzz.edits import GLB, JSON, LINES, SAFETENSORS, WORDS, Form
+from tests.fuzz import pictures, requests, servers
+from tests.fuzz.edits import GLB, JSON, LINES, SAFETENSORS, WORDS, Form, with_checksums
 from tests.imaging.videos import pan, write_video
 from tests.insertion.glbs import box, png, write
 from tests.report.pages import evaluated_run
 from tests.report.results import record
 from tests.scene.worlds import views, write_colmap, write_nerd, write_nerfstudio
+from tests.service.serving import runs_folder
 from tests.view.finished_run import add_model, finished_run
 
 Read = Callable[[Path, Path], object]  # of the target's folder and of the file in it that was spoilt
@@ -64,11 +66,13 @@ class Target:
     files: tuple[str, ...]  # of that folder, those that are spoilt
     read: Read
     form: Form | None = None  # what the files say, where that is spoilt as well as their bytes
+    mend: Callable[[bytes], bytes] | None = None  # makes checksums or lengths right again, for every other file
 
     def write(self, corpus: Path) -> None:
         """Make the valid files in `corpus`; what is there already stays."""
         folder = corpus / self.make.__name__
         if not folder.exists():
+            corpus.mkdir(parents=True, exist_ok=True)
             self.make(folder)
 
     def copy(self, corpus: Path, folder: Path) -> None:
@@ -181,6 +185,7 @@ def _run(root: Path) -> None:
     }  # fmt: skip
     save_tensors(root / "views.safetensors", tensors, {"kind": "views"})
     _evaluate(run, root)
+    _page_files(root)
 
 
 def _evaluate(run: RunFolder, root: Path) -> None:
@@ -256,7 +261,35 @@ def _picture_targets() -> list[Target]:
         "camera raw": ("camera.dng",),
     }  # fmt: skip
     maps = ("OpenEXR", "Radiance")
-    return [Target(n, pictures.WRITERS[n], f, _read_map if n in maps else _read_picture) for n, f in files.items()]
+    return [
+        Target(n, pictures.WRITERS[n], f, _read_map if n in maps else _read_picture,
+               mend=with_checksums if n == "PNG" else None)
+        for n, f in files.items()
+    ]  # fmt: skip
+
+
+def _service(root: Path) -> None:
+    runs_folder(root / "runs")
+    requests.write(root, requests.service_requests())
+
+
+def _ask_service(root: Path, path: Path) -> None:
+    token = servers.TOKEN if path.name.startswith("token-") else None
+    servers.SERVERS.ask(servers.ServiceServer, root / "runs", path.read_bytes(), token)
+
+
+def _page_files(root: Path) -> None:
+    write_nerfstudio(root / "photos", views(2))
+    (root / "photos" / "prepare.json").write_text("{}")
+    write_exr(root / "sky.exr", np.full((8, 16, 3), 0.5, np.float32))
+    write(root / "box.glb", box())
+    data = (png((128, 255, 51)), (root / "sky.exr").read_bytes(), (root / "box.glb").read_bytes())
+    requests.write(root, requests.page_requests(*data))
+
+
+def _ask_page(root: Path, path: Path) -> None:
+    token = "a-token" if path.name.startswith("page-token") else None
+    servers.SERVERS.ask(servers.PageServer, root, path.read_bytes(), token)
 
 
 TARGETS = (
@@ -277,4 +310,8 @@ TARGETS = (
     Target("kept steps of prepare", _prepared, (".prepare/step.npz",), _read_prepared),
     Target("light files", _light_files, ("light.light.json",), _read_light_file, JSON),
     Target("records", _light_files, ("cup.json",), lambda root, path: Record.read(path), JSON),
+    Target("service requests", _service, tuple(requests.service_requests()), _ask_service, requests.REQUEST,
+           requests.with_length),
+    Target("page requests", _run, tuple(requests.page_requests(b"", b"", b"")), _ask_page, requests.REQUEST,
+           requests.with_length),
 )  # fmt: skip

@@ -1,13 +1,17 @@
 """A short attack; what the long one has found stands beside the tests of what was mended."""
 
+import asyncio
+import logging
 import signal
 from pathlib import Path
 
 import pytest
 
 from lightprobe.core.errors import InputError
-from tests.fuzz import worker
+from lightprobe.service.asgi import reply
+from tests.fuzz import requests, servers, worker
 from tests.fuzz.__main__ import Attack, main
+from tests.fuzz.connection import Answer
 from tests.fuzz.edits import JSON, Splice, drawn, fewest, spoilt, value_edits, with_checksums
 from tests.fuzz.targets import TARGETS, Target
 
@@ -102,3 +106,56 @@ def test_a_record_is_a_table(tmp_path, monkeypatch, capsys):
     assert main(["--minutes", "0", "--folder", str(tmp_path), "--page", str(tmp_path / "a.md"), "--only", "GLB"]) == 0
     assert "| GLB | 0 | 0 | 0 | 0 |" in (tmp_path / "a.md").read_text()
     assert "0 findings" in capsys.readouterr().out
+
+
+def test_a_request_says_what_it_was_written_from_and_its_length_is_mended():
+    valid = requests.service_requests() | requests.page_requests(b"a", b"b", b"c")
+    for name in valid.keys() - {"several.http"}:
+        assert requests.written(b"", requests.described(valid[name])) == valid[name]
+    cut = requests.service_requests()["all.http"][:-9]
+    head, _, body = requests.with_length(cut).partition(b"\r\n\r\n")
+    assert f"content-length: {len(body)}".encode() in head
+
+
+@pytest.fixture
+def ask(tmp_path, monkeypatch):
+    """Ask an application of our own whether it answers as the service must."""
+    monkeypatch.setattr(servers, "SERVERS", servers.Servers())
+
+    def asked(app, data):
+        made = servers.Server(app, (tmp_path / "folder",), servers.Writes())
+        return made.ask(asyncio.new_event_loop(), data)
+
+    return asked
+
+
+GET = b"GET / HTTP/1.1\r\nhost: a\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    ("does", "kind"), [("raises", "an error leaves"), ("writes", "a file outside"), ("logs", "log")]
+)
+def test_whatever_a_server_does_wrong_is_found(ask, tmp_path, does, kind):
+    async def app(scope, receive, send):
+        if does == "raises":
+            raise KeyError("a")
+        if does == "writes":
+            (tmp_path / "elsewhere").write_text("a")
+        if does == "logs":
+            logging.getLogger("uvicorn.error").error("no", exc_info=KeyError("a"))
+        await reply(send, 200, "Well.")
+
+    with pytest.raises(worker.DefectError, match=kind):
+        ask(app, GET)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "kind"),
+    [(422, b"no", "no JSON"), (422, b'{"sentence": "no stop"}', "no sentence"), (418, b'{"sentence": "A pot."}', "418"),
+     (500, b'{"sentence": "Why."}', "without a reason"), (422, b'{"sentence": "See /secret/place."}', "a path")],
+)  # fmt: skip
+def test_an_answer_that_is_not_documented_is_found(status, body, kind):
+    service = object.__new__(servers.ServiceServer)
+    service._documented, service._temporary, service._runs = {422, 500}, Path("/secret/place"), Path("/secret/runs")
+    with pytest.raises(worker.DefectError, match=kind):
+        service._check(Answer("GET", "/", status, {"x-request-id": "a"}, bytearray(body), ended=True), set())

@@ -20,6 +20,15 @@ SECONDS = 10.0  # a file may take; a hang is tried once more before it counts, a
 _START_SECONDS = 900.0  # for imports, compiled loops and the valid files
 
 
+class DefectError(Exception):
+    """What a target finds wrong without an error of the code that it attacks."""
+
+    def __init__(self, kind: str, detail: str = ""):
+        """Keep the kind, the same for the same defect, and what was seen."""
+        super().__init__(f"{kind}: {detail}")
+        self.kind = kind
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What came of one file; `finding` is empty for a result or a sentence of ours."""
@@ -33,9 +42,12 @@ class Outcome:
 class Worker:
     """One process with its own copy of the corpus, started anew after it died."""
 
-    def __init__(self, corpus: Path, module: str = "tests.fuzz.targets", name: str = "TARGETS"):
-        """Read the files of `corpus` with the targets that a module holds under a name."""
-        self._corpus, self._source = corpus, (module, name)
+    def __init__(
+        self, corpus: Path, module: str = "tests.fuzz.targets", name: str = "TARGETS",
+        only: frozenset[str] | None = None,
+    ):  # fmt: skip
+        """Read the files of `corpus` with the targets that a module holds under a name, or `only` some of them."""
+        self._corpus, self._source = corpus, (module, name, only)
         self._process: Any = None
         self._connection: Connection | None = None
 
@@ -77,9 +89,10 @@ class Worker:
             raise RuntimeError("the process that reads has not become ready")
 
 
-def _serve(connection: Connection, corpus: str, source: tuple[str, str]) -> None:
+def _serve(connection: Connection, corpus: str, source: tuple[str, str, frozenset[str] | None]) -> None:
     """Read what comes through the connection until it is closed."""
-    found = getattr(importlib.import_module(source[0]), source[1])
+    module, held, only = source
+    found = [t for t in getattr(importlib.import_module(module), held) if only is None or t.name in only]
     with tempfile.TemporaryDirectory() as folder:
         _quiet()
         targets = {target.name: target for target in found}
@@ -129,6 +142,8 @@ def _outcome(target: Any, root: Path, path: Path) -> Outcome:
     except LightprobeError as error:
         refused = True
         finding, detail = _no_sentence(target.name, str(error))
+    except DefectError as error:
+        finding, detail = f"{error.kind} in {target.name}", _trace(error)
     except MemoryError as error:
         finding, detail = f"MemoryError in {target.name} at {_place(error)}", _trace(error)
     except BaseException as error:

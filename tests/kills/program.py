@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-_CHANGES = frozenset({"os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.link", "os.symlink", "os.truncate"})
-_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_TRUNC
+from tests.changes import changed_path
+
 _ENDLESS = 600.0  # seconds after which a command counts as hanging
 BROKE_DOWN = 99  # exit status of a process in which something else than the program failed
 
@@ -146,8 +146,8 @@ class _Disturbance:
         self._folder, self._moment, self._counter, self._count = str(folder.resolve()), moment, counter, 0
 
     def __call__(self, event: str, arguments: tuple) -> None:
-        changes = event in _CHANGES or (event == "open" and bool((arguments[2] or 0) & _WRITING))
-        if not changes or not self._inside(arguments[0]):
+        path = changed_path(event, arguments)
+        if path is None or not path.startswith(self._folder):
             return
         self._count += 1
         os.write(self._counter, b".")
@@ -160,8 +160,3 @@ class _Disturbance:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(arguments[0]))
         if self._moment.fault is Fault.READ_ONLY:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(arguments[0]))
-
-    def _inside(self, path: object) -> bool:
-        if not isinstance(path, str | bytes | os.PathLike):
-            return False  # an open file, which was counted when it was opened
-        return os.path.abspath(os.fsdecode(path)).startswith(self._folder)

@@ -1,5 +1,6 @@
 """The server's routes without a browser: what they answer, what they refuse, and that they stay in their folders."""
 
+import asyncio
 import json
 import struct
 
@@ -10,11 +11,13 @@ from starlette.testclient import TestClient
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr, write_exr
 from lightprobe.service.incoming import shown_name
+from lightprobe.service.running import server_settings
 from lightprobe.view import uploads as uploads_module
 from lightprobe.view.app import STATIC, Session, create_app, inline_script
 from lightprobe.view.jobs import Jobs
 from lightprobe.view.sources import Sources
 from lightprobe.view.uploads import UploadKind, Uploads
+from tests.fuzz.connection import Watched, exchange
 from tests.view.finished_run import side_light
 
 OWN = {"x-lightprobe": "1"}
@@ -105,6 +108,28 @@ def test_files_that_are_no_light_are_refused_by_name(client, tmp_path):
         assert words in text
         assert "light-" not in text  # what it is called here
         assert "/" not in text
+
+
+def test_what_http_itself_refuses_is_a_sentence_too(client):
+    assert sentence(client.delete("/api/lights"), 405) == "Method Not Allowed."
+    sentence(client.put("/api/scenes/0/box", content=b"{", headers={"content-type": "application/json"}), 422)
+    sentence(client.put("/api/scenes/0/box", content=b"\xbf", headers={"content-type": "application/json"}), 400)
+
+
+def test_files_are_sent_whole_whatever_part_is_asked_for(client):
+    for asked in ("bytes=1-3", "images", "bytes=9-1,,"):
+        answer = client.get("/static/js/app.js", headers={"range": asked})
+        assert (answer.status_code, answer.content) == (200, (STATIC / "js" / "app.js").read_bytes())
+
+
+def test_a_client_that_goes_while_it_sends_leaves_no_error_and_no_file(client, tmp_path):
+    settings = server_settings(client.app, grace=1, log_config=None)
+    watched = Watched(settings.app)
+    settings.app = watched
+    data = b"POST /api/lights HTTP/1.1\r\nhost: testserver\r\nx-lightprobe: 1\r\ncontent-length: 9\r\n\r\nabc"
+    (answer,), _ = asyncio.run(exchange(settings, watched, data))
+    assert (answer.error, answer.gone) == (None, True)
+    assert list((tmp_path / "session" / "uploads").iterdir()) == []
 
 
 def test_hostile_names_are_only_shown(client, tmp_path):

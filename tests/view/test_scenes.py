@@ -4,11 +4,15 @@ import json
 
 import numpy as np
 import pytest
+from starlette.testclient import TestClient
 
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.imaging import read_mask, write_png
+from lightprobe.view.app import Session, create_app
+from lightprobe.view.jobs import Jobs
 from lightprobe.view.scenes import ScenePhotos, mask_picture, save_box, save_mask
 from lightprobe.view.sources import Sources
+from lightprobe.view.uploads import Uploads
 
 
 @pytest.fixture
@@ -77,3 +81,13 @@ def test_a_box_is_kept_or_becomes_an_option(prepared, tmp_path):
     assert save_box(plain, 0, (0, 0, 1, 1)).endswith("-o SCENE --hint a.png=0,0,40,30")
     with pytest.raises(ConfigError, match="no masks yet"):
         save_mask(plain, 0, tmp_path / "p.png")
+
+
+def test_a_mask_that_is_no_picture_is_refused_without_the_place_where_it_lies(prepared, tmp_path):
+    jobs = Jobs(tmp_path / "jobs", ())
+    session = Session(Sources((), (prepared.source,)), Uploads(tmp_path), jobs, tmp_path)
+    client = TestClient(create_app(session, frozenset({"testserver"}), None), headers={"x-lightprobe": "1"})
+    answer = client.put("/api/scenes/0/photos/0/mask", content=b"no picture")
+    jobs.close()
+    assert answer.status_code == 422
+    assert answer.json()["sentence"].startswith("The mask is not a PNG")

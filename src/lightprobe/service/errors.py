@@ -68,6 +68,9 @@ STATUS: Mapping[type[LightprobeError], int] = {
 }  # fmt: skip
 """HTTP status of errors: the first that an error is an instance of."""
 
+GONE = 499
+"""nginx' status for a client that has closed its connection: what is answered then reaches nobody but the log."""
+
 _SENT = {kind.__name__: kind for kind in (InputError, ConfigError, ResourceError, ConvergenceError, UnexpectedError)}
 
 

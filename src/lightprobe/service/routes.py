@@ -16,7 +16,7 @@ from lightprobe.core.files import disk_errors
 from lightprobe.service.answers import AnswerKind, accepted_kind, answer
 from lightprobe.service.app import Service, note, request_id
 from lightprobe.service.asked import FIELDS, Asked
-from lightprobe.service.errors import BusyError, SlowClientError
+from lightprobe.service.errors import GONE, BusyError, SlowClientError
 from lightprobe.service.incoming import renamed
 from lightprobe.service.multipart import Form, receive_form
 from lightprobe.service.objects import KnownObject
@@ -26,7 +26,6 @@ from lightprobe.service.telemetry import METRICS_TYPE
 
 router = APIRouter()
 
-_GONE = 499  # nginx' status for a client that has closed its connection; nobody but the log reads it
 _LISTED = 1000  # objects of one answer
 _LIMITS = {name: limit for name, (limit, _) in FIELDS.items()}
 
@@ -56,7 +55,7 @@ async def predict(name: str, request: Request, service: ServiceArg) -> Response:
     except BaseException as error:
         await run_in_threadpool(done.func, *done.args, **done.kwargs)
         if isinstance(error, ClientDisconnect):
-            return Response(status_code=_GONE)
+            return Response(status_code=GONE)
         raise
 
 

@@ -18,15 +18,23 @@ def run_app(app: App, listening: socket.socket, *, grace: int, log_config: dict[
 
     log_config: of the library's own messages (`logging.config`), None where logging is set up already.
     """
-    settings = uvicorn.Config(
+    uvicorn.Server(server_settings(app, grace=grace, log_config=log_config)).run(sockets=[listening])
+
+
+def server_settings(app: App, *, grace: int, log_config: dict[str, Any] | None) -> uvicorn.Config:
+    """Return how the HTTP server treats connections and requests; see `run_app`."""
+    return uvicorn.Config(
         Lingering(app), http=_ImpatientProtocol, log_level="warning", log_config=log_config, access_log=False,
         server_header=False, timeout_graceful_shutdown=grace, lifespan="off", limit_concurrency=_CONNECTIONS, ws="none",
     )  # fmt: skip
-    uvicorn.Server(settings).run(sockets=[listening])
 
 
 class _ImpatientProtocol(H11Protocol):
-    """A connection that is closed when no whole head of a request comes for a while; uvicorn's own waits for ever."""
+    """A connection that is closed when no whole head of a request comes for a while; uvicorn's own waits for ever.
+
+    A body that turns out to be damaged ends its request as if the client had gone: the answer that the application
+    would still give cannot be sent any more, and uvicorn would log a traceback for it.
+    """
 
     _patience: asyncio.TimerHandle | None = None
 
@@ -42,6 +50,18 @@ class _ImpatientProtocol(H11Protocol):
         if self._patience is not None:
             self._patience.cancel()
         super().connection_lost(exc)
+
+    def send_400_response(self, msg: str) -> None:
+        cycle = self.cycle
+        if cycle is None or cycle.response_complete:
+            super().send_400_response(msg)
+            return
+        cycle.disconnected = True
+        cycle.message_event.set()
+        if cycle.response_started:
+            self.transport.close()
+        else:
+            super().send_400_response(msg)
 
     def _wait_for_head(self) -> None:
         if self._patience is not None:

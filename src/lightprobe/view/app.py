@@ -7,13 +7,13 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from lightprobe.core.errors import InputError, LightprobeError
 from lightprobe.service.asgi import App
-from lightprobe.service.errors import reported, status_of
+from lightprobe.service.errors import GONE, reported, status_of
 from lightprobe.view.jobs import Jobs
 from lightprobe.view.security import Guard, content_policy
 from lightprobe.view.sources import RunSource, SceneSource, Sources
@@ -61,7 +61,7 @@ def create_app(session: Session, hosts: frozenset[str], token: str | None) -> Ap
     app.add_api_route("/api/session", lambda: _about(session), methods=["GET"])
     app.add_api_route("/", lambda: FileResponse(STATIC / "index.html"), methods=["GET"], response_model=None)
     app.mount("/static", StaticFiles(directory=STATIC))
-    for kind in (LightprobeError, HTTPException, RequestValidationError, Exception):
+    for kind in (LightprobeError, HTTPException, RequestValidationError, ClientDisconnect, Exception):
         app.add_exception_handler(kind, _failed)
     page = (STATIC / "index.html").read_text(encoding="utf-8")
     return Guard(app, hosts, token, content_policy([inline_script(page)]))
@@ -85,9 +85,11 @@ def _about(session: Session) -> dict[str, object]:
 async def _failed(request: Request, error: Exception) -> Response:
     """Return the answer to a request that failed: a status and one sentence."""
     if isinstance(error, HTTPException):
-        sentence = "There is nothing at this address." if error.status_code == 404 else str(error.detail)
+        sentence = "There is nothing at this address." if error.status_code == 404 else f"{error.detail}."
         return JSONResponse({"sentence": sentence}, error.status_code)
     if isinstance(error, RequestValidationError):
         return JSONResponse({"sentence": "The page asked for something that cannot be; load it again."}, 422)
+    if isinstance(error, ClientDisconnect):
+        return Response(status_code=GONE)
     known = error if isinstance(error, LightprobeError) else reported(error)
     return JSONResponse({"sentence": str(known)}, status_of(known))

@@ -9,7 +9,8 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from lightprobe.service.incoming import stream_to
+from lightprobe.core.errors import LightprobeError
+from lightprobe.service.incoming import renamed, stream_to
 from lightprobe.view.pictures import scene_photo
 from lightprobe.view.routes.shared import SessionArg, picture_response
 from lightprobe.view.scenes import ScenePhotos, mask_picture, save_box, save_mask
@@ -53,8 +54,10 @@ async def correct_mask(index: int, number: int, request: Request, session: Sessi
     photos = ScenePhotos.of(session.scene(index))
     painted = session.folder / f"mask-{secrets.token_hex(8)}.png"
     try:
-        await stream_to(request, painted, _LARGEST_MASK, "the mask")
+        await stream_to(request, painted, _LARGEST_MASK, "The mask")
         written = await run_in_threadpool(save_mask, photos, number, painted)
+    except LightprobeError as error:
+        raise type(error)(renamed(str(error), {painted: "The mask"})) from error
     finally:
         painted.unlink(missing_ok=True)
     return {"file": str(written), "command": f"lightprobe prepare PHOTOS -o {photos.source.folder}"}
