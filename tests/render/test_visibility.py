@@ -8,6 +8,7 @@ import torch
 from lightprobe.light.prefilter import cached
 from lightprobe.render import transport
 from lightprobe.render.split_sum import Shading, furnace, shade
+from lightprobe.render.taps import GatheredTaps, SparseTaps
 from lightprobe.render.transport import Transport
 from lightprobe.render.vertex_visibility import vertex_visibility
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
@@ -41,9 +42,9 @@ def test_the_shadow_falls_away_from_the_light():
     assert float(away) > 0.9
 
 
-@pytest.mark.parametrize("taps", [transport._SparseTaps, transport._GatheredTaps])  # a CPU's and a GPU's
+@pytest.mark.parametrize("taps", [SparseTaps, GatheredTaps])  # a CPU's and a GPU's
 def test_transport_is_shading_and_its_transpose(taps, monkeypatch):
-    monkeypatch.setattr(transport, "_look_up", lambda device: taps)
+    monkeypatch.setattr(transport, "look_up", lambda device: taps)
     gbuffer, operator = shaded_gbuffer(roughness=0.35, metallic=0.3), cached(R)
     light, radiance = sky(R), torch.randn(400, 3)
     linear = Transport(gbuffer, operator)
