@@ -64,6 +64,14 @@ def test_the_last_two_checkpoints_are_kept_and_the_newest_returned(tmp_path):
     assert torch.equal(tensors["w"], torch.full((2,), 1500.0))
 
 
+def test_what_a_cut_save_did_not_remove_is_removed_later(tmp_path):
+    keeps_all, checkpoints = Checkpoints(tmp_path, keep=4), Checkpoints(tmp_path)
+    for step in range(1, 5):
+        keeps_all.save(step, {"w": torch.ones(2)}, {})
+    checkpoints.prune()
+    assert sorted(os.listdir(tmp_path)) == ["step-000000003", "step-000000004"]
+
+
 def test_a_damaged_checkpoint_is_passed_over(tmp_path):
     checkpoints = Checkpoints(tmp_path)
     checkpoints.save(1, {"w": torch.ones(4)}, {})

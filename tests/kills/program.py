@@ -1,11 +1,11 @@
 """The program in a process of its own, disturbed at its n-th change of the file system, or after some time."""
 
+import contextlib
 import errno
 import os
 import resource
 import signal
 import sys
-import tempfile
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -62,22 +62,20 @@ def start(words: Sequence[str], folder: Path, moment: Moment) -> Callable[[], En
 
     folder: where changes count. Nothing must run in other threads of this process.
     """
-    noted, counted = (_new_file() for _ in range(2))
+    # Pipes, as a file would end at the same size as those of the program.
+    noted, counted = os.pipe(), os.pipe()
     began = time.monotonic()
     child = os.fork()
     if child == 0:
-        _child(words, folder, moment, noted, counted)
+        _child(words, folder, moment, noted[1], counted[1])
     if moment.fault is Fault.KILL and not moment.change:
         time.sleep(moment.seconds)
         os.kill(child, signal.SIGKILL)
 
     def wait() -> Ended:
         code = _awaited(child, began)
-        changes = counted.stat().st_size
-        said = noted.read_text(errors="replace")
-        for path in (noted, counted):
-            path.unlink()
-        return Ended(code, said, changes, time.monotonic() - began)
+        said, changes = (_drained(*pipe) for pipe in (noted, counted))
+        return Ended(code, said.decode(errors="replace"), len(changes), time.monotonic() - began)
 
     return wait
 
@@ -96,10 +94,16 @@ def in_child(work: Callable[[], None]) -> None:
         raise RuntimeError("the inputs could not be made")
 
 
-def _new_file() -> Path:
-    handle, name = tempfile.mkstemp(prefix="lightprobe-kill-")
-    os.close(handle)
-    return Path(name)
+def _drained(reader: int, writer: int) -> bytes:
+    """Return what was written into a pipe, and close it; a process that lives on may still hold its other end."""
+    os.close(writer)
+    os.set_blocking(reader, False)
+    parts = []
+    with contextlib.suppress(BlockingIOError):
+        while part := os.read(reader, 1 << 16):
+            parts.append(part)
+    os.close(reader)
+    return b"".join(parts)
 
 
 def _awaited(child: int, began: float) -> int:
@@ -112,18 +116,18 @@ def _awaited(child: int, began: float) -> int:
         time.sleep(0.01)
 
 
-def _child(words: Sequence[str], folder: Path, moment: Moment, noted: Path, counted: Path) -> None:
+def _child(words: Sequence[str], folder: Path, moment: Moment, noted: int, counted: int) -> None:
     """Be the program, and never return."""
     code = BROKE_DOWN
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.dup2(os.open(noted, os.O_WRONLY), 2)
+        os.dup2(noted, 2)
         from lightprobe.cli.main import main
 
         _set_clock(moment.clock)
         if moment.size:
             resource.setrlimit(resource.RLIMIT_FSIZE, (moment.size, moment.size))
-        sys.addaudithook(_Disturbance(folder, moment, os.open(counted, os.O_WRONLY)))
+        sys.addaudithook(_Disturbance(folder, moment, counted))
         code = main(list(words))
         sys.stderr.flush()
     except BaseException:

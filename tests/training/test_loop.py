@@ -1,6 +1,7 @@
 """The loop on a parabola: its schedule, its checkpoints, and who is refused."""
 
 import math
+import os
 from dataclasses import dataclass, field, replace
 
 import pytest
@@ -99,6 +100,15 @@ def test_a_killed_training_ends_with_the_same_bits(tmp_path, killed_at):
     resumed = learn(Progress(Checkpoints(tmp_path)))
     assert torch.equal(whole.x, resumed.x)
     assert float(resumed.count) == float(whole.count) == 12
+
+
+def test_a_resumed_training_removes_the_checkpoints_that_a_killed_one_no_longer_could(tmp_path):
+    """The last of a training may be whole, and the process end before the one before the last two is gone."""
+    learn(Progress(Checkpoints(tmp_path, keep=100)))
+    kept = sorted(os.listdir(tmp_path))
+    assert len(kept) > 2
+    learn(Progress(Checkpoints(tmp_path)))
+    assert sorted(os.listdir(tmp_path)) == kept[-2:]
 
 
 def test_a_checkpoint_names_its_tensors_and_its_configuration(tmp_path):

@@ -76,6 +76,10 @@ class Checkpoints:
             _write_synced(temporary / "state.json", (text + "\n").encode())
             _sync_folder(temporary)
         _sync_folder(self.folder)
+        self.prune()
+
+    def prune(self) -> None:
+        """Remove all but the last `keep`; who goes on with a training calls it, as the last save may have been cut."""
         for _, old in list(self._newest_first())[self.keep :]:
             self._remove(old)
 

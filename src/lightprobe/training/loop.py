@@ -164,6 +164,8 @@ class Training:
                 f"The checkpoints of this run come from another {self.phase} configuration or seed; "
                 "use the same options, or remove the run's checkpoints to start anew."
             )
+        if self.progress.checkpoints:
+            self.progress.checkpoints.prune()
         return Resumed(name, done, step, tensors)
 
     def save(self, stage: Stage, done: int, tensors: dict[str, Tensor]) -> None:
