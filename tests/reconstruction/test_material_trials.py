@@ -46,9 +46,13 @@ def material_of(mean, config=CONFIG):
 
 @pytest.fixture
 def best_at_eight_percent(monkeypatch):
-    """Let errors fall evenly to a mean base colour of .08 and rise evenly from it, and fits change nothing."""
+    """Let logarithms of errors fall evenly to a mean base colour of .08 and rise from it, and fits change nothing."""
+
+    def errors(trial):
+        return torch.full((4, 2), abs(math.log(float(trial.material.mean_color) / 0.08)), dtype=torch.float64).exp()
+
     monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
-    monkeypatch.setattr(Trial, "error", lambda trial: abs(math.log(float(trial.material.mean_color) / 0.08)))
+    monkeypatch.setattr(Trial, "errors", errors)
 
 
 @pytest.mark.parametrize(("mean", "expected"), [(0.5, (0.08, 1.0)), (0.03, (0.08, 1.0)), (0.09, None), (0.07, None)])
@@ -83,8 +87,15 @@ def test_the_same_call_gives_the_same_bits():
     for _ in range(2):
         trial = Trial(material_of(STARTS[1]), samples, lights, 0.4, 0)
         trial.fit(6)
-        errors.append(trial.error())
-    assert errors[0] == errors[1]
+        errors.append(trial.errors())
+    assert torch.equal(*errors)
+
+
+@pytest.mark.parametrize(("gain", "spread", "clear"), [(0.02, 0, False), (0.05, 0, True), (0.05, 0.2, False)])
+def test_a_nearly_finished_material_is_changed_only_for_what_is_clearly_better(gain, spread, clear):
+    rival = torch.full((8, 2), 0.03, dtype=torch.float64)
+    by = gain + spread * torch.linspace(-1, 1, 8, dtype=torch.float64)[:, None]
+    assert material_trials._clearly_less(rival * (1 - by), rival) is clear
 
 
 @pytest.mark.parametrize(("errors", "best", "expected"), [

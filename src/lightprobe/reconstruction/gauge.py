@@ -12,7 +12,7 @@ and when it is nearly done, as on a rough shape several brightnesses can seem eq
 
 Only the first checkpoints choose a factor, and none after the first trial. Later the materials have grown used to what
 was chosen, and a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at
-every one. A trial starts from a material without a past.
+every one. The first trial starts from a material without a past; the second changes it only for what is clearly better.
 """
 
 import math

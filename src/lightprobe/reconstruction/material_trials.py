@@ -4,7 +4,8 @@ Bright and matte, or dark and glossy: either explains most photos when roughness
 themselves to it, so that no small step leads from one to the other. So each is fitted for a short time on the surface
 as it is, which costs a fraction of as many steps of the pass, and judged by `reconstruction.agreement`. On a rough
 surface the material is fitted from nothing; on one that is nearly finished the present one is brightened or darkened
-and fitted on, as what it has learnt tells brightnesses apart better than a material without detail can.
+and fitted on, as what it has learnt tells brightnesses apart better than a material without detail can. There a change
+needs to be clearly better: errors of shape, as between a chair's bars, favour a wrong brightness by a little.
 
 A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a material
 fitted to the same pixels turns into a mirror. So each step solves the light from one half of a photo's pixels, drawn at
@@ -35,6 +36,8 @@ _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
 _JUDGES = 8  # of the photos
 _ALIKE = 1.3  # a brightness within this factor of the present one is no reason to start over
+_CLEAR = 0.03  # of the disagreement that another brightness of a nearly finished material must do without, and
+_SURE = 2.0  # in standard errors over the photos
 
 
 @dataclass(frozen=True)
@@ -94,15 +97,16 @@ class Trial:
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
 
     @torch.no_grad()
-    def error(self) -> float:
-        """Return the logarithm of how much parts of the object disagree about their lights, mean over splits."""
-        errors = torch.zeros(SPLITS, dtype=torch.float64)
-        for sample in self.samples[:: max(1, len(self.samples) // _JUDGES)]:
+    def errors(self) -> Tensor:
+        """Return how much parts of the object disagree about the lights of some photos, (J, SPLITS) float64."""
+        judges = self.samples[:: max(1, len(self.samples) // _JUDGES)]
+        errors = torch.zeros(len(judges), SPLITS, dtype=torch.float64)
+        for row, sample in zip(errors, judges, strict=True):
             pixels = sample.of_material(self.material(sample.pixels.position))
             random = generator(self.seed, f"halves/{sample.name}")
             found = disagreement(pixels, sample.color, sample.clipped, self.lights[sample.name], self.config, random)
-            errors += 0.0 if found is None else found
-        return float(errors.clamp(min=1e-9).log().mean())
+            row += 0.0 if found is None else found
+        return errors
 
 
 def best_new(
@@ -120,30 +124,54 @@ def best_new(
 def best_rescaled(
     samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
 ) -> tuple[Trial, float] | None:
-    """Return the same of the present `material` with brighter and darker base colours, fitted for half as long."""
+    """Return the same of the present `material` with brighter and darker base colours, fitted for half as long.
+
+    None also where the present brightness is not clearly worse.
+    """
     mean = float(material.mean_color)
     factors = [factor for factor in FACTORS if factor == 1 or DARKEST <= mean * factor <= BRIGHTEST]
     trials = [(mean * factor, material.rescaled(factor)) for factor in factors]
-    return _best(samples, lights, mean, trials, (material.config.trial_steps + 1) // 2, seed)
+    steps = (material.config.trial_steps + 1) // 2
+    return _best(samples, lights, mean, trials, steps, seed, rival=factors.index(1.0))
 
 
 def _best(
     samples: Sequence[Sample], lights: Lights, mean: float, materials: Sequence[tuple[float, ScaledMaterial]],
-    steps: int, seed: int,
+    steps: int, seed: int, rival: int | None = None,
 ) -> tuple[Trial, float] | None:  # fmt: skip
+    """Return the trial of the best of the `materials` and the best factor on it.
+
+    None where it is as bright as the present one (`mean`), or not clearly better than the `rival`, one of them.
+    materials: each with its mean linear base colour.
+    """
     samples = [sample for sample in samples if len(sample.color) > 1]  # which halve
     if not samples:
         return None
-    trials, errors, starts = [], [], [start for start, _ in materials]
+    trials, found, starts = [], [], [start for start, _ in materials]
     for start, material in materials:
         trial = Trial(material, samples, lights, start / mean, seed)
         trial.fit(steps)
         trials.append(trial)
-        errors.append(trial.error())
+        found.append(trial.errors())
+    errors = [_score(each) for each in found]
     best = min(range(len(starts)), key=errors.__getitem__)
+    if rival is not None and not _clearly_less(found[best], found[rival]):
+        return None
     factor = _vertex(starts, errors, best)
     ratio = starts[best] * factor / mean
     return None if 1 / _ALIKE <= ratio <= _ALIKE else (trials[best], factor)
+
+
+def _score(errors: Tensor) -> float:
+    """Return the logarithm of the disagreement (J, SPLITS) of all photos together, mean over splits."""
+    return float(errors.sum(0).clamp(min=1e-9).log().mean())
+
+
+def _clearly_less(errors: Tensor, rival: Tensor) -> bool:
+    """Return whether disagreements (J, SPLITS) are less than the rival's by more than chance and a wrong shape make."""
+    gain = (rival - errors).sum(1) / rival.sum(1).mean().clamp(min=1e-9)
+    uncertainty = float(gain.std()) / len(gain) ** 0.5 if len(gain) > 1 else 0.0
+    return float(gain.mean()) > max(_CLEAR, _SURE * uncertainty)
 
 
 def _vertex(starts: Sequence[float], errors: Sequence[float], best: int) -> float:
