@@ -36,8 +36,8 @@ _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
 _JUDGES = 8  # of the photos
 _ALIKE = 1.3  # a brightness within this factor of the present one is no reason to start over
-_CLEAR = 0.03  # of the disagreement that another brightness of a nearly finished material must do without, and
-_SURE = 2.0  # in standard errors over the photos
+_CLEAR = 0.03  # share by which parts must agree better before a nearly finished material changes its brightness
+_SURE = 2.0  # standard errors over the photos that this gain must have as well
 
 
 @dataclass(frozen=True)
