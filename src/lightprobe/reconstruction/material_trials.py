@@ -105,7 +105,8 @@ class Trial:
             pixels = sample.of_material(self.material(sample.pixels.position))
             random = generator(self.seed, f"halves/{sample.name}")
             found = disagreement(pixels, sample.color, sample.clipped, self.lights[sample.name], self.config, random)
-            row += 0.0 if found is None else found
+            if found is not None:
+                row.copy_(found)
         return errors
 
 
