@@ -12,7 +12,9 @@ from PIL import Image
 
 from lightprobe.cli.main import main
 from lightprobe.core.config import DecomposeConfig, DistillConfig
+from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode, write_png
+from lightprobe.render.path_tracer import check_path_tracer
 from tests.cli.commands import succeed
 from tests.toy_scene import SIZE
 
@@ -166,6 +168,30 @@ def test_relight_writes_turntable_and_test_views(trained, tmp_path):
         "turntable/002.png",
     ]
     assert read_ldr(tmp_path / "turntable" / "001.png")[1].max() == 1
+
+
+def test_a_path_tracer_makes_the_picture_when_asked(trained, tmp_path):
+    scene, run = trained
+    env = run.environment_file("train_01")
+    view = ["render", run.path, "--camera", scene / "transforms_test.json", "--frame", "test_01", "--env", env, "-o"]
+    try:
+        check_path_tracer()
+    except ConfigError as missing:
+        pytest.skip(str(missing))
+    succeed(*view, tmp_path / "fast.exr")
+    succeed(*view, tmp_path / "path.exr", "--renderer", "path", "--samples", 64)
+    fast, path = (read_hdr(tmp_path / f"{name}.exr") for name in ("fast", "path"))
+    solid = (fast[..., 3] > 0.99) & (path[..., 3] > 0.99)
+    assert path[solid, :3].mean() == pytest.approx(fast[solid, :3].mean(), rel=0.1)
+    assert np.abs(path - fast)[solid].max() > 0
+
+
+def test_a_number_of_rays_that_makes_no_picture_is_refused(trained, tmp_path, capsys):
+    _, run = trained
+    command = ["relight", run.path, "--env", run.environment_file("train_01"), "-o", tmp_path / "new", "--samples", 0]
+    assert main([str(word) for word in command]) == 3
+    assert "--samples 0 must be from 1 to 65536" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
 
 
 def test_export_writes_every_environment_twice(trained, tmp_path):

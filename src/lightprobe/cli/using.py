@@ -11,6 +11,7 @@ from lightprobe.cli.answer import say, say_one
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
+from lightprobe.core.config.rendering import RenderConfig, Renderer
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.imaging import is_video
 from lightprobe.light.upsampling import map_height
@@ -74,6 +75,8 @@ _SizeArg = Annotated[
 ]
 _SunArg = Annotated[Sun, option(metavar="inside|separate", help="Whether the maps have the suns and lamps.")]
 _EveryArg = Annotated[int, option(metavar="N", help="Predict from every Nth frame of a video.")]
+_RendererArg = Annotated[Renderer, option(metavar="fast|path", help="What makes the pictures.")]
+_SamplesArg = Annotated[int, option(metavar="N", help="Rays of each pixel that --renderer path traces.")]
 
 
 def predict(
@@ -226,15 +229,21 @@ def render(
     frame: Annotated[
         str | None, option(metavar="NAME", help="Photo whose camera is meant, of a file with many.")
     ] = None,
+    renderer: _RendererArg = Renderer.FAST,
+    samples: _SamplesArg = 256,
     device: Device = "auto",
 ) -> None:
     """Render the object under an environment.
 
+    --renderer path traces paths of light: sharp shadows, all that the object reflects onto itself, and some seconds a
+    picture. It needs the extra path and an LLVM library.
+
     Examples:
       lightprobe render runs/cup --camera view.json --env studio.exr -o cup.png
       lightprobe render runs/cup --camera transforms_test.json --frame r_003 --env studio.exr -o cup.png
+      lightprobe render runs/cup --camera view.json --env studio.exr --renderer path --samples 1024 -o cup.png
     """
-    render_run(run, env, camera, output, frame=frame, device=device)
+    render_run(run, env, camera, output, frame=frame, device=device, config=RenderConfig(renderer, samples))
     say(f"Picture: {output}", picture=output)
 
 
@@ -245,15 +254,23 @@ def relight(
     output: Annotated[Path, option(aliases=["-o"], metavar="DIR", help="Folder for the pictures.")],
     frames: Annotated[int, option(help="Pictures of the turntable.")] = 24,
     side: Annotated[int, option(help="Their size in pixels.")] = 512,
+    renderer: _RendererArg = Renderer.FAST,
+    samples: _SamplesArg = 256,
     device: Device = "auto",
 ) -> None:
     """Render a turntable and the test views under a new environment.
 
+    --renderer path as of `lightprobe render`.
+
     Examples:
       lightprobe relight runs/cup --env studio.exr -o relit
+      lightprobe relight runs/cup --env studio.exr --renderer path -o relit
     """
     with Meter() as meter:
-        relight_run(run, env, output, frames=frames, side=side, device=device, on_progress=meter.update)
+        relight_run(
+            run, env, output, frames=frames, side=side, device=device, config=RenderConfig(renderer, samples),
+            on_progress=meter.update,
+        )  # fmt: skip
     say(f"Pictures: {output}", pictures=output)
 
 

@@ -3,12 +3,13 @@
 from lightprobe.evaluation.evaluation import Evaluation, Protocols, ViewResult, evaluate
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.evaluation.prediction_files import write_prediction
-from lightprobe.evaluation.relighting import relight
+from lightprobe.evaluation.relighting import Relighter, relight
 from lightprobe.evaluation.viewpoints import turntable
 
 __all__ = [
     "Evaluation",
     "Protocols",
+    "Relighter",
     "ViewResult",
     "can_be_oracle",
     "evaluate",

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
 from lightprobe.evaluation.chamfer import mesh_chamfer
 from lightprobe.evaluation.metrics import (
     channel_scale,
@@ -18,7 +19,7 @@ from lightprobe.evaluation.metrics import (
     on_white,
     psnr,
 )
-from lightprobe.evaluation.relighting import relight
+from lightprobe.evaluation.relighting import Relighter
 from lightprobe.evaluation.views import TestView
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
 from lightprobe.light.environment import Environment
@@ -90,12 +91,15 @@ def _mean_ratios(mine: Tensor, true: Tensor) -> Scores:
     return {"base_color_ratio": float(logs.mean().exp()), "base_color_ratio_worst": float(worst.exp())}
 
 
-def relight_scores(decomposition: Decomposition, scene: Scene, device: torch.device) -> Scores:
+def relight_scores(
+    decomposition: Decomposition, scene: Scene, device: torch.device, config: RenderConfig = FAST_PICTURES
+) -> Scores:
     """Return masked PSNR and SSIM of the object under the scene's novel lights against their linear renders.
 
     Raw, and with one linear factor per channel over all photos, which takes the freedom between light and albedo out.
+    Raises `ConfigError` where `config` asks for a path tracer that is not installed.
     """
-    pairs = list(_relit_pairs(decomposition, scene.relight, device))
+    pairs = list(_relit_pairs(Relighter(decomposition, device, config), scene.relight, device))
     if not pairs:
         return {}
     inside = [(image[mask], true[mask]) for image, true, mask in pairs]
@@ -111,14 +115,14 @@ def relight_scores(decomposition: Decomposition, scene: Scene, device: torch.dev
 
 
 def _relit_pairs(
-    decomposition: Decomposition, photos: Iterable[Photo], device: torch.device
+    relighter: Relighter, photos: Iterable[Photo], device: torch.device
 ) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
     """Yield (render, truth, mask): linear premultiplied (H, W, 3) twice and the true object's pixels (H, W)."""
     for photo in photos:
         if photo.truth.environment is None or photo.truth.linear is None:
             continue
         true = torch.from_numpy(np.ascontiguousarray(read_hdr(photo.truth.linear), np.float32)).to(device)
-        image, _ = relight(decomposition, Environment.load(photo.truth.environment, device), photo.camera)
+        image, _ = relighter.picture(Environment.load(photo.truth.environment, device), photo.camera)
         yield image, true[..., :3], true[..., 3] > 0.5
 
 

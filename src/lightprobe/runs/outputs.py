@@ -6,11 +6,12 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.config.prediction import Sun
+from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import filled_folder, named_file
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation import relight, turntable
+from lightprobe.evaluation import Relighter, relight, turntable
 from lightprobe.export import export, write_picture
 from lightprobe.export.blender import write_addon
 from lightprobe.export.usd import check_usd
@@ -26,29 +27,31 @@ _LARGEST_SIDE = 8192  # pixels of a picture's edge
 
 def render_run(
     run_folder: Path | str, environment: Path, camera: Path, output: Path, *, frame: str | None = None,
-    device: str | torch.device = "auto",
+    device: str | torch.device = "auto", config: RenderConfig = FAST_PICTURES,
 ) -> None:  # fmt: skip
     """Write a picture of a run's object under an equirectangular map: .png (sRGB) or .exr (linear).
 
     camera: a file with the camera, or with many, of which `frame` names the photo whose camera is meant.
-    Raises `InputError` for a run, map or camera that cannot be used, `ConfigError` for a name of another suffix.
+    Raises `InputError` for a run, map or camera that cannot be used, `ConfigError` for a name of another suffix
+    and for a path tracer that is not installed.
     """
     if output.suffix.lower() not in (".png", ".exr"):
         raise ConfigError(f"Cannot write '{output.suffix}' pictures: name the output .png or .exr.")
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     view = read_camera(camera, None if frame is None else Path(frame))
-    image, cover = relight(Decomposition.load(run, where), Environment.load(environment, where), view)
+    image, cover = relight(Decomposition.load(run, where), Environment.load(environment, where), view, config)
     write_picture(output, image, cover)
 
 
 def relight_run(
     run_folder: Path | str, environment: Path, output: Path, *, frames: int = 24, side: int = 512,
-    device: str | torch.device = "auto", on_progress: OnProgress = silent,
+    device: str | torch.device = "auto", config: RenderConfig = FAST_PICTURES, on_progress: OnProgress = silent,
 ) -> None:  # fmt: skip
     """Write a turntable of `frames` pictures of `side` pixels, and the test views, under an equirectangular map.
 
     output: a new or empty folder, filled at once at the end.
-    Raises `InputError` for a run or map that cannot be used, `ConfigError` for sizes and folders that cannot.
+    Raises `InputError` for a run or map that cannot be used, `ConfigError` for sizes and folders that cannot
+    and for a path tracer that is not installed.
     """
     if frames < 1 or not 8 <= side <= _LARGEST_SIDE:
         raise ConfigError(f"A turntable needs --frames of at least 1 and --side from 8 to {_LARGEST_SIDE}.")
@@ -59,9 +62,10 @@ def relight_run(
     circle = turntable(list(cameras["train"].values()), decomposition.similarity.center, frames, side)
     views = {Path("turntable") / f"{i:03d}.png": camera for i, camera in enumerate(circle)}
     views |= {named_file(Path("test"), name, ".png"): camera for name, camera in cameras["test"].items()}
+    relighter = Relighter(decomposition, where, config)
     with filled_folder(output) as pictures:
         for done, (name, camera) in enumerate(views.items()):
-            write_picture(pictures / name, *relight(decomposition, light, camera))
+            write_picture(pictures / name, *relighter.picture(light, camera))
             on_progress("relight", done + 1, len(views))
 
 
