@@ -1,0 +1,1 @@
+"""Mutation testing: changed copies of modules, and the tests that notice."""
