@@ -61,4 +61,4 @@ def in_processes(count: int, work: Callable[[Processes], Any]) -> list[Any]:
 
 
 def _is_consequence(error: BaseException) -> bool:
-    return isinstance(error, threading.BrokenBarrierError)
+    return any(isinstance(each, threading.BrokenBarrierError) for each in (error, error.__cause__))
