@@ -59,11 +59,14 @@ class TapeRecorder:
         self.recordings += 1
         with _Tape() as tape:
             result = call()  # a GPU computes nothing yet: the first replay is this one
+        computed = True
 
         def replay() -> None:
+            nonlocal computed
             self.replays += 1
-            if self.replays > 1:
+            if not computed:
                 _again(tape.operators)
+            computed = False
 
         return result, replay
 

@@ -1,6 +1,7 @@
 """Train the sphere network that every training of Phase II starts from, on objects that nobody made.
 
     python tools/pretrain_sphere_net.py      # rewrites src/lightprobe/assets/sphere_net.safetensors, 29 minutes
+    torchrun --nproc-per-node 2 tools/pretrain_sphere_net.py --device cuda       # the same on two GPUs
 
 What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to trust, how
 far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on one object has time
@@ -14,10 +15,9 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
-import torch
-
 from lightprobe.core.checkpoint import save_tensors
-from lightprobe.core.config.distillation import quick
+from lightprobe.core.config.distillation import DistillConfig, quick
+from lightprobe.core.processes import Processes, joined
 from lightprobe.distillation.training import train
 from lightprobe.training import Progress
 from pretraining.photos import lessons_of
@@ -32,25 +32,35 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=3000, help="of the illumination MLP, whose colours are evidence")
     parser.add_argument("--sphere-steps", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--device", default="cpu", help="that trains; lessons are made on the CPU")
     parser.add_argument("--out", type=Path, default=TARGET)
     given = parser.parse_args()
     config = replace(
         quick(), steps=given.steps, sphere_steps=given.sphere_steps, sphere_learning_rate=2e-3, pretrained=False
     )  # fmt: skip
-    began = time.monotonic()
-    lessons = list(chain.from_iterable(lessons_of(number, config, given.seed) for number in range(given.solids)))
-    print(f"{len(lessons)} lessons after {time.monotonic() - began:.0f} s", flush=True)
-    losses: list[float] = []
+    with joined(given.device) as processes:
+        learn(config, given.solids, given.seed, given.out, processes)
+
+
+def learn(config: DistillConfig, solids: int, seed: int, out: Path, processes: Processes) -> None:
+    """Train on the lessons of the first `solids` solids, and write the sphere network's weights to `out`."""
+    began, losses = time.monotonic(), list[float]()
+
+    def tell(words: str) -> None:
+        if processes.first:
+            print(f"{words}, {time.monotonic() - began:.0f} s", flush=True)
 
     def on_step(stage: str, step: int, steps: int, loss: float) -> None:
         losses.append(loss)
         if step % 1000 == 0:
-            mean = sum(losses[-1000:]) / 1000
-            print(f"{stage}: step {step} of {steps}, loss {mean:.4f}, {time.monotonic() - began:.0f} s", flush=True)
+            tell(f"{stage}: step {step} of {steps}, loss {sum(losses[-1000:]) / 1000:.4f}")
 
-    model = train(lessons, config, torch.device("cpu"), given.seed, Progress(on_step=on_step))
-    if model.sphere is not None:
-        save_tensors(given.out, model.sphere.state_dict())
+    made = chain.from_iterable(lessons_of(number, config, seed) for number in range(solids))
+    lessons = [lesson.to(processes.device) for lesson in made]
+    tell(f"{len(lessons)} lessons")
+    model = train(lessons, config, processes.device, seed, Progress(on_step=on_step), processes)
+    if model.sphere is not None and processes.first:
+        save_tensors(out, model.sphere.state_dict())
 
 
 if __name__ == "__main__":

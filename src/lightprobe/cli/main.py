@@ -89,18 +89,17 @@ def usage(group: str = "") -> str:
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import INTERRUPTED, own_warnings
+    from lightprobe.cli.failures import INTERRUPTED, only_first_answers, own_warnings
+    from lightprobe.core.ending import end
     from lightprobe.core.failures import reporting_errors
 
     try:
-        with reporting_errors(), own_warnings():
+        with reporting_errors(), own_warnings(), only_first_answers():
             _run(name, arguments)
     except LightprobeError as error:
-        print(f"lightprobe: {error}", file=sys.stderr)
-        return error.exit_code
+        return end(f"lightprobe: {error}", error.exit_code)
     except KeyboardInterrupt:
-        print("lightprobe: interrupted; training goes on with the same command.", file=sys.stderr)
-        return INTERRUPTED
+        return end("lightprobe: interrupted; training goes on with the same command.", INTERRUPTED)
     except BrokenPipeError:  # the reader of our output has gone, as with `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0

@@ -13,6 +13,9 @@ from lightprobe.cli.options import Device, Hdri, MovedScene, Restart, RunArg, Ru
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, demo_settings, settings
 from lightprobe.core.config.prediction import Method, PredictConfig
+from lightprobe.core.ending import started_together
+from lightprobe.core.errors import ConfigError
+from lightprobe.core.processes import joined
 from lightprobe.core.run import RunFolder
 from lightprobe.models import ObjectVerdict
 from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
@@ -41,6 +44,7 @@ def fit(
       lightprobe fit photos/cup -o runs/cup --preset standard --device cuda
       lightprobe fit photos/cup -o runs/fine --decompose.pass1-iterations 3000
     """
+    _require_one_process()
     with Meter() as meter:
         run = fit_run(
             scene, output, decompose=decompose, device=device, seed=seed, restart=restart, on_progress=meter.update
@@ -62,6 +66,7 @@ def train(
       lightprobe train photos/cup -o runs/cup --hdri ~/hdris
       lightprobe train photos/cup -o runs/cup --preset paper --device cuda
     """
+    _require_one_process()
     with Meter() as meter:
         run = train_run(
             scene, output, decompose=decompose, distill=distill, predict=predict, device=device, seed=seed, hdri=hdri,
@@ -81,11 +86,12 @@ def distill(
       lightprobe distill runs/cup
       lightprobe distill runs/cup --restart --hdri ~/hdris
       lightprobe distill runs/cup --restart --distill.lessons teacher
+      torchrun --nproc-per-node 2 -m lightprobe distill runs/cup
     """
-    with Meter() as meter:
+    with joined(device) as processes, Meter() as meter:
         folder = distill_run(
-            run, distill=distill, predict=predict, device=device, seed=seed, scene_folder=scene, hdri=hdri,
-            restart=restart, on_progress=meter.update,
+            run, distill=distill, predict=predict, device=processes.device, seed=seed, scene_folder=scene, hdri=hdri,
+            restart=restart, on_progress=meter.update, processes=processes,
         )  # fmt: skip
     say(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}", run=folder.path, model=folder.model_folder)
 
@@ -97,6 +103,7 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
       lightprobe demo
       lightprobe demo -o /tmp/demo
     """
+    _require_one_process()
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
         with Meter() as meter:
             run = train_run(
@@ -108,6 +115,15 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
             found = evaluate_run(output, shown, scene_folder=scene, device=device, on_progress=meter.update)
         show_evaluation(found)
     say(f"More methods: lightprobe eval {output}")
+
+
+def _require_one_process() -> None:
+    """Raise `ConfigError` under torchrun: its processes would all do the whole work, and write the same run."""
+    if started_together() > 1:
+        raise ConfigError(
+            "Only Phase II can be divided among processes: run `lightprobe fit SCENE -o RUN` without torchrun, then "
+            "`torchrun --nproc-per-node N -m lightprobe distill RUN`."
+        )
 
 
 def _tell(run: RunFolder, following: str | None = None) -> None:

@@ -28,6 +28,13 @@ class Lesson:
     up: Tensor  # (3,) unit, for most of the cameras
     teacher: Tensor  # (M, 3) radiance / light_level
 
+    def to(self, device: torch.device) -> "Lesson":
+        """Return the lesson on `device`."""
+        return Lesson(
+            self.name, self.pixels.to(device), self.clipped.to(device), self.light_level.to(device),
+            self.distribution.to(device), self.solved.to(device), self.up.to(device), self.teacher.to(device),
+        )  # fmt: skip
+
 
 class LessonMaker:
     """One camera's view of the asset, from which any number of lessons under different lights are made."""

@@ -10,6 +10,7 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.distillation import Lessons
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.processes import ALONE, Processes
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
 from lightprobe.distillation.training import stages
@@ -17,7 +18,7 @@ from lightprobe.export import write_run_outputs
 from lightprobe.light.environment import Environment, load_environments
 from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition, ProbeModel
-from lightprobe.reconstruction import decompose
+from lightprobe.reconstruction import OnStep, Progress, decompose
 from lightprobe.runs.progress import OnProgress
 from lightprobe.runs.recorder import PhaseRecorder
 from lightprobe.scene import load_scene
@@ -88,28 +89,44 @@ def run_decompose(
 def run_distill(
     run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
     device: torch.device, seed: int, on_progress: OnProgress, user_maps: UserMaps, predict: PredictConfig,
+    processes: Processes = ALONE,
 ) -> ProbeModel:  # fmt: skip
     """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
 
-    `predict`, how the run is to predict from then on, is kept with it.
+    `predict`, how the run is to predict from then on, is kept with it. Of several processes the first one writes, and
+    the others find what they need written.
     """
-    run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
-    run.record_config("predict", asdict(predict))
+    processes.first_then_others(lambda: _record_distill(run, config, seed, user_maps, predict))
     if ProbeModel.exists(run.model_folder):
         return ProbeModel.load(run.model_folder).to(device)
-    recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress)
+    recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress) if processes.first else None
+    model = distill(
+        decomposition, processes.first_then_others(scene), config, device, seed,
+        Progress(run.model_checkpoints) if recorder is None else recorder.progress(_distill_steps(recorder, config)),
+        environments=user_maps.environments, on_lesson=lambda done, total: on_progress("lessons", done, total),
+        processes=processes,
+    )  # fmt: skip
+    if recorder is not None:
+        model.save(run.model_folder)
+        recorder.finish()
+    return model
+
+
+def _record_distill(
+    run: RunFolder, config: DistillConfig, seed: int, user_maps: UserMaps, predict: PredictConfig
+) -> None:
+    run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
+    run.record_config("predict", asdict(predict))
+
+
+def _distill_steps(recorder: PhaseRecorder, config: DistillConfig) -> OnStep:
+    """Return what takes note of the steps of both stages of Phase II as steps of one."""
     first_step = {stage.name: stage.first_step for stage in stages(config)}
 
     def on_step(stage: str, step: int, steps: int, loss: float) -> None:
         recorder.step("distill", first_step[stage] + step, config.total_steps, loss)
 
-    model = distill(
-        decomposition, scene(), config, device, seed, recorder.progress(on_step),
-        environments=user_maps.environments, on_lesson=lambda done, total: on_progress("lessons", done, total),
-    )  # fmt: skip
-    model.save(run.model_folder)
-    recorder.finish()
-    return model
+    return on_step
 
 
 def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_progress: OnProgress) -> None:

@@ -1,5 +1,6 @@
 """Training into a run folder: both phases, or one of them. Every call goes on where an interrupted one stopped."""
 
+import contextlib
 from pathlib import Path
 
 import torch
@@ -7,7 +8,8 @@ import torch
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.device import resolve_device
-from lightprobe.core.failures import writing
+from lightprobe.core.failures import reporting_errors, writing
+from lightprobe.core.processes import ALONE, Processes
 from lightprobe.core.run import RunFolder
 from lightprobe.models import Decomposition
 from lightprobe.runs.preparing import prepared_in
@@ -78,20 +80,27 @@ def distill_run(
     run_folder: Path | str, *, preset: Preset = Preset.QUICK, distill: DistillConfig | None = None,
     predict: PredictConfig | None = None, device: str | torch.device = "auto", seed: int = 0,
     scene_folder: Path | None = None, hdri: Path | None = None, restart: bool = False,
-    on_progress: OnProgress = silent,
+    on_progress: OnProgress = silent, processes: Processes = ALONE,
 ) -> RunFolder:  # fmt: skip
     """Train Phase II of a run whose Phase I is finished; the rest as in `train_run`.
 
     scene_folder: where the run's scene is now, if it has moved. restart: throw away the run's Phase II and evaluation.
+    processes: those of `core.processes.joined`, which train together; the first one alone writes the run.
     """
     second = distill or settings(preset).distill
     where, run, maps = resolve_device(device), RunFolder.open(Path(run_folder)), UserMaps.read(hdri, second)
-    with writing(run):
-        if restart:
+    with _held(run, processes):
+        if restart and processes.first:
             restart_distill(run)
         found = Decomposition.load(run, where, calibrated=False)
         prediction = predict or settings(preset).predict
         run_distill(
-            run, found, lambda: open_scene(run, scene_folder), second, where, seed, on_progress, maps, prediction
-        )
+            run, found, lambda: open_scene(run, scene_folder), second, where, seed,
+            on_progress if processes.first else silent, maps, prediction, processes,
+        )  # fmt: skip
     return run
+
+
+def _held(run: RunFolder, processes: Processes) -> contextlib.AbstractContextManager[None]:
+    """Return what holds the run for writing in the first process, and writes nothing into it in the others."""
+    return writing(run) if processes.first else reporting_errors()

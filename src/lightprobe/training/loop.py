@@ -24,7 +24,8 @@ from torch import Tensor
 
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.device import generator
-from lightprobe.core.errors import ConfigError, ConvergenceError
+from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
+from lightprobe.core.processes import ALONE, Processes
 from lightprobe.training.adam import ParameterGroup
 from lightprobe.training.descent import Descent, Schedule, constant
 from lightprobe.training.losses import LossReader
@@ -56,7 +57,10 @@ class Task(Protocol):
         """Return what the loss of a step depends on: tensors of any shape."""
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
-        """Return the loss () of a step; `fraction` of the stage is over."""
+        """Return the loss () of a step; `fraction` of the stage is over.
+
+        Where several processes train, this one's, so that their mean is the loss of the step.
+        """
 
     def photos(self, iteration: int) -> str:
         """Return the names of the photos that a step looks at."""
@@ -129,6 +133,7 @@ class Training:
     stages: tuple[Stage, ...]
     checkpoint_every: int  # steps
     progress: Progress = field(default_factory=Progress)
+    processes: Processes = ALONE  # all with the same of the above but what `progress` tells; the first writes
 
     def stage(self, name: str) -> Stage:
         """Return the stage of that name; raise `ValueError` when there is none."""
@@ -145,8 +150,15 @@ class Training:
     def latest(self) -> Resumed | None:
         """Return the newest checkpoint, None without one.
 
-        Raises `ConfigError` for one of another configuration or seed, `InputError` for one of another training.
+        Raises `ConfigError` for one of another configuration or seed, `InputError` for one of another training or when
+        several processes do not find the same one.
         """
+        resumed = self.processes.first_then_others(self._latest)
+        if not self.processes.agree(-1 if resumed is None else resumed.step):
+            raise InputError("The processes find different checkpoints: the run folder must be one that all see.")
+        return resumed
+
+    def _latest(self) -> Resumed | None:
         latest = self.progress.checkpoints.latest() if self.progress.checkpoints else None
         if latest is None:
             return None
@@ -169,8 +181,8 @@ class Training:
         return Resumed(name, done, step, tensors)
 
     def save(self, stage: Stage, done: int, tensors: dict[str, Tensor]) -> None:
-        """Write the checkpoint of a stage after `done` steps, if there are checkpoints."""
-        if self.progress.checkpoints:
+        """Write the checkpoint of a stage after `done` steps, if there are checkpoints and it is ours to write."""
+        if self.progress.checkpoints and self.processes.first:
             state = {"phase": self.phase, "stage": stage.name, "iteration": done, "config": self.config}
             self.progress.checkpoints.save(stage.first_step + done, tensors, {**state, "seed": self.seed})
             if self.progress.on_checkpoint:
@@ -197,6 +209,7 @@ class Training:
         descent = Descent(
             task.groups(), loss, schedule=stage.schedule, betas=stage.betas, epsilon=stage.epsilon, fused=True,
             recordable=task.recordable, largest_gradient=stage.largest_gradient, after=task.project,
+            processes=self.processes,
         )  # fmt: skip
         done = 0 if resumed is None else resumed.done
         if resumed is not None and done > 0:

@@ -39,9 +39,10 @@ class Recorder(Protocol):
 class RecordedStep:
     """A step that is made as it is on a CPU, and from a recording on a GPU.
 
-    The step takes tensors and returns its loss (), which is no part of a gradient any more. What changes from one call
-    to the next it finds in those tensors or in others that are changed in place, never in Python's numbers; and it
-    copies nothing from or to the CPU. The first shapes that come up often are recorded; others are stepped singly.
+    The step takes tensors and returns its loss (), or another tensor, which is no part of a gradient any more. What
+    changes from one call to the next it finds in those tensors or in others that are changed in place, never in
+    Python's numbers; and it copies nothing from or to the CPU. The first shapes that come up often are recorded; others
+    are stepped singly.
     """
 
     def __init__(self, step: Callable[..., Tensor], recorder: Recorder | None):
