@@ -9,6 +9,7 @@ import torch
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
+from lightprobe.imaging import check_room
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
 from lightprobe.light.environment import Environment
@@ -17,6 +18,8 @@ from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
 from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.record import read_record
+
+_PIXEL_BYTES = 260  # that a picture and its layers take for each of the photo's pixels
 
 
 @dataclass(frozen=True)
@@ -60,12 +63,13 @@ def insert_object(
     location = LocationFiles().within(folder.path / "predictions", image)
     photos = NewPhotos(folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True)
     loaded = LoadedRun(folder, where)
-    loaded.find_cameras_of(photos)
+    loaded.make_ready(photos)
     new = photos.read(0)
     warnings = [] if new.location is None else new.location.warnings()
     if light is None:
-        prediction = loaded.predictor.predict(new.pixels, new.camera, background=new.background, doubt=new.doubt)
+        prediction = loaded.predictor.predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
+    check_room(image, (new.camera.width, new.camera.height), _PIXEL_BYTES)
     view = PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
     inserted = insert(loaded.predictor.decomposition, light, view, found, wish)
     files = LayerFiles.of(output)
