@@ -15,7 +15,7 @@ from lightprobe.insertion.layers import LayerFiles
 from lightprobe.light.environment import Environment
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
-from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
+from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.record import read_record
 
@@ -69,15 +69,19 @@ def insert_object(
     if light is None:
         prediction = loaded.predictor.predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
-    check_room(image, (new.camera.width, new.camera.height), _PIXEL_BYTES)
-    view = PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
-    inserted = insert(loaded.predictor.decomposition, light, view, found, wish)
+    inserted = insert(loaded.predictor.decomposition, light, _view(image, photos, new), found, wish)
     files = LayerFiles.of(output)
     inserted.write(files)
     return InsertedObject(
         files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
         time.perf_counter() - start, (*warnings, *inserted.warnings), new.location,
     )  # fmt: skip
+
+
+def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
+    """Return the one photo of `photos` at its own size; raise `InputError` where the limit of memory has no room."""
+    check_room(image, (new.camera.width, new.camera.height), _PIXEL_BYTES)
+    return PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
 
 
 def _check_name(output: Path, image: Path) -> None:
