@@ -112,9 +112,15 @@ def test_new_photos_are_worked_on_at_a_size_that_is_held(monkeypatch):
 
 
 def test_a_limit_reduces_them_further_and_says_so(limited):
-    with limited(2**20 * limits._WORKED_BYTES), pytest.warns(LightprobeWarning, match="from 4096 x 2048 to 1448 x 724"):
+    with (
+        limited(2**20 * limits._WORKED_BYTES + limits._LATER),
+        pytest.warns(LightprobeWarning, match="from 4096 x 2048 to 1448 x 724"),
+    ):
         assert worked_size(Path("a"), (2048, 4096)) == (724, 1448)
-    with limited(2**18 * limits._WORKED_BYTES - 100), pytest.raises(InputError, match="4096 x 2048 pixels"):
+    with (
+        limited(2**18 * limits._WORKED_BYTES + limits._LATER - 100),
+        pytest.raises(InputError, match="4096 x 2048 pixels"),
+    ):
         worked_size(Path("a"), (2048, 4096))
 
 

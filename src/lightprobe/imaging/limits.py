@@ -11,6 +11,7 @@ MAX_PIXELS = 134_217_728  # 2^27, a 16384 x 8192 environment: 1.6 GB as float32 
 
 WORKED_PIXELS = 2**24  # of a new photo that are held as floats at once: larger ones are area-averaged while read
 _WORKED_BYTES = 96  # for each of these, at most, that locating and predicting take
+_LATER = 300 * 10**6  # bytes that locating and predicting take by themselves, once the photo is read
 _FEWEST_WORKED = 2**18  # pixels: smaller pictures show too little of an object
 
 _said: set[tuple[Path, tuple[int, int]]] = set()
@@ -34,11 +35,11 @@ def worked_size(path: Path, size: tuple[int, int], wanted: tuple[int, int] | Non
     where it leaves too little.
     """
     height, width = wanted or size
-    left = memory_left()
+    left = None if (free := memory_left()) is None else max(free - _LATER, 0)
     most = WORKED_PIXELS if left is None else min(WORKED_PIXELS, left // _WORKED_BYTES)
     if height * width <= most:
         return height, width
-    needed = min(height * width, WORKED_PIXELS) * _WORKED_BYTES
+    needed = min(height * width, WORKED_PIXELS) * _WORKED_BYTES + _LATER
     if most < min(_FEWEST_WORKED, WORKED_PIXELS):
         raise too_large(path, (size[1], size[0]), needed)
     shrink = math.sqrt(most / (height * width))

@@ -29,8 +29,13 @@ class Located:
 
     @property
     def pixels(self) -> Pixels:
-        """The photo as `Predictor.predict` takes it: linear colour (H, W, 3), black outside of the mask."""
+        """The photo as `Predictor.predict` takes it with `pixel_camera`: linear (H, W, 3), black beside the mask."""
         return Pixels.of(self.color * (self.mask[..., None] > 0), self.mask)
+
+    @property
+    def pixel_camera(self) -> Camera:
+        """The camera of `pixels`, which are reduced where the photo is large."""
+        return self.camera.resized(self.mask.shape[1], self.mask.shape[0])
 
     def save_camera(self, path: Path) -> None:
         """Write the camera as the JSON that `--camera` reads, with the verdict beside it."""
