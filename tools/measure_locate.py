@@ -140,7 +140,7 @@ def light_row(subject: Subject) -> str:
         if got.located is None or got.status is not PoseStatus.GOOD or photo.truth.environment is None:
             continue
         try:
-            located = subject.predictor.predict(got.located.pixels, got.located.camera)
+            located = subject.predictor.predict(got.located.pixels, got.located.pixel_camera)
         except InputError as error:
             print(f"# {subject.name} {photo.name}: no map of the located photo. {error}")
             continue

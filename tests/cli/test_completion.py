@@ -40,7 +40,7 @@ def test_options_are_those_of_the_parser(name, capsys):
     with pytest.raises(SystemExit):
         tyro.cli(command, args=["--help"], config=(tyro.conf.EnumChoicesFromValues,))
     helped = re.sub(r"[│┃╭╮╰╯─]", " ", capsys.readouterr().out)
-    known = {written for each in command_options(command) for written in each.names} - {"--json"}
+    known = {written for each in command_options(command) for written in each.names} - {"--json", "--max-memory"}
     defined = set(re.findall(r"(?:^|[,|]) *(--?[a-z][\w.-]*)", helped, re.M))
     assert known == {option for option in defined if option.rstrip("-") == option}
 

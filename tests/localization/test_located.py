@@ -1,5 +1,6 @@
 """The files of a located photo."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -43,3 +44,12 @@ def test_its_pixels_are_black_outside_of_the_mask(located):
     pixels = located.pixels
     assert (pixels.color[located.mask == 0] == 0).all()
     assert pixels.alpha is located.mask
+
+
+def test_the_mask_of_a_reduced_photo_is_written_at_the_photos_size(located, tmp_path):
+    height, width = located.mask.shape
+    large = dataclasses.replace(located, camera=located.camera.resized(3 * width, 3 * height))
+    large.save_mask(tmp_path / "a.mask.png")
+    written = read_mask(tmp_path / "a.mask.png")
+    assert written.shape == (3 * height, 3 * width)
+    assert np.abs(written.reshape(height, 3, width, 3).mean((1, 3)) - located.mask).mean() < 0.02

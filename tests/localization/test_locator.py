@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import write_png
+from lightprobe.imaging import limits, write_png
 from lightprobe.localization import Locator, PoseStatus
 from lightprobe.localization.pose import mean_distance
 from tests.painted_object import SIMILARITY, decomposition, in_input_frame
@@ -49,3 +49,16 @@ def test_a_mask_of_another_size_is_refused(locator, file, tmp_path):
     write_png(tmp_path / "mask.png", np.ones((10, 10, 3)))
     with pytest.raises(InputError, match=r"mask\.png has 10 x 10 pixels.*128"):
         locator.locate(file, mask=tmp_path / "mask.png")
+
+
+def test_a_large_photo_is_worked_on_reduced_and_its_camera_fits_it(
+    locator, asset, camera, photo, tmp_path, monkeypatch
+):
+    height, width = photo[1].shape
+    write_png(tmp_path / "new.png", photo[0].repeat(2, 0).repeat(2, 1))
+    monkeypatch.setattr(limits, "WORKED_PIXELS", height * width)
+    located = locator.locate(tmp_path / "new.png", focal=2 * camera.fx)
+    assert (located.camera.width, located.camera.height) == (2 * width, 2 * height)
+    assert located.camera.fx == pytest.approx(2 * camera.fx)
+    assert located.mask.shape == located.color.shape[:2] == (height, width)
+    assert np.abs(located.mask - photo[1]).mean() < 0.01

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.imaging import read_exif_ev100, read_ldr
+from lightprobe.preparation import writing
 from lightprobe.preparation.output import enlarged
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.solution import bent
@@ -43,8 +44,18 @@ def test_straightening_moves_every_pixel_to_where_a_pinhole_shows_it():
     wanted = bent(np.array([[60.5, 90.5]]), camera, k)[0]
     assert found[90, 60, :2] == pytest.approx(wanted, abs=0.05)
     assert largest_bend(camera, k) > 3
-    assert bend_map(camera, 0.0)[0][5, 7] == pytest.approx(7)
+    assert bend_map(camera, 0.0, 0, camera.height)[0][5, 7] == pytest.approx(7)
     assert straight(picture, camera, 1e-4) is picture
+
+
+@pytest.mark.parametrize("channels", [None, 3])
+def test_strips_of_rows_are_straightened_as_the_whole_is(monkeypatch, channels):
+    camera, k = ring_cameras(1)[0], -0.2
+    picture = np.random.default_rng(3).random((SIZE, SIZE) if channels is None else (SIZE, SIZE, channels), np.float32)
+    whole = straight(picture, camera, k)
+    monkeypatch.setattr(writing, "STRIP", 7 * SIZE)
+    np.testing.assert_array_equal(straight(picture, camera, k), whole)
+    assert np.abs(whole - picture).max() > 0.5
 
 
 def test_straight_photos_are_copied_and_bent_ones_keep_their_exposure(tmp_path):
@@ -66,7 +77,7 @@ def test_the_scene_loads_with_its_cameras(tmp_path):
     files = write_images(photos, scene / "images")
     rows, columns = np.mgrid[:SIZE, :SIZE]
     disc = ((rows - 100) ** 2 + (columns - 100) ** 2 < 60**2).astype(np.float32)
-    write_masks(dict.fromkeys(cameras, disc), scene / "masks")
+    write_masks(((name, disc) for name in cameras), scene / "masks")
     write_transforms(scene / "transforms.json", cameras, files)
     loaded = load_scene(scene)
     for photo in (*loaded.train, *loaded.test):

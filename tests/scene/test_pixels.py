@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from lightprobe.imaging import write_png
+from lightprobe.imaging import limits, write_mask, write_png
 from lightprobe.scene import Pixels, load_pixels
 from lightprobe.scene.photo import Photo
+from lightprobe.scene.pixels import load_observed
 from tests.shapes import camera_at
 
 
@@ -53,3 +54,38 @@ def test_a_decoded_photo_carries_its_marks(tmp_path, side, share):
     pixels, camera = load_pixels(Photo("a", camera_at((3, 0, 0), size=8), tmp_path / "a.png"), side)
     assert pixels.clipped.mean() == share
     assert pixels.clipped.shape[:2] == (camera.height, camera.width)
+
+
+def discs(folder, size, alpha_radius):
+    """Write a photo with a disc, and its mask as a file of its own; return both photos."""
+    height, width = size
+    row, column = np.mgrid[:height, :width]
+    alpha = (np.hypot(row - height / 2, column - width / 2) < alpha_radius).astype(np.float32)
+    color = np.dstack([row / height, column / width, np.ones(size)]).astype(np.float32)
+    write_png(folder / "cut.png", color, alpha)
+    write_png(folder / "whole.png", color)
+    write_mask(folder / "mask.png", alpha)
+    camera = camera_at((3, 0, 0), size=8).resized(width, height)
+    return [
+        Photo("cut", camera, folder / "cut.png"),
+        Photo("whole", camera, folder / "whole.png", folder / "mask.png"),
+    ]
+
+
+@pytest.mark.parametrize("most", [100, 1000, 10**6])
+def test_what_a_prediction_reads_is_the_whole_photo_reduced(tmp_path, most):
+    for photo in discs(tmp_path, (90, 120), 40):
+        pixels, camera = load_observed(photo, most)
+        expected = load_pixels(photo)[0].within(most)
+        assert (camera.height, camera.width) == pixels.alpha.shape == expected.alpha.shape
+        assert (pixels.alpha.shape == (90, 120)) == (most > 5000)
+        for part in ("color", "alpha", "clipped"):
+            np.testing.assert_array_equal(getattr(pixels, part), getattr(expected, part))
+
+
+def test_a_large_photo_of_a_small_object_is_not_held_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "WORKED_PIXELS", 3000)
+    for photo in discs(tmp_path, (90, 120), 10):
+        pixels, camera = load_observed(photo, 10**6)
+        assert pixels.alpha.shape == (camera.height, camera.width) == (47, 63)
+        assert pixels.alpha.sum() == pytest.approx(np.pi * 100 * 3000 / (90 * 120), rel=0.05)

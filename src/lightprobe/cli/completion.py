@@ -14,6 +14,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from lightprobe.cli.answer import OPTION, say
+from lightprobe.cli.limiting import OPTION as LIMIT
 from lightprobe.cli.main import COMMANDS, GROUPS, command_function
 from lightprobe.cli.options import option
 
@@ -40,6 +41,7 @@ _POSITIONAL, _NO_PAIR = (get_args(mark)[1] for mark in (Positional[bool], FlagCr
 _COMMON = (
     Option(("--help", "-h"), "Explain the command.", takes_value=False),
     Option((OPTION,), "Answer with one JSON object.", takes_value=False),
+    Option((LIMIT,), "Take no more memory than this, such as 4GB."),
 )
 
 _ShellArg = Annotated[Positional[Shell], option(metavar="bash|zsh|fish", help="The shell that the script is for.")]

@@ -82,7 +82,8 @@ def usage(group: str = "") -> str:
             "Turn one photo of a known object into the HDR environment map around it.\n",
             "Commands:",
             *lines,
-            "\nEvery command takes --json: its answer is then one JSON object on standard output.\n",
+            "\nEvery command takes --json: its answer is then one JSON object on standard output.",
+            "With --max-memory 4GB a command takes no more: large photos are reduced, with a warning, or refused.\n",
             _EXAMPLES,
         ]
     )
@@ -111,10 +112,13 @@ def _run(name: str, arguments: list[str]) -> None:
     import tyro
 
     from lightprobe.cli import answer
+    from lightprobe.cli.limiting import limit_among
+    from lightprobe.core.memory_limit import memory_limit
 
-    given = [argument for argument in arguments if argument != answer.OPTION]
+    words, limit = limit_among(name, arguments)
+    given = [argument for argument in words if argument != answer.OPTION]
     config = (tyro.conf.EnumChoicesFromValues,)
-    with answer.answering(as_object=given != arguments):
+    with answer.answering(as_object=given != words), memory_limit(limit):
         command, description = command_function(name, given)
         tyro.cli(command, prog=f"lightprobe {name}", description=description, args=given, config=config)
 

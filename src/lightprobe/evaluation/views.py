@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.evaluation.metrics import ImageScores, image_scores, on_white, psnr
+from lightprobe.imaging import check_room
 from lightprobe.light import prefilter
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import rasterize_asset
@@ -22,6 +23,7 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
 
 _SMALL = 2**20  # pixels that are worked on at once, and up to which a photo's G-buffer has its full size
+_PIXEL_BYTES = 240  # that scoring takes for each of a photo's pixels
 _OBJECT = 0.5  # coverage from which a pixel counts as the object's
 
 
@@ -42,6 +44,7 @@ class TestView:
     @staticmethod
     def load(photo: Photo, decomposition: Decomposition, light_resolution: int, device: torch.device) -> "TestView":
         """Read the photo and make the asset's view ready for lights of 6 x R x R texels, R the resolution."""
+        check_room(photo.image_path, (photo.camera.width, photo.camera.height), _PIXEL_BYTES)
         pixels, camera = load_pixels(photo)
         normalised = camera.normalised(decomposition.similarity)
         gbuffer = rasterize_asset(decomposition.asset, _material_camera(photo, normalised), device)

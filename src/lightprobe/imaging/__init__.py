@@ -5,8 +5,8 @@ from lightprobe.imaging.color import LUMA, srgb_decode, srgb_encode
 from lightprobe.imaging.decoding import foreign_encoding
 from lightprobe.imaging.exif import focal_ratio, gravity, read_exif_ev100, read_orientation, turned_size, undo
 from lightprobe.imaging.hdr import read_hdr, write_exr
-from lightprobe.imaging.ldr import image_size, read_alpha, read_ldr, read_mask, write_png
-from lightprobe.imaging.limits import MAX_PIXELS
+from lightprobe.imaging.ldr import alpha_range, image_size, read_alpha, read_ldr, read_mask, write_mask, write_png
+from lightprobe.imaging.limits import MAX_PIXELS, check_room, worked_size
 from lightprobe.imaging.photo_file import CLIPPED, PhotoFile
 from lightprobe.imaging.profiles import UNREADABLE
 from lightprobe.imaging.radiance import write_radiance
@@ -23,6 +23,8 @@ __all__ = [
     "UNREADABLE",
     "VIDEO_SUFFIXES",
     "PhotoFile",
+    "alpha_range",
+    "check_room",
     "extract_frames",
     "focal_ratio",
     "foreign_encoding",
@@ -42,7 +44,9 @@ __all__ = [
     "srgb_encode",
     "turned_size",
     "undo",
+    "worked_size",
     "write_exr",
+    "write_mask",
     "write_png",
     "write_radiance",
 ]

@@ -1,15 +1,20 @@
 """Headers and samples of an image file of any kind; its content, not its name, chooses the decoder."""
 
+import threading
 from pathlib import Path
 
 import numpy as np
 
+from lightprobe.core.memory_limit import memory_left
 from lightprobe.imaging import heif, pillow_file, raw, tiff
 from lightprobe.imaging.encodings import LINEAR
 from lightprobe.imaging.hdr import hdr_size, read_hdr
-from lightprobe.imaging.header import Header, Samples
+from lightprobe.imaging.header import Header, Room, Samples
+from lightprobe.imaging.limits import say_reduced, too_large
 from lightprobe.imaging.opening import PILLOW_KINDS, FileKind, file_kind
 
+_DECIDING = threading.Lock()  # one thread after the other: what is left is told only once a photo is decoded
+_HDR_ROOM = Room(16.0, 24.0)  # four floats, and the file's own halves or bytes
 _LEAST_ALPHA = 1e-6  # below it, premultiplied colour says nothing
 
 
@@ -25,7 +30,7 @@ def read_header(path: Path) -> Header:
     if kind is FileKind.HEIF:
         return heif.read_header(path)
     if kind in (FileKind.EXR, FileKind.RADIANCE):
-        return Header(hdr_size(path), encoding=LINEAR)
+        return Header(hdr_size(path), encoding=LINEAR, room=_HDR_ROOM)
     return raw.read_header(path) if _is_raw(path, kind) else tiff.read_header(path)
 
 
@@ -39,10 +44,20 @@ def foreign_encoding(path: Path) -> str | None:
 
 
 def decode(path: Path) -> Samples:
-    """Return the samples of an image file as they are stored; raises `InputError` as `read_header`."""
+    """Return the samples of an image file as they are stored, or reduced where the limit of memory asks for it.
+
+    Raises `InputError` as `read_header`, and where the limit leaves no room for it.
+    """
+    if memory_left() is None:
+        return _decoded(path, 1)
+    with _DECIDING:
+        return _decoded(path, affordable_shrink(path))
+
+
+def _decoded(path: Path, shrink: int) -> Samples:
     kind = file_kind(path)
     if kind in PILLOW_KINDS:
-        return pillow_file.decode(path)
+        return pillow_file.decode(path, shrink)
     if kind is FileKind.HEIF:
         return heif.decode(path)
     if kind in (FileKind.EXR, FileKind.RADIANCE):
@@ -58,5 +73,26 @@ def _straight(values: np.ndarray) -> np.ndarray:
     """Return HDR values (H, W, C) with colour divided by alpha, with which OpenEXR stores it multiplied."""
     if values.shape[2] != 4:
         return values
-    alpha = values[..., 3:]
-    return np.concatenate([values[..., :3] / np.maximum(alpha, _LEAST_ALPHA), alpha], axis=2)
+    values[..., :3] /= np.maximum(values[..., 3:], _LEAST_ALPHA)
+    return values
+
+
+def affordable_shrink(path: Path) -> int:
+    """Return what both sides of a photo are divided by while it is decoded: 1, or what the limit of memory asks for.
+
+    Raises `InputError` where it is too large however it is decoded; a warning says when it is reduced.
+    """
+    left = memory_left()
+    if left is None:
+        return 1
+    header = read_header(path)
+    (width, height), room, turned = header.size, header.room, (header.orientation or 1) != 1
+    needed = room.bytes(width * height, turned=turned)
+    if needed <= left:
+        return 1
+    shrinks = () if room.coefficients is None else (2, 4, 8)
+    for shrink in shrinks:
+        if room.bytes(width * height, shrink, turned=turned) <= left:
+            say_reduced(path, (width, height), (-(-width // shrink), -(-height // shrink)), needed)
+            return shrink
+    raise too_large(path, (width, height), needed)

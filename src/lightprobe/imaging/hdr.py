@@ -69,8 +69,10 @@ def _read_exr(path: Path) -> np.ndarray:
         names = _check_header(path, _exr_header(path))
         with muted():
             channels = OpenEXR.File(str(path), separate_channels=True).channels()
-        planes = [np.asarray(channels[name].pixels, np.float32) for name in names]
-        return np.stack(planes, axis=-1)
+        values = np.empty((*channels[names[0]].pixels.shape, len(names)), np.float32)
+        for place, name in enumerate(names):  # each goes once it is copied
+            values[..., place] = channels.pop(name).pixels
+        return values
     except (RuntimeError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
 

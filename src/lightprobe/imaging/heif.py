@@ -11,19 +11,22 @@ import numpy as np
 
 from lightprobe.core.extras import photo_library
 from lightprobe.imaging.encodings import Encoding, coded
-from lightprobe.imaging.header import Header, Samples
+from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import decode_errors
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
 from lightprobe.imaging.tags import loaded_exif
 
+_COPIES = 4.0  # of the samples that libheif and its wrapper hold at once
 _STORED_BITS = 16  # that pillow-heif moves deeper samples up to
 
 
 def read_header(path: Path) -> Header:
     """Return what stands beside the pixels of the file."""
     image = _opened(path)
-    return Header(image.size, loaded_exif(image.info.get("exif")), None, _encoding(image.info))
+    samples = float(len(image.mode.split(";")[0]) * (2 if ";" in image.mode else 1))
+    exif = loaded_exif(image.info.get("exif"))
+    return Header(image.size, exif, None, _encoding(image.info), Room(samples, samples * _COPIES))
 
 
 def decode(path: Path) -> Samples:

@@ -1,5 +1,6 @@
 """Whole photos, masks and maps: encoded samples of image files of any kind, linear float32 in memory; and PNG out."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from lightprobe.imaging.color import srgb_encode
 from lightprobe.imaging.decoding import read_header
 from lightprobe.imaging.exif import turned_size
 from lightprobe.imaging.photo_file import PhotoFile
+from lightprobe.imaging.resize import STRIP, resize_rows
 
 
 def image_size(path: Path, *, orient: bool = True) -> tuple[int, int]:
@@ -19,16 +21,28 @@ def image_size(path: Path, *, orient: bool = True) -> tuple[int, int]:
     return turned_size(header.size, header.orientation or 1) if orient else header.size
 
 
-def read_ldr(path: Path, *, srgb: bool = True, orient: bool = True) -> tuple[np.ndarray, np.ndarray | None]:
+def read_ldr(
+    path: Path, *, srgb: bool = True, orient: bool = True, size: tuple[int, int] | None = None
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Read a photo or a map: PNG, JPEG, WebP, TIFF, HEIC, AVIF, camera raw, OpenEXR or Radiance HDR.
 
     Returns float32 rgb (H, W, 3), linear sRGB and straight (not premultiplied), and float32 alpha (H, W) or None; 1.0
     is the file's white, floats may be above. `srgb=False` is for maps stored linearly, such as roughness: samples are
-    only scaled to [0, 1]. `orient=False` leaves the rows as stored instead of following the EXIF orientation. Raises
+    only scaled to [0, 1]. `orient=False` leaves the rows as stored instead of following the EXIF orientation. `size`
+    (height, width): what it is area-averaged to, colour and alpha each for itself, without being held whole. Raises
     `InputError` naming the file when it is missing, too large, damaged, of another kind, or needs a library of the
     extra `photos` that is not installed.
     """
     image = PhotoFile(path, srgb=srgb, turn=None if orient else 1)
+    if size is not None and size != (image.height, image.width):
+        count = 4 if image.has_alpha else 3
+
+        def planes(first: int, last: int) -> np.ndarray:
+            color, alpha = image.rows(first, last)
+            return color if alpha is None else np.dstack([color, alpha])
+
+        small = resize_rows(planes, (image.height, image.width, count), *size)
+        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3]) if count == 4 else None
     color = np.empty((image.height, image.width, 3), np.float32)
     alpha = np.empty((image.height, image.width), np.float32) if image.has_alpha else None
     for first, last in image.strips():
@@ -38,20 +52,42 @@ def read_ldr(path: Path, *, srgb: bool = True, orient: bool = True) -> tuple[np.
     return color, alpha
 
 
-def read_alpha(path: Path, *, orient: bool = True) -> np.ndarray | None:
-    """Return the alpha channel (H, W) float32 in [0, 1] of an image, or None when it has none."""
+def read_alpha(path: Path, *, orient: bool = True, size: tuple[int, int] | None = None) -> np.ndarray | None:
+    """Return the alpha channel (H, W) float32 in [0, 1] of an image, or None; `size` as in `read_ldr`."""
     image = PhotoFile(path, turn=None if orient else 1)
-    parts = [image.rows(*strip)[1] for strip in image.strips()]
-    return np.concatenate([part for part in parts if part is not None]) if image.has_alpha else None
+    return _gathered(image.alpha_rows, image, size) if image.has_alpha else None
 
 
-def read_mask(path: Path, *, orient: bool = True) -> np.ndarray:
+def alpha_range(path: Path) -> tuple[float, float]:
+    """Return the lowest and the highest alpha in [0, 1] of an image, (1, 1) of one without an alpha channel."""
+    image = PhotoFile(path, turn=1)
+    if not image.has_alpha:
+        return 1.0, 1.0
+    lowest, highest = 1.0, 0.0
+    for strip in image.strips():
+        alpha = image.alpha_rows(*strip)
+        lowest, highest = min(lowest, float(alpha.min())), max(highest, float(alpha.max()))
+    return lowest, highest
+
+
+def read_mask(path: Path, *, orient: bool = True, size: tuple[int, int] | None = None) -> np.ndarray:
     """Read a mask as coverage: (H, W) float32 in [0, 1], no sRGB decoding.
 
-    An alpha channel that is not opaque everywhere is the mask; otherwise the largest colour channel is.
+    An alpha channel that is not opaque everywhere is the mask; otherwise the largest colour channel is. `size` as in
+    `read_ldr`.
     """
     image = PhotoFile(path, turn=None if orient else 1)
-    return np.concatenate([image.mask_rows(*strip) for strip in image.strips()])
+    return _gathered(image.mask_rows, image, size)
+
+
+def _gathered(rows: Callable[[int, int], np.ndarray], image: PhotoFile, size: tuple[int, int] | None) -> np.ndarray:
+    """Return all rows (H, W) float32 of what `rows` returns strips of, area-averaged to `size` if it is given."""
+    if size is not None and size != (image.height, image.width):
+        return resize_rows(rows, (image.height, image.width), *size)
+    whole = np.empty((image.height, image.width), np.float32)
+    for first, last in image.strips():
+        whole[first:last] = rows(first, last)
+    return whole
 
 
 def write_png(
@@ -61,12 +97,39 @@ def write_png(
 
     Values are clipped to [0, 1] and NaN becomes 0; `srgb=False` stores them without the sRGB curve; `bits` is 8 or 16.
     """
-    encoded = srgb_encode(np.clip(np.nan_to_num(color), 0, 1)) if srgb else color
-    planes = encoded if alpha is None else np.concatenate([encoded, np.asarray(alpha)[..., None]], axis=2)
-    levels = 255 if bits == 8 else 65535
-    samples = np.clip(np.nan_to_num(planes) * levels + 0.5, 0, levels).astype(np.uint8 if bits == 8 else np.uint16)
-    if bits == 16:
-        write_bytes(Path(path), png16.encode(samples))
-        return
+    height, width = color.shape[:2]
+    levels, channels = (255 if bits == 8 else 65535), 3 if alpha is None else 4
+    samples = np.empty((height, width, channels), np.uint8 if bits == 8 else np.uint16)
+    step = max(1, STRIP // max(width, 1))
+    for top in range(0, height, step):  # in strips: the floats on the way take many times what is written
+        rows = color[top : top + step]
+        rows = srgb_encode(np.clip(np.nan_to_num(rows), 0, 1)) if srgb else rows
+        planes = rows if alpha is None else np.concatenate([rows, np.asarray(alpha)[top : top + step, :, None]], axis=2)
+        samples[top : top + step] = np.clip(np.nan_to_num(planes) * levels + 0.5, 0, levels)
+    _write(Path(path), samples, bits)
+
+
+def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
+    """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically; `size` (height, width): enlarged to.
+
+    Enlarging is bilinear.
+    """
+    grey = np.empty(mask.shape, np.uint8)
+    step = max(1, STRIP // max(mask.shape[1], 1))
+    for top in range(0, len(mask), step):
+        grey[top : top + step] = np.clip(np.nan_to_num(mask[top : top + step]) * 255 + 0.5, 0, 255)
+    picture = Image.fromarray(grey)
+    if size is None or size == mask.shape:
+        picture = picture.convert("RGB")
+    else:  # of a photo too large to be worked on: one byte a pixel
+        picture = picture.resize((size[1], size[0]), Image.Resampling.BILINEAR)
     with atomic_path(Path(path)) as temporary:
+        picture.save(temporary, format="PNG")
+
+
+def _write(path: Path, samples: np.ndarray, bits: int) -> None:
+    if bits == 16:
+        write_bytes(path, png16.encode(samples))
+        return
+    with atomic_path(path) as temporary:
         Image.fromarray(np.ascontiguousarray(samples)).save(temporary, format="PNG")

@@ -1,18 +1,22 @@
 """PNG, JPEG, WebP and AVIF, as Pillow reads them; PNG with 16 bits per sample, which Pillow reduces, by `png16`."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, JpegImagePlugin
 
 from lightprobe.imaging import png16
 from lightprobe.imaging.encodings import SRGB, Encoding
-from lightprobe.imaging.header import Header, Samples
+from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.opening import decode_errors, open_image
 from lightprobe.imaging.profiles import icc_encoding, png_encoding, samples_to_srgb, to_srgb
 from lightprobe.imaging.tags import loaded_exif, orientation
 
 _MODES = {"1": "L", "L": "L", "LA": "LA", "RGB": "RGB", "RGBA": "RGBA"}
+
+# Bytes for each pixel that decoders hold beside what is kept of it
+_BESIDE = {"WEBP": 8.0, "AVIF": 8.0}
 
 _SPACES = {b"CMYK": "CMYK", b"Lab ": "LAB"}  # colour space of a profile -> Pillow's mode of it, that is not RGB or grey
 
@@ -23,13 +27,35 @@ def read_header(path: Path) -> Header:
         # A PNG may carry EXIF behind its pixels, where Pillow finds it only by decoding them.
         data = png16.find_chunk(path, b"eXIf") if image.format == "PNG" else image.info.get("exif")
         exif = loaded_exif(data)
-        return Header(image.size, exif, orientation(exif), _encoding(path, image))
+        return Header(image.size, exif, orientation(exif), _encoding(path, image), _room(path, image))
 
 
-def decode(path: Path) -> Samples:
-    """Return the samples of the file: 8 bits as a Pillow image, 16 as (H, W, 1 | 2 | 3 | 4) uint16."""
+def _room(path: Path, image: Image.Image) -> Room:
+    """Return what decoding takes: what Pillow keeps, what its decoders hold beside it, and a copy in another mode."""
+    if image.format == "PNG" and png16.is_sixteen_bit(path):
+        samples = 2.0 * len(image.getbands())
+        return Room(samples, 3 * samples + 2)
+    kept = 4.0 if len(image.getbands()) > 1 or image.mode == "P" else 1.0
+    beside = _BESIDE.get(image.format or "", 0.0)
+    room = Room(kept, kept + max(beside, 0.0 if image.mode in _MODES else 4.0))
+    if not isinstance(image, JpegImagePlugin.JpegImageFile):
+        return room
+    sampling = [(horizontal, vertical) for _, horizontal, vertical, _ in image.layer]
+    whole = max(pair[0] for pair in sampling) * max(pair[1] for pair in sampling)
+    coefficients = 2.0 * sum(pair[0] * pair[1] for pair in sampling) / whole  # 16 bits each, which several scans share
+    return replace(room, coefficients=coefficients if "progressive" in image.info else 0.0)
+
+
+def decode(path: Path, shrink: int = 1) -> Samples:
+    """Return the samples of the file: 8 bits as a Pillow image, 16 as (H, W, 1 | 2 | 3 | 4) uint16.
+
+    shrink: 2, 4 or 8 halve both sides of a JPEG so often while it is decoded, rounded up.
+    """
     with open_image(path) as image, decode_errors(path):
         encoding = _encoding(path, image)
+        if shrink > 1:
+            image.draft(image.mode, (image.width // shrink, image.height // shrink))
+            return replace(eight_bits(image, encoding), shrink=shrink)
         if image.format == "PNG" and png16.is_sixteen_bit(path):
             return samples_to_srgb(png16.decode(path), 65535, encoding)
         return eight_bits(image, encoding)

@@ -57,7 +57,8 @@ def decode(path: Path) -> np.ndarray:
     pixels = np.zeros((height, width, channels), np.uint16)
     passes = [pixels[y::dy, x::dx] for x, y, dx, dy in _ADAM7] if interlaced else [pixels]
     passes = [part for part in passes if part.size]
-    raw = _inflate(bytes(data), sum(part.shape[0] * (1 + part.shape[1] * channels * 2) for part in passes))
+    raw = _inflate(data, sum(part.shape[0] * (1 + part.shape[1] * channels * 2) for part in passes))
+    del data
     for part in passes:
         raw = _fill(part, raw)
     if transparent is not None and len(transparent) == channels:
@@ -103,7 +104,7 @@ def _chunk(kind: bytes, content: bytes) -> bytes:
     return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 
-def _inflate(data: bytes, size: int) -> np.ndarray:
+def _inflate(data: bytes | bytearray, size: int) -> np.ndarray:
     """Decompress to exactly `size` bytes; never more, whatever the stream claims."""
     raw = zlib.decompressobj().decompress(data, size)
     if len(raw) != size:

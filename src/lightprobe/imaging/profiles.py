@@ -14,6 +14,7 @@ from PIL import Image, ImageCms
 from lightprobe.imaging.encodings import SRGB, Encoding, coded, linear, power, primaries_matrix
 from lightprobe.imaging.header import Samples
 from lightprobe.imaging.icc import matrix_encoding
+from lightprobe.imaging.resize import STRIP
 
 _USUAL_GAMMA, _GAMMA_STEP = 1 / 2.2, 0.005  # what PNG asks sRGB files to write
 _LARGEST_ERROR = 6  # of 255, in a sample: profiles store rounded curves, and a plain 2.2 is off by more in the darks
@@ -95,7 +96,13 @@ def samples_to_srgb(values: np.ndarray, levels: int, encoding: Encoding) -> Samp
     colors = values.shape[2] - (values.shape[2] in (2, 4))
     if encoding.profile is None or {b"RGB ": 3, b"GRAY": 1}.get(encoding.profile[16:20]) != colors:
         return Samples(values, encoding, levels)
-    eight = ((values.astype(np.uint32) * 255 + levels // 2) // levels).astype(np.uint8)
-    picture = eight[..., 0] if colors == 1 else eight[..., :3]
-    shown = np.asarray(to_srgb(Image.fromarray(np.ascontiguousarray(picture)), encoding.profile))
-    return Samples(np.concatenate([shown, eight[..., colors:]], axis=2), SRGB)
+    height, width, channels = values.shape
+    shown = np.empty((height, width, 3 + channels - colors), np.uint8)
+    step = max(1, STRIP // width)
+    for top in range(0, height, step):  # in strips: the wide integers take several times what comes out
+        part = values[top : top + step].astype(np.uint32)
+        eight = ((part * 255 + levels // 2) // levels).astype(np.uint8)
+        picture = eight[..., 0] if colors == 1 else eight[..., :3]
+        shown[top : top + step, :, :3] = to_srgb(Image.fromarray(np.ascontiguousarray(picture)), encoding.profile)
+        shown[top : top + step, :, 3:] = eight[..., colors:]
+    return Samples(shown, SRGB)

@@ -17,7 +17,7 @@ from lightprobe.imaging.limits import check_pixels
 
 _BIAS = 136  # 128 of the exponent, 8 of the mantissa's bits
 _LARGEST = 255 * 2.0 ** (255 - _BIAS)
-_AT_ONCE = 2**18  # pixels that are encoded at once
+_AT_ONCE = 2**18  # pixels that are made bytes, or floats, at once
 _HEADER_LIMIT = 1 << 16  # bytes; real headers have hundreds
 
 
@@ -32,9 +32,15 @@ def read_radiance(path: Path) -> np.ndarray:
     pixels = np.zeros((height, width, 4), np.uint8)
     if not _decode(data, start, pixels):
         raise InputError(f"{path} cannot be decoded as Radiance HDR; the file is damaged or cut short.")
-    exponent = pixels[..., 3].astype(np.int32)
-    scale = np.where(exponent > 0, np.ldexp(1.0, exponent - _BIAS), 0.0) / exposure
-    return (pixels[..., :3] * scale[..., None]).astype(np.float32)
+    del data
+    color = np.empty((height, width, 3), np.float32)
+    step = max(1, _AT_ONCE // width)
+    for top in range(0, height, step):  # in strips: the doubles would take five times what comes out
+        rows = pixels[top : top + step]
+        exponent = rows[..., 3].astype(np.int32)
+        scale = np.where(exponent > 0, np.ldexp(1.0, exponent - _BIAS), 0.0) / exposure
+        color[top : top + step] = rows[..., :3] * scale[..., None]
+    return color
 
 
 def radiance_size(path: Path) -> tuple[int, int]:

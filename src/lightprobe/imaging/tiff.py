@@ -15,7 +15,7 @@ from lightprobe.core.extras import photo_library
 from lightprobe.core.muted import muted
 from lightprobe.core.reading import BoundedFile
 from lightprobe.imaging.encodings import LINEAR, SRGB, Encoding
-from lightprobe.imaging.header import Header, Samples
+from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import decode_errors
 from lightprobe.imaging.pillow_file import eight_bits
@@ -50,9 +50,20 @@ def read_header(path: Path) -> Header:
     with _opened(path) as tiff, decode_errors(path):
         page = tiff.pages[0]
         size = (int(page.imagewidth), int(page.imagelength))
-        encoding = _encoding(page)
+        encoding, room = _encoding(page), _room(page)
     check_pixels(path, *size)
-    return Header(size, exif, orientation(exif), encoding)
+    return Header(size, exif, orientation(exif), encoding, room)
+
+
+def _room(page: Any) -> Room:
+    """Return what decoding takes: of 8 bits what Pillow keeps, else the file's bytes, OpenCV's and those in order."""
+    channels, bits = int(page.samplesperpixel), int(page.bitspersample)
+    if bits <= 8:
+        kept = 1.0 if channels == 1 else 4.0
+        return Room(kept, 2 * kept)
+    samples = channels * bits / 8
+    premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
+    return Room(samples, 3 * samples + (16.0 * channels if premultiplied else 0.0))
 
 
 def decode(path: Path) -> Samples:
@@ -68,7 +79,7 @@ def decode(path: Path) -> Samples:
             return eight_bits(image, encoding)
     values = _deep(path, premultiplied=premultiplied)
     if kind == "f" or values.dtype.kind == "f":
-        return Samples(values.astype(np.float32), LINEAR)
+        return Samples(values.astype(np.float32, copy=False), LINEAR)
     return samples_to_srgb(values, 65535, encoding)
 
 

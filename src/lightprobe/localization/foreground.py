@@ -14,6 +14,7 @@ import scipy
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+from lightprobe.imaging.resize import STRIP
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
 from lightprobe.localization.refinement import fitted_light
@@ -106,6 +107,9 @@ def _large(other: np.ndarray, row: np.ndarray, column: np.ndarray, size: tuple[i
 
 def magnified(small: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return a picture (h, w) bilinearly enlarged to `size` (H, W), float32."""
-    where = [(np.arange(n) + 0.5) * s / n - 0.5 for n, s in zip(size, small.shape, strict=True)]
-    grid = np.meshgrid(*where, indexing="ij")
-    return scipy.ndimage.map_coordinates(small, grid, order=1, mode="nearest").astype(np.float32)
+    rows, columns = ((np.arange(n) + 0.5) * s / n - 0.5 for n, s in zip(size, small.shape, strict=True))
+    large, step = np.empty(size, np.float32), max(1, STRIP // size[1])
+    for top in range(0, size[0], step):
+        grid = np.meshgrid(rows[top : top + step], columns, indexing="ij")
+        large[top : top + step] = scipy.ndimage.map_coordinates(small, grid, order=1, mode="nearest")
+    return large

@@ -8,7 +8,7 @@ import scipy
 from PIL import Image
 
 from lightprobe.core.files import atomic_path, write_json
-from lightprobe.imaging import shrink_area, srgb_encode, write_png
+from lightprobe.imaging import shrink_area, srgb_encode, write_mask
 from lightprobe.localization.verdict import PoseVerdict
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.overlay import HULL_COLOR
@@ -22,23 +22,28 @@ class Located:
     """A photo of the object with the camera that took it."""
 
     camera: Camera  # input frame, pixels of the photo
-    mask: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object
+    mask: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object; a large photo's is reduced
     verdict: PoseVerdict
-    color: np.ndarray  # (H, W, 3) float32 the photo, linear, background included
+    color: np.ndarray  # (H, W, 3) float32 the photo, linear, background included, reduced as the mask is
     seconds: float
 
     @property
     def pixels(self) -> Pixels:
-        """The photo as `Predictor.predict` takes it: linear colour (H, W, 3), black outside of the mask."""
+        """The photo as `Predictor.predict` takes it with `pixel_camera`: linear (H, W, 3), black beside the mask."""
         return Pixels.of(self.color * (self.mask[..., None] > 0), self.mask)
+
+    @property
+    def pixel_camera(self) -> Camera:
+        """The camera of `pixels`, which are reduced where the photo is large."""
+        return self.camera.resized(self.mask.shape[1], self.mask.shape[0])
 
     def save_camera(self, path: Path) -> None:
         """Write the camera as the JSON that `--camera` reads, with the verdict beside it."""
         write_json(Path(path), {**self.camera.to_json(), "verdict": self.verdict.to_json()})
 
     def save_mask(self, path: Path) -> None:
-        """Write the mask as PNG, white object on black."""
-        write_png(Path(path), np.repeat(self.mask[..., None], 3, 2), srgb=False)
+        """Write the mask at the photo's size as PNG, white object on black."""
+        write_mask(Path(path), self.mask, (self.camera.height, self.camera.width))
 
     def save_overlay(self, path: Path) -> None:
         """Write the photo with the outline of the mask over it, as PNG of at most 1024 pixels."""

@@ -12,7 +12,7 @@ import torch
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import focal_ratio, read_ldr, read_mask, shrink_area
+from lightprobe.imaging import focal_ratio, image_size, read_ldr, read_mask, shrink_area, worked_size
 from lightprobe.localization.foreground import hidden_share, magnified
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
@@ -64,7 +64,7 @@ class Locator:
     def _locate(self, image: Path, mask: Path | None, focal: float | None) -> Located:
         begin = time.perf_counter()
         color, given = _read(image, mask)
-        height, width = color.shape[:2]
+        width, height = image_size(image)
         if focal is None:
             ratio = focal_ratio(image)
             focal = None if ratio is None else ratio * max(width, height)
@@ -80,7 +80,7 @@ class Locator:
             raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         restored = _restored(camera, self._decomposition.similarity)
         if given is None:
-            cover = silhouette(self._decomposition.asset, camera)
+            cover = silhouette(self._decomposition.asset, camera.resized(color.shape[1], color.shape[0]))
             given = cover * (1 - magnified(hidden_share(self._known, Levels(small), best.camera), cover.shape))
         return Located(restored, given, verdict, color, time.perf_counter() - begin)
 
@@ -135,15 +135,21 @@ def stored_views(run: RunFolder, decomposition: Decomposition) -> KnownViews:
 
 
 def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return linear colour (H, W, 3) and the object's coverage (H, W), None where it is not known."""
-    color, alpha = read_ldr(image)
+    """Return linear colour (H, W, 3) and the object's coverage (H, W), None where it is not known.
+
+    They are reduced to the pixels that are worked on at once.
+    """
+    width, height = image_size(image)
+    if mask is not None and image_size(mask) != (width, height):
+        found = image_size(mask)
+        raise InputError(
+            f"{mask} has {found[0]} x {found[1]} pixels, but its photo has {width} x {height}; a mask needs the size "
+            "of its photo."
+        )
+    size = worked_size(image, (height, width))
+    color, alpha = read_ldr(image, size=size)
     if mask is not None:
-        alpha = read_mask(mask)
-        if alpha.shape != color.shape[:2]:
-            raise InputError(
-                f"{mask} has {alpha.shape[1]} x {alpha.shape[0]} pixels, but its photo has {color.shape[1]} x "
-                f"{color.shape[0]}; a mask needs the size of its photo."
-            )
+        alpha = read_mask(mask, size=size)
     if alpha is None or float(alpha.min()) > 0.99:
         return color, None
     if float(alpha.max()) < 0.5:

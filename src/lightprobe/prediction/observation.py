@@ -5,7 +5,6 @@ by area averaging first, so that the cost of a prediction is bounded; the averag
 camera would have seen.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +16,8 @@ from lightprobe.models.probe_pixels import ProbePixels, probe_pixels
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import Pixels
+from lightprobe.scene.photo import OPAQUE, Pixels
 
-_OPAQUE = 0.9  # coverage from which a pixel shows the object alone
 _HALF = 0.5  # coverage from which a pixel counts as the object's
 _FEWEST_PIXELS = 16  # that a light can be found from
 
@@ -49,12 +47,12 @@ def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, 
             f"The photo has {width} x {height} pixels but its camera {camera.width} x {camera.height}; "
             "give the camera of this photo."
         )
-    pixels = _reduced(pixels, max_pixels)
+    pixels = pixels.within(max_pixels)
     camera = camera.resized(pixels.alpha.shape[1], pixels.alpha.shape[0])
     gbuffer = rasterize_asset(asset, camera, device)
     cover = torch.from_numpy(pixels.alpha).to(device).reshape(-1)
     covered = cover[gbuffer.pixel]
-    rows = (covered >= _OPAQUE).nonzero()[:, 0]
+    rows = (covered >= OPAQUE).nonzero()[:, 0]
     if len(rows) < _FEWEST_PIXELS:
         raise InputError(
             f"Only {len(rows)} pixels of the mask show the object as seen by this camera; check the pose and the mask."
@@ -85,13 +83,3 @@ def _center(pixel: Tensor, camera: Camera) -> np.ndarray:
     """Return the mean (2,) of the pixels' places on the image plane at distance 1."""
     column, row = pixel % camera.width, torch.div(pixel, camera.width, rounding_mode="floor")
     return np.array([float(column.double().mean()) / camera.fx, float(row.double().mean()) / camera.fy])
-
-
-def _reduced(pixels: Pixels, max_pixels: int) -> Pixels:
-    """Return the photo at a size at which about `max_pixels` of its pixels lie in the mask, or as it is."""
-    masked = float((pixels.alpha >= _OPAQUE).sum())
-    if masked <= max_pixels:
-        return pixels
-    shrink = math.sqrt(max_pixels / masked)
-    height, width = (max(1, round(side * shrink)) for side in pixels.alpha.shape)
-    return pixels.resized(height, width)

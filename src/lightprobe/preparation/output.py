@@ -10,7 +10,7 @@ import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum, named_file, read_json, remove, write_bytes, write_json
-from lightprobe.imaging import gravity, read_alpha, resize_area
+from lightprobe.imaging import gravity, resize_area
 from lightprobe.preparation.contact import LOW_AGREEMENT, lost_cell, photo_cell
 from lightprobe.preparation.hints import find_photo
 from lightprobe.preparation.libraries import opencv_library
@@ -118,27 +118,29 @@ def _write_masks(output: Path, photos: Sequence[SourcePhoto], cutting: Cutting, 
     """Write the masks at full size, those that the user corrected as they are, and what they were written as."""
     corrected, folder = output / ".prepare" / "corrected", output / "masks"
     record = output / ".prepare" / WRITTEN
-    masks = {}
-    for index, mask in cutting.masks.items():
-        photo = photos[index]
-        own = named_file(folder, photo.name, ".png")
-        kept = named_file(corrected, photo.name, ".png")
-        if photo.name in cutting.own and own.is_file() and not _as_written(own, output, photo.name):
-            write_bytes(kept, own.read_bytes())
-        masks[photo.name] = _full_mask(photo, mask, cameras[index], bends[index])
+    names = [photos[index].name for index in cutting.masks]
+    for name in names:
+        own = named_file(folder, name, ".png")
+        if name in cutting.own and own.is_file() and not _as_written(own, output, name):
+            write_bytes(named_file(corrected, name, ".png"), own.read_bytes())
+    # made one by one while they are written: at full size all of them would take more than anything else here
+    masks = (
+        (photos[index].name, _full_mask(photos[index], mask, cameras[index], bends[index]))
+        for index, mask in cutting.masks.items()
+    )
     write_masks(masks, folder)
     for name in cutting.own:
         kept = named_file(corrected, name, ".png")
         if kept.is_file():
             shutil.copyfile(kept, named_file(folder, name, ".png"))
-    write_json(record, {name: checksum(named_file(folder, name, ".png")) for name in masks})
+    write_json(record, {name: checksum(named_file(folder, name, ".png")) for name in names})
 
 
 def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -> np.ndarray:
     """Return the mask (H, W) float32 of a photo at its full size: the user's own, or the small one (h, w) enlarged."""
-    given = given_mask(photo, read_alpha(photo.path) if photo.cutout else None)
+    given = given_mask(photo, (photo.height, photo.width))
     if given is not None:
-        return straight(np.ascontiguousarray(given), camera, k)
+        return straight(given, camera, k)
     return enlarged(mask.astype(np.float32), photo.height, photo.width)
 
 

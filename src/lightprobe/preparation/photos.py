@@ -10,13 +10,13 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum
 from lightprobe.imaging import (
     LUMA,
+    PhotoFile,
+    alpha_range,
     focal_ratio,
     image_size,
     read_alpha,
-    read_ldr,
     read_mask,
-    resize_area,
-    shrink_area,
+    resize_rows,
     srgb_encode,
 )
 from lightprobe.scene.frame import unique_names
@@ -69,8 +69,8 @@ def source_photos(folder: Path) -> list[SourcePhoto]:
 
 def _source(path: Path, name: str, mask: Path | None) -> SourcePhoto:
     width, height = image_size(path)
-    alpha = read_alpha(path) if mask is None else None
-    cutout = alpha is not None and bool(alpha.min() < 0.5 <= alpha.max())
+    lowest, highest = alpha_range(path) if mask is None else (1.0, 1.0)
+    cutout = lowest < 0.5 <= highest
     return SourcePhoto(name, path, width, height, checksum(path), focal_ratio(path), mask, cutout)
 
 
@@ -86,28 +86,35 @@ class WorkingPictures:
 
 def working_pictures(photo: SourcePhoto) -> WorkingPictures:
     """Decode a photo and its mask; shapes as in `WorkingPictures`. Raises `InputError` for a damaged file."""
-    linear, alpha = read_ldr(photo.path)
-    given = given_mask(photo, alpha)
-    color = np.clip(srgb_encode(np.clip(shrink_area(linear, COLOR_SIDE), 0, 1)) * 255 + 0.5, 0, 255).astype(np.uint8)
-    grey = even_contrast(shrink_area(linear @ LUMA, FEATURE_SIDE))
-    small = None if given is None else resize_area(given, *color.shape[:2])
-    return WorkingPictures(grey, color, small, sharpness(grey))
+    file = PhotoFile(photo.path)
+    whole, small = (photo.height, photo.width), _side_within(photo, COLOR_SIDE)
+    linear = resize_rows(lambda first, last: file.rows(first, last)[0], (*whole, 3), *small)
+    light = resize_rows(lambda *rows: file.rows(*rows)[0] @ LUMA, whole, *_side_within(photo, FEATURE_SIDE))
+    color = np.clip(srgb_encode(np.clip(linear, 0, 1)) * 255 + 0.5, 0, 255).astype(np.uint8)
+    grey = even_contrast(light)
+    return WorkingPictures(grey, color, given_mask(photo, small), sharpness(grey))
 
 
-def given_mask(photo: SourcePhoto, alpha: np.ndarray | None) -> np.ndarray | None:
-    """Return the user's mask (H, W) float32 of a photo, None without one; `alpha` (H, W) is the photo's own.
+def _side_within(photo: SourcePhoto, side: int) -> tuple[int, int]:
+    """Return the (height, width) of a photo whose longer side has at most `side` pixels."""
+    scale = min(1.0, side / max(photo.height, photo.width))
+    return max(1, round(photo.height * scale)), max(1, round(photo.width * scale))
+
+
+def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
+    """Return the user's mask of a photo at `size`, (height, width) float32: its file or the photo's alpha, or None.
 
     Raises `InputError` for a mask of another shape.
     """
     if photo.mask is None:
-        return alpha if photo.cutout else None
-    mask = read_mask(photo.mask)
-    if abs(mask.shape[1] * photo.height - mask.shape[0] * photo.width) > 0.02 * mask.shape[0] * photo.width:
+        return read_alpha(photo.path, size=size) if photo.cutout else None
+    width, height = image_size(photo.mask)
+    if abs(width * photo.height - height * photo.width) > 0.02 * height * photo.width:
         raise InputError(
-            f"{photo.mask} is {mask.shape[1]} x {mask.shape[0]}, but its photo {photo.path.name} is "
+            f"{photo.mask} is {width} x {height}, but its photo {photo.path.name} is "
             f"{photo.width} x {photo.height}; a mask has the shape of its photo."
         )
-    return resize_area(mask, photo.height, photo.width)
+    return read_mask(photo.mask, size=size)
 
 
 def even_contrast(luminance: np.ndarray) -> np.ndarray:

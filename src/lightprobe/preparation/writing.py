@@ -1,7 +1,7 @@
 """The scene that comes out: photos without their lens' distortion, masks, and cameras in nerfstudio's layout."""
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,9 @@ import numpy as np
 from PIL import Image
 
 from lightprobe.core.files import atomic_folder, atomic_path, named_file, write_json
-from lightprobe.imaging import read_ldr, srgb_encode, write_png
+from lightprobe.imaging import PhotoFile, srgb_encode, write_mask
 from lightprobe.imaging.exif import read_exif
+from lightprobe.imaging.resize import STRIP
 from lightprobe.preparation.libraries import opencv_library
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.solution import bent
@@ -19,25 +20,47 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.contact_sheet import Cell, contact_sheet
 
 _SMALL_BEND = 0.5  # pixels up to which a photo is taken as it is
+_REACH = 2  # rows beside a place that interpolation looks at
 _CELL = 200  # pixels of a contact sheet's pictures
 _ORIENTATION = 0x0112  # number of the EXIF tag
 
 
-def bend_map(camera: Camera, k: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the pixels of a pinhole's picture lie in the lens' one: x and y, (H, W) float32, of centres."""
-    rows, columns = np.mgrid[: camera.height, : camera.width]
+def bend_map(camera: Camera, k: float, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return where pixels of a pinhole's picture lie in the lens' one: x and y, (h, W) float32, of centres.
+
+    Of the rows first..last - 1.
+    """
+    rows, columns = np.mgrid[first:last, : camera.width]
     points = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], 1)
     x, y = bent(points, camera, k).T
-    shape = (camera.height, camera.width)
-    return (x - 0.5).reshape(shape).astype(np.float32), (y - 0.5).reshape(shape).astype(np.float32)
+    return (x - 0.5).reshape(rows.shape).astype(np.float32), (y - 0.5).reshape(rows.shape).astype(np.float32)
 
 
 def straight(picture: np.ndarray, camera: Camera, k: float) -> np.ndarray:
     """Return a picture (H, W) or (H, W, 3), any type, as a pinhole shows it; what the lens did not see is 0."""
     if largest_bend(camera, k) <= _SMALL_BEND:
         return picture
+    result = np.empty_like(picture)
+    for top, rows in straight_strips(lambda first, last: picture[first:last], camera, k, cubic=picture.ndim == 3):
+        result[top : top + len(rows)] = rows
+    return result
+
+
+def straight_strips(
+    read: Callable[[int, int], np.ndarray], camera: Camera, k: float, *, cubic: bool
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the first row and the rows (h, W) or (h, W, 3) of strips of a picture as a pinhole shows it.
+
+    `read(first, last)` returns the lens' picture's rows first..last - 1, which is never held whole. cubic: whether it
+    is interpolated so; else linearly.
+    """
     cv2 = opencv_library()
-    return cv2.remap(picture, *bend_map(camera, k), cv2.INTER_CUBIC if picture.ndim == 3 else cv2.INTER_LINEAR)
+    step = max(1, STRIP // camera.width)
+    for top in range(0, camera.height, step):
+        x, y = bend_map(camera, k, top, min(top + step, camera.height))
+        first = int(np.clip(np.floor(y.min()) - _REACH, 0, camera.height - 1))
+        last = int(np.clip(np.ceil(y.max()) + _REACH + 1, first + 1, camera.height))
+        yield top, cv2.remap(read(first, last), x, y - first, cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR)
 
 
 def largest_bend(camera: Camera, k: float) -> float:
@@ -63,18 +86,19 @@ def write_images(photos: Mapping[str, tuple[SourcePhoto, Camera, float]], folder
 
 def _write_straight(photo: SourcePhoto, camera: Camera, k: float, file: Path) -> None:
     """Write one photo through a pinhole as PNG, with what EXIF says of its exposure."""
-    color, _ = read_ldr(photo.path)
-    encoded = np.clip(srgb_encode(np.clip(straight(color, camera, k), 0, 1)) * 255 + 0.5, 0, 255).astype(np.uint8)
+    bent_photo, encoded = PhotoFile(photo.path), np.empty((camera.height, camera.width, 3), np.uint8)
+    for top, rows in straight_strips(lambda *strip: bent_photo.rows(*strip)[0], camera, k, cubic=True):
+        encoded[top : top + len(rows)] = np.clip(srgb_encode(np.clip(rows, 0, 1)) * 255 + 0.5, 0, 255)
     exif = read_exif(photo.path)
     exif[_ORIENTATION] = 1
     Image.fromarray(encoded).save(file, format="PNG", exif=exif)
 
 
-def write_masks(masks: Mapping[str, np.ndarray], folder: Path) -> None:
-    """Write the masks (H, W) float32 as grey PNG into a new folder."""
+def write_masks(masks: Iterable[tuple[str, np.ndarray]], folder: Path) -> None:
+    """Write masks (H, W) float32, each with its name, as grey PNG into a new folder, one by one as they come."""
     with atomic_folder(folder) as temporary:
-        for name, mask in masks.items():
-            write_png(named_file(temporary, name, ".png"), np.repeat(mask[..., None], 3, axis=2), srgb=False)
+        for name, mask in masks:
+            write_mask(named_file(temporary, name, ".png"), mask)
 
 
 def write_transforms(path: Path, cameras: Mapping[str, Camera], files: Mapping[str, str]) -> None:

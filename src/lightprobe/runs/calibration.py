@@ -40,6 +40,7 @@ _ROUNDS = 3  # of a factor that also changes what the object reflects onto itsel
 _OPAQUE = 0.9  # coverage from which a pixel shows the object alone
 _PATCH = 0.01  # of the photo's longer side: half the edge of the square of pixels around a point
 _DARK = 1e-3  # linear value below which a ratio says nothing
+_MOST = 2**20  # pixels of the object in a photo, about: larger photos are reduced
 _FEWEST = 16  # pixels that a light is compared on
 
 
@@ -64,7 +65,7 @@ def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Pat
     decomposition, seen = opened.decomposition, opened.photo
     for _ in range(_ROUNDS):
         asset = _calibration(factor, "").applied(decomposition.asset)
-        image, cover = relight(replace(decomposition, asset=asset), light, seen.camera)
+        image, cover = relight(replace(decomposition, asset=asset), light, seen.pixel_camera)
         inside = (cover.cpu() > _OPAQUE) & (torch.from_numpy(seen.pixels.alpha) > _OPAQUE)
         whole = inside & ~torch.from_numpy(seen.pixels.clipped).any(-1)
         if int(whole.sum()) < _FEWEST:
@@ -83,7 +84,9 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     patch = _patch(opened.photo, point)
     albedo = torch.tensor(point.albedo)
     gbuffer = rasterize_asset(
-        opened.decomposition.asset, opened.photo.camera.normalised(opened.decomposition.similarity), opened.device
+        opened.decomposition.asset,
+        opened.photo.pixel_camera.normalised(opened.decomposition.similarity),
+        opened.device,
     )
     chosen = torch.from_numpy(np.isin(gbuffer.pixel.cpu().numpy(), np.flatnonzero(patch)))
     if bool(chosen.any()):
@@ -139,6 +142,7 @@ class _Opened:
         run, where = RunFolder.open(folder), resolve_device(device)
         found = LocationFiles().within(run.path / "predictions", image)
         photos = NewPhotos(run, [PhotoFiles(image, photo_mask(image, mask), found)], camera, False)
+        photos.read_within(_MOST)
         decomposition = Decomposition.load(run, where, calibrated=False)
         if photos.lack_cameras:
             photos.locate_with(load_locator(run, Predictor(decomposition, device=where)))
@@ -146,19 +150,22 @@ class _Opened:
 
     def predicted(self) -> Tensor:
         """Return the light (6, R, R, 3) that the run finds in the photo, in its own gauge."""
-        found = Predictor.load(self.run.path, self.device).predict(self.photo.pixels, self.photo.camera)
+        found = Predictor.load(self.run.path, self.device).predict(self.photo.pixels, self.photo.pixel_camera)
         light = found.environment.texels.cpu()
         return light if found.calibration is None else light / found.calibration.tensor()
 
 
 def _patch(photo: NewPhoto, point: Point) -> np.ndarray:
     """Return the pixels (H, W) bool around a point; raise `ConfigError` when it is not in the photo."""
-    height, width = photo.pixels.alpha.shape
-    if not (0 <= point.x < width and 0 <= point.y < height):
-        raise ConfigError(f"--at {point.x:g},{point.y:g} is outside of the photo, which is {width} x {height} pixels.")
-    row, column = np.mgrid[:height, :width]
+    whole, (height, width) = photo.camera, photo.pixels.alpha.shape
+    if not (0 <= point.x < whole.width and 0 <= point.y < whole.height):
+        raise ConfigError(
+            f"--at {point.x:g},{point.y:g} is outside of the photo, which is {whole.width} x {whole.height} pixels."
+        )
+    x, y = point.x * width / whole.width, point.y * height / whole.height
     reach = max(1.0, _PATCH * max(height, width))
-    return (np.abs(column + 0.5 - point.x) <= reach) & (np.abs(row + 0.5 - point.y) <= reach)
+    near = np.abs(np.arange(height) + 0.5 - y) <= reach, np.abs(np.arange(width) + 0.5 - x) <= reach
+    return near[0][:, None] & near[1]
 
 
 def _median_ratio(render: Tensor, photo: Tensor) -> Tensor:

@@ -9,14 +9,17 @@ import torch
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
+from lightprobe.imaging import check_room
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
 from lightprobe.light.environment import Environment
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
-from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
+from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.record import read_record
+
+_PIXEL_BYTES = 260  # that a picture and its layers take for each of the photo's pixels
 
 
 @dataclass(frozen=True)
@@ -60,20 +63,25 @@ def insert_object(
     location = LocationFiles().within(folder.path / "predictions", image)
     photos = NewPhotos(folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True)
     loaded = LoadedRun(folder, where)
-    loaded.find_cameras_of(photos)
+    loaded.make_ready(photos)
     new = photos.read(0)
     warnings = [] if new.location is None else new.location.warnings()
     if light is None:
-        prediction = loaded.predictor.predict(new.pixels, new.camera, background=new.background, doubt=new.doubt)
+        prediction = loaded.predictor.predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
-    view = PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
-    inserted = insert(loaded.predictor.decomposition, light, view, found, wish)
+    inserted = insert(loaded.predictor.decomposition, light, _view(image, photos, new), found, wish)
     files = LayerFiles.of(output)
     inserted.write(files)
     return InsertedObject(
         files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
         time.perf_counter() - start, (*warnings, *inserted.warnings), new.location,
     )  # fmt: skip
+
+
+def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
+    """Return the one photo of `photos` at its own size; raise `InputError` where the limit of memory has no room."""
+    check_room(image, (new.camera.width, new.camera.height), _PIXEL_BYTES)
+    return PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
 
 
 def _check_name(output: Path, image: Path) -> None:

@@ -42,22 +42,26 @@ class LoadedRun:
             self._locator = load_locator(self.run, self.predictor)
         return self._locator
 
-    def find_cameras_of(self, photos: NewPhotos) -> None:
-        """Give photos without a camera what they are located by, if there are any; errors as in `load_locator`."""
+    def make_ready(self, photos: NewPhotos) -> None:
+        """Let photos be read as predictions take them, those without a camera be located; errors as `load_locator`."""
+        photos.read_within(self.predictor.config.max_pixels)
         if photos.lack_cameras:
             photos.locate_with(self.locator())
 
     def read(
-        self, files: PhotoFiles, camera: Path | None = None, *, background: bool = True,
+        self, files: PhotoFiles, camera: Path | None = None, *, background: bool = True, whole: bool = True,
         tell: Callable[[str], None] = lambda stage: None,
     ) -> NewPhoto:  # fmt: skip
         """Return a photo with its camera: the given one, that of the scene's own photo if it is one, else it is found.
 
-        Raises `InputError` for a photo, mask or camera that cannot be used, or when the object is not found.
+        whole: whether it is read at its own size, where its camera is known, or as predictions take it. Raises
+        `InputError` for a photo, mask or camera that cannot be used, or when the object is not found.
         """
         if camera is None:
             camera = self._own_camera(files)
         photos = NewPhotos(self.run, [files], camera, background)
+        if not whole:
+            photos.read_within(self.predictor.config.max_pixels)
         if camera is None:
             tell("finding the object in the photo")
             photos.locate_with(self.locator())

@@ -1,21 +1,21 @@
 """Photos from outside a run's scene, as predictions take them: with cameras, given or found, and backgrounds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import image_size, read_exif_ev100
+from lightprobe.imaging import image_size, read_exif_ev100, read_ldr, read_mask
 from lightprobe.prediction import Predictor
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, is_own_photo, locate_photo
 from lightprobe.scene import Photo, load_pixels, new_photo
 from lightprobe.scene.background import Background, is_opaque, load_background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
-from lightprobe.scene.pixels import load_thumbnail
+from lightprobe.scene.pixels import load_observed, load_thumbnail
 
 if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
     from lightprobe.localization import Locator
@@ -35,10 +35,16 @@ class NewPhoto:
     """What a prediction is made from."""
 
     pixels: Pixels
-    camera: Camera  # input frame
+    camera: Camera  # input frame, of the photo at its own size
     background: Background | None  # None: not wanted, or the photo is cut out
     ev100: float | None  # exposure value from EXIF, if complete
     location: LocatedPhoto | None  # None: the camera was given
+
+    @property
+    def pixel_camera(self) -> Camera:
+        """The camera of `pixels`, which may be a reduced photo's."""
+        height, width = self.pixels.alpha.shape
+        return self.camera.resized(width, height)
 
     @property
     def doubt(self) -> float:
@@ -58,6 +64,7 @@ class NewPhotos:
         self._run, self._files, self._background = run, files, background
         self._photos = [_photo(run, one, camera) for one in files]
         self._locator: Locator | None = None
+        self._most_opaque: int | None = None
 
     @property
     def lack_cameras(self) -> bool:
@@ -68,13 +75,18 @@ class NewPhotos:
         """Take what photos without a camera are located by, which the caller has loaded."""
         self._locator = locator
 
+    def read_within(self, most_opaque: int) -> None:
+        """Read photos no larger than predictions need them: with about so many pixels in the mask."""
+        self._most_opaque = most_opaque
+
     def read(self, index: int) -> NewPhoto:
         """Return one photo; raises `InputError` when it cannot be decoded or the object is not found in it."""
         files, photo = self._files[index], self._photos[index]
         ev100 = read_exif_ev100(files.image)
         if photo is not None:
-            pixels, camera = load_pixels(photo)
-            return NewPhoto(pixels, camera, load_background(photo) if self._background else None, ev100, None)
+            pixels, _ = load_pixels(photo) if self._most_opaque is None else load_observed(photo, self._most_opaque)
+            background = load_background(photo) if self._background else None
+            return NewPhoto(pixels, replace(photo.camera, lens=None), background, ev100, None)
         if self._locator is None:
             raise ValueError("Loaded with the photos that need it.")
         found = locate_photo(self._locator, files.image, files.mask, files.location)
@@ -88,8 +100,8 @@ class NewPhotos:
 
         (H, W, 3) linear and straight, background included, and (H, W), both float32.
         """
-        if photo.location is not None:
-            return photo.location.located.color, photo.location.located.mask
+        if photo.location is not None and photo.location.files.mask is not None:
+            return read_ldr(self._files[index].image)[0], read_mask(photo.location.files.mask)
         known = self._photos[index]
         if known is None:
             raise ValueError("Located, if its camera is not known.")

@@ -120,7 +120,7 @@ class PhotoPredictions:
             try:
                 photo = self._photos.read(index)
                 prediction = self._predictor.predict(
-                    photo.pixels, photo.camera, self.method, background=photo.background, doubt=photo.doubt,
+                    photo.pixels, photo.pixel_camera, self.method, background=photo.background, doubt=photo.doubt,
                     sources=True,
                 )  # fmt: skip
             except InputError as error:
@@ -152,7 +152,7 @@ def predict_photos(
     folders = [one.output.parent for one in maps]
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
     loaded = loaded or LoadedRun(run, resolve_device(device), settings)
-    loaded.find_cameras_of(photos)
+    loaded.make_ready(photos)
     predictor = loaded.predictor
     chosen = method or methods_for(predictor.model, predictor.config)[0]
     return PhotoPredictions(chosen, predictor.model is not None, predictor, images, maps, photos)
@@ -188,7 +188,7 @@ def predict_one_light(
     folders = [target.output.parent] * len(images)
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
     loaded = LoadedRun(run, resolve_device(device), settings)
-    loaded.find_cameras_of(photos)
+    loaded.make_ready(photos)
     predictor = loaded.predictor
     chosen = method or methods_for(predictor.model, predictor.config)[0]
     read, left_out = _readable(photos, images)
@@ -197,7 +197,7 @@ def predict_one_light(
     seen = list(read.values())
     given = _exif_exposures(seen)
     prediction, exposures = predictor.predict_together(
-        [(photo.pixels, photo.camera) for photo in seen], chosen, exposures=given,
+        [(photo.pixels, photo.pixel_camera) for photo in seen], chosen, exposures=given,
         backgrounds=[photo.background for photo in seen], doubt=max(photo.doubt for photo in seen), sources=True,
     )  # fmt: skip
     target.write(prediction, _facts(next(iter(read)), seen[0]))

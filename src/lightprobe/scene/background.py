@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from lightprobe.imaging import CLIPPED, read_alpha, shrink_area
+from lightprobe.imaging import CLIPPED, alpha_range, shrink_area
+from lightprobe.imaging.opening import FileKind, file_kind
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, has_white
 from lightprobe.scene.pixels import load_thumbnail
@@ -47,5 +48,4 @@ def load_background(photo: Photo) -> Background | None:
 
 def is_opaque(image: Path) -> bool:
     """Return whether a photo shows what is around the object: it has no alpha channel, or one without holes."""
-    alpha = read_alpha(image)
-    return alpha is None or bool(alpha.min() == 1)
+    return file_kind(image) is FileKind.JPEG or alpha_range(image)[0] == 1

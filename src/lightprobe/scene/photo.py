@@ -3,14 +3,17 @@
 Colour: `Pixels.color` is linear, straight (not premultiplied) RGB in which 1.0 is the white of that photo.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from lightprobe.imaging import CLIPPED, resize_area
+from lightprobe.imaging import CLIPPED, resize_rows
 from lightprobe.scene.camera import Camera, Similarity
 
+OPAQUE = 0.9  # coverage from which a pixel shows the object alone
 _WHITE = 1.01  # a photo with brighter values comes from a format without a white to clip at
 
 
@@ -49,6 +52,14 @@ def has_white(color: np.ndarray) -> bool:
     return float(color.max(initial=0.0)) <= _WHITE
 
 
+def reduced_size(size: tuple[int, int], opaque: float, most: int) -> tuple[int, int]:
+    """Return the (height, width) at which about `most` of a photo's pixels are `OPAQUE`, of which it has `opaque`."""
+    if opaque <= most:
+        return size
+    shrink = math.sqrt(most / opaque)
+    return max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink))
+
+
 @dataclass(frozen=True)
 class Pixels:
     """Decoded pixels of one photo."""
@@ -62,6 +73,11 @@ class Pixels:
         """Return the pixels of a photo at full size, linear straight `color` (H, W, 3) and `alpha` (H, W)."""
         return Pixels(color, alpha, clipped(color, alpha) & has_white(color))
 
+    def within(self, most: int) -> "Pixels":
+        """Return the pixels reduced until about `most` of them lie in the mask, or as they are."""
+        opaque = float((self.alpha >= OPAQUE).sum())
+        return self.resized(*reduced_size((self.alpha.shape[0], self.alpha.shape[1]), opaque, most))
+
     def resized(self, height: int, width: int) -> "Pixels":
         """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile.
 
@@ -69,10 +85,28 @@ class Pixels:
         """
         if (height, width) == self.alpha.shape:
             return self
-        premultiplied = resize_area(self.color * self.alpha[..., None], height, width)
-        alpha = resize_area(self.alpha, height, width)
-        clipped = resize_area(self.clipped.astype(np.float32), height, width) > 0
-        return Pixels(premultiplied / np.maximum(alpha, 1e-6)[..., None], alpha, clipped)
+        return averaged(
+            lambda first, last: (self.color[first:last], self.alpha[first:last], self.clipped[first:last]),
+            (self.alpha.shape[0], self.alpha.shape[1]), (height, width),
+        )  # fmt: skip
+
+
+def averaged(
+    read: Callable[[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]], whole: tuple[int, int], size: tuple[int, int]
+) -> Pixels:
+    """Return a photo of `whole` (height, width) area-averaged to `size`, colour premultiplied meanwhile.
+
+    `read(first, last)` returns linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of these rows: the
+    photo is never held as floats. A pixel with any clipped source pixel is clipped.
+    """
+
+    def planes(first: int, last: int) -> np.ndarray:
+        color, alpha, hidden = read(first, last)
+        return np.dstack([color * alpha[..., None], alpha, hidden])
+
+    small = resize_rows(planes, (*whole, 7), *size)
+    color, alpha = np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
+    return Pixels(color / np.maximum(alpha, 1e-6)[..., None], alpha, small[..., 4:] > 0)
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,17 @@ A photo whose camera has a lens is resampled to the pinhole camera's picture bef
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import PhotoFile, image_size, read_orientation, resize_rows, turned_size, undo
+from lightprobe.imaging import PhotoFile, image_size, read_orientation, resize_rows, turned_size, undo, worked_size
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import Resampling, bilinear, span
-from lightprobe.scene.photo import Photo, Pixels
+from lightprobe.scene.photo import OPAQUE, Photo, Pixels, averaged, reduced_size
 
 
 def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Camera]:
@@ -30,14 +30,31 @@ def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Came
     Colour is linear and straight; it is 0 where alpha is 0. Raises `InputError` naming the file when the photo or mask
     is missing or damaged, when their sizes differ, or when the mask shows no object.
     """
-    opened = _Opened(photo)
     width, height = target_size(photo.camera, max_side)
+    return _pixels(_Opened(photo), height, width)
+
+
+def load_observed(photo: Photo, most_opaque: int) -> tuple[Pixels, Camera]:
+    """Return `load_pixels(photo)` as `Pixels.within` reduces it to about `most_opaque` pixels in the mask.
+
+    The same values, but the photo is never held whole: of one larger than `limits.WORKED_PIXELS` with a small object it
+    is that many pixels at most.
+    """
+    opened = _Opened(photo)
+    opaque = sum(int((opened.alpha_rows(*strip) >= OPAQUE).sum()) for strip in opened.strips())
+    height, width = worked_size(photo.image_path, opened.size, reduced_size(opened.size, opaque, most_opaque))
+    return _pixels(opened, height, width)
+
+
+def _pixels(opened: "_Opened", height: int, width: int) -> tuple[Pixels, Camera]:
+    """Return what `load_pixels` does at one size."""
     if (height, width) == opened.size:
         color, alpha, clipped = opened.whole()
-        pixels = Pixels(color * (alpha[..., None] > 0), alpha, clipped)
+        color *= alpha[..., None] > 0
+        pixels = Pixels(color, alpha, clipped)
     else:
         pixels = opened.reduced(height, width)
-    return pixels, replace(photo.camera.resized(width, height), lens=None)
+    return pixels, replace(opened.camera.resized(width, height), lens=None)
 
 
 def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -88,6 +105,7 @@ class _Opened:
         self._mask = None if photo.mask_path is None else PhotoFile(photo.mask_path, turn=mask_turn)
         self._highest = 0.0  # of the coverage handed out
         self._resampling = None if photo.camera.lens is None else Resampling(photo.camera)
+        self.camera = photo.camera
         self.size = (photo.camera.height, photo.camera.width)
         self._check_mask()
 
@@ -102,6 +120,10 @@ class _Opened:
         )
         self._note(alpha)
         return color, alpha, clipped
+
+    def strips(self) -> Iterator[tuple[int, int]]:
+        """Yield (first, last) of consecutive strips of rows that are worked on at once."""
+        return (self._mask or self._image).strips()
 
     def alpha_rows(self, first: int, last: int) -> np.ndarray:
         """Return alpha (h, W) of the rows first..last - 1."""
@@ -139,31 +161,22 @@ class _Opened:
         """Return linear straight colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3) bool."""
         color, alpha = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
         clipped = np.empty((*self.size, 3), bool)
-        for first, last in (self._mask or self._image).strips():
+        for first, last in self.strips():
             color[first:last], alpha[first:last], clipped[first:last] = self.rows(first, last)
         self.check_seen()
         return color, alpha, clipped
 
     def reduced(self, height: int, width: int) -> Pixels:
         """Return the pixels area-averaged to `height` x `width`, colour premultiplied meanwhile."""
-
-        def planes(first: int, last: int) -> np.ndarray:
-            color, alpha, clipped = self.rows(first, last)
-            return np.dstack([color * alpha[..., None], alpha, clipped])
-
-        small = self._averaged(planes, 7, height, width)
-        color, alpha = np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
-        return Pixels(color / np.maximum(alpha, 1e-6)[..., None], alpha, small[..., 4:] > 0)
+        pixels = averaged(self.rows, self.size, (height, width))
+        self.check_seen()
+        return pixels
 
     def thumbnail(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Return straight colour (height, width, 3) and alpha (height, width), each area-averaged for itself."""
-        small = self._averaged(lambda first, last: np.dstack(self.rows(first, last)[:2]), 4, height, width)
-        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
-
-    def _averaged(self, planes: Callable[[int, int], np.ndarray], count: int, height: int, width: int) -> np.ndarray:
-        small = resize_rows(planes, (*self.size, count), height, width)
+        small = resize_rows(lambda *rows: np.dstack(self.rows(*rows)[:2]), (*self.size, 4), height, width)
         self.check_seen()
-        return small
+        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
 
     def check_seen(self) -> None:
         """Raise `InputError` when all coverage has been handed out and no pixel shows the object."""

@@ -4,14 +4,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lightprobe.core.config.prediction import Method, Sun
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import read_json, write_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.export.light_file import PhotoFacts, light_file, write_light_file
-from lightprobe.imaging import image_size, write_png
+from lightprobe.imaging import image_size, write_mask
 from lightprobe.prediction import Prediction, methods_for
 from lightprobe.runs.loaded import LoadedRun, LoadedRuns
 from lightprobe.runs.locations import LocationFiles
@@ -42,7 +40,8 @@ def predict(runs: LoadedRuns, request: dict[str, Any], max_pixels: int, tell: Te
     files = PhotoFiles(
         image, mask, LocationFiles(*(folder / name for name in ("camera.json", "mask.png", "overlay.png")))
     )
-    photo = loaded.read(files, camera, background=request["background"], tell=tell)
+    whole = Output.MASK in request["outputs"]
+    photo = loaded.read(files, camera, background=request["background"], whole=whole, tell=tell)
     tell("predicting")
     method, prediction = _predicted(loaded, photo, request)
     tell("writing")
@@ -66,7 +65,12 @@ def _predicted(loaded: LoadedRun, photo: NewPhoto, request: dict[str, Any]) -> t
     asked = request["method"]
     method = methods_for(predictor.model, predictor.config)[0] if asked is None else Method(asked)
     return method, predictor.predict(
-        photo.pixels, photo.camera, method, background=photo.background, doubt=photo.doubt, sources=request["sources"]
+        photo.pixels,
+        photo.pixel_camera,
+        method,
+        background=photo.background,
+        doubt=photo.doubt,
+        sources=request["sources"],
     )
 
 
@@ -81,7 +85,7 @@ def _write(prediction: Prediction, photo: NewPhoto, request: dict[str, Any], fol
     if Output.CONFIDENCE in outputs:
         prediction.save_confidence(folder / FILES[Output.CONFIDENCE])
     if Output.MASK in outputs and photo.location is None:
-        write_png(folder / FILES[Output.MASK], np.repeat(photo.pixels.alpha[..., None], 3, 2), srgb=False)
+        write_mask(folder / FILES[Output.MASK], photo.pixels.alpha)
     name = FILES[Output.EXR if Output.EXR in outputs or Output.HDR not in outputs else Output.HDR]
     facts = PhotoFacts(request["name"], photo.camera, photo.ev100)
     write_light_file(folder / name, prediction, facts, sun, height)

@@ -16,7 +16,7 @@ from lightprobe.evaluation import relight
 from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.export import write_picture
 from lightprobe.export.light_file import PhotoFacts, write_light_file
-from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_png
+from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_mask, write_png
 from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import plane
 from lightprobe.localization.located import write_overlay
@@ -64,7 +64,7 @@ def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], N
     photo = loaded.read(PhotoFiles(upload, None, files), tell=tell)
     tell("predicting the light")
     prediction = predictor.predict(
-        photo.pixels, photo.camera, background=photo.background, doubt=photo.doubt, sources=True
+        photo.pixels, photo.pixel_camera, background=photo.background, doubt=photo.doubt, sources=True
     )
     tell("drawing")
     color = read_ldr(upload)[0]
@@ -76,7 +76,7 @@ def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], N
     _write_photo(folder / "photo.jpg", color)
     if photo.location is None:
         write_json(folder / "camera.json", photo.camera.to_json())
-        write_png(folder / "mask.png", np.repeat(photo.pixels.alpha[..., None], 3, 2), srgb=False)
+        write_mask(folder / "mask.png", photo.pixels.alpha)
         write_overlay(folder / "overlay.png", color, photo.pixels.alpha)
     return _told(photo, prediction, folder, time.perf_counter() - begin)
 
