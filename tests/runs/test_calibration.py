@@ -12,7 +12,7 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.export.light_file import candela_per_unit
-from lightprobe.imaging import write_exr, write_png
+from lightprobe.imaging import read_ldr, write_exr, write_png
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.calibration import Calibration
@@ -97,15 +97,19 @@ def test_predictions_are_in_the_true_gauge_and_still_explain_the_photo(clean):
 def test_a_card_and_a_meter_measure_the_predicted_light(clean, monkeypatch):
     run, _, shot, folder, _ = clean
     camera = folder / "camera.json"
-    opened = calibrations._Opened.of(run.path, shot, camera, None, "cpu")
     flat = torch.full((6, 8, 8, 3), 2.0)  # irradiance 2 pi whichever way a card faces
     monkeypatch.setattr(calibrations._Opened, "predicted", lambda self: flat)
-    color = opened.photo.pixels.color.copy()
+    color, alpha = read_ldr(shot)
+    color = np.where(alpha[..., None] > 0, color, 0.5)
     color[:6, :6] = 0.18 * torch.tensor([3.0, 2.0, 1.0]).numpy()  # of a grey card under radiance 3, 2 and 1
-    photo = dataclasses.replace(opened.photo, pixels=dataclasses.replace(opened.photo.pixels, color=color), ev100=10.0)
+    with_card, mask = folder / "card.png", folder / "card_mask.png"
+    write_png(with_card, color, bits=16)
+    write_png(mask, np.repeat(alpha[..., None], 3, 2), srgb=False)
+    card = calibrate_by_albedo(run.path, with_card, Point(2, 2, (0.18, 0.18, 0.18)), camera=camera, mask=mask)
+    assert card.factor == pytest.approx((1.5, 1.0, 0.5), rel=1e-2)
+    opened = calibrations._Opened.of(run.path, shot, camera, None, "cpu")
+    photo = dataclasses.replace(opened.photo, ev100=10.0)
     monkeypatch.setattr(calibrations._Opened, "of", staticmethod(lambda *_: dataclasses.replace(opened, photo=photo)))
-    card = calibrate_by_albedo(run.path, shot, Point(2, 2, (0.18, 0.18, 0.18)), camera=camera, mask=None)
-    assert card.factor == pytest.approx((1.5, 1.0, 0.5), rel=1e-3)
     lux = candela_per_unit(10.0) * 2 * math.pi * 1.25
     meter = calibrate_by_meter(run.path, shot, lux, camera=camera, mask=None)
     assert meter.factor == pytest.approx((1.25, 1.25, 1.25), rel=1e-2)
@@ -122,6 +126,8 @@ def test_what_cannot_be_is_one_sentence_and_stores_nothing(clean):
         calibrate_by_light(run.path, shot, folder / "dark.exr", camera=camera, mask=None)
     with pytest.raises(InputError, match=r"EXIF.*--albedo"):
         calibrate_by_meter(run.path, shot, 500.0, camera=camera, mask=None)
+    with pytest.raises(InputError, match="black or clipped"):  # a cut-out photo shows no card
+        calibrate_by_albedo(run.path, shot, Point(2, 2, (0.18, 0.18, 0.18)), camera=camera, mask=None)
     with pytest.raises(ConfigError, match="outside of the photo"):
         calibrate_by_albedo(run.path, shot, Point(900, 2, (0.18, 0.18, 0.18)), camera=camera, mask=None)
     with pytest.raises(ConfigError, match="--lux"):

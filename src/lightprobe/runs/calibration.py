@@ -81,7 +81,7 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     up: whether the card lies flat and faces up; else it faces the camera. Raises `InputError` as `calibrate_by_light`.
     """
     opened = _Opened.of(run, photo, camera, mask, device)
-    patch = _patch(opened.photo, point)
+    patch = _patch(opened.photo.camera, opened.photo.pixels.alpha.shape, point)
     albedo = torch.tensor(point.albedo)
     gbuffer = rasterize_asset(
         opened.decomposition.asset,
@@ -92,7 +92,9 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     if bool(chosen.any()):
         color = gbuffer.base_color.cpu()[chosen].median(0).values
         return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
-    value = torch.from_numpy(np.median(opened.photo.pixels.color[patch], axis=0)).float()
+    around = opened.photos.surroundings(0, opened.photo)
+    patch = _patch(opened.photo.camera, around.shape[:2], point)
+    value = torch.from_numpy(np.median(around[patch], axis=0)).float()
     if bool((value >= 0.98).any()) or bool((value <= 0).any()):
         raise InputError(f"The pixels of {photo} at {point.x:g},{point.y:g} are black or clipped; expose for the card.")
     normal = torch.tensor([0.0, 0.0, 1.0]) if up else _towards_camera(opened.photo.camera)
@@ -133,6 +135,7 @@ class _Opened:
     """A run in its own gauge, and a photo of its object."""
 
     run: RunFolder
+    photos: NewPhotos  # the one photo, for what is around the object
     photo: NewPhoto
     decomposition: Decomposition
     device: torch.device
@@ -146,7 +149,7 @@ class _Opened:
         decomposition = Decomposition.load(run, where, calibrated=False)
         if photos.lack_cameras:
             photos.locate_with(load_locator(run, Predictor(decomposition, device=where)))
-        return _Opened(run, photos.read(0), decomposition, where)
+        return _Opened(run, photos, photos.read(0), decomposition, where)
 
     def predicted(self) -> Tensor:
         """Return the light (6, R, R, 3) that the run finds in the photo, in its own gauge."""
@@ -155,9 +158,12 @@ class _Opened:
         return light if found.calibration is None else light / found.calibration.tensor()
 
 
-def _patch(photo: NewPhoto, point: Point) -> np.ndarray:
-    """Return the pixels (H, W) bool around a point; raise `ConfigError` when it is not in the photo."""
-    whole, (height, width) = photo.camera, photo.pixels.alpha.shape
+def _patch(whole: Camera, shape: tuple[int, ...], point: Point) -> np.ndarray:
+    """Return the pixels (H, W) bool of a reduced photo around a point; raise `ConfigError` when it is not in the photo.
+
+    whole: the camera of the photo at its own size, which the point is given in.
+    """
+    height, width = shape
     if not (0 <= point.x < whole.width and 0 <= point.y < whole.height):
         raise ConfigError(
             f"--at {point.x:g},{point.y:g} is outside of the photo, which is {whole.width} x {whole.height} pixels."

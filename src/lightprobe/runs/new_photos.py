@@ -95,6 +95,18 @@ class NewPhotos:
             background = Background.of(located.color, located.mask, located.camera)
         return NewPhoto(located.pixels, located.camera, background, ev100, found)
 
+    def surroundings(self, index: int, photo: NewPhoto) -> np.ndarray:
+        """Return what a photo that `read` has returned shows, background included, at about the size of its pixels.
+
+        (H, W, 3) float32, linear and straight; black where a cut-out photo shows nothing.
+        """
+        if photo.location is not None:
+            return photo.location.located.color
+        known = self._photos[index]
+        if known is None:
+            raise ValueError("Located, if its camera is not known.")
+        return load_thumbnail(known, max(photo.pixels.alpha.shape))[0]
+
     def whole(self, index: int, photo: NewPhoto) -> tuple[np.ndarray, np.ndarray]:
         """Return all that a photo shows at full size, once `read` has returned it: colour and the object's coverage.
 
