@@ -8,7 +8,7 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.light.prefilter import cached
-from lightprobe.reconstruction.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness, trials_at
+from lightprobe.reconstruction.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness, metals_tried, trials_at
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
@@ -111,3 +111,11 @@ def test_only_the_first_checkpoints_choose(stage, iteration, choices):
 def test_materials_are_tried_on_the_rough_shape_and_again_on_the_nearly_finished_one(trial_steps, length, every, steps):
     config = replace(DecomposeConfig(), trial_steps=trial_steps, pass1_iterations=length, checkpoint_every=every)
     assert trials_at(config) == steps
+    tried = {step for step in range(0, length + 1, every) if metals_tried(config, step)}
+    assert tried == ({step for step in range(0, length + 1, every) if step >= max(steps)} if steps else set())
+
+
+def test_metals_are_not_tried_where_there_is_one_trial():
+    config = replace(DecomposeConfig(), trial_steps=240, pass1_iterations=430, checkpoint_every=150)
+    assert trials_at(config) == {300}
+    assert not metals_tried(config, 430)

@@ -23,12 +23,12 @@ def material(base: float, roughness: float, metallic: float) -> torch.Tensor:
 
 
 def test_the_usual_dielectric_costs_nothing():
-    assert float(material_prior(material(0.3, USUAL_ROUGHNESS, 0.0).detach(), DecomposeConfig())) < 1e-9
+    assert float(material_prior(material(0.3, USUAL_ROUGHNESS, 0.0).detach(), DecomposeConfig(), decided=False)) < 1e-9
 
 
 def test_unusual_materials_are_pulled_back():
     value = material(0.3, 0.1, 0.5)
-    material_prior(value, DecomposeConfig()).backward()
+    material_prior(value, DecomposeConfig(), decided=False).backward()
     assert value.grad is not None
     assert (value.grad[:, :3] == 0).all()
     assert (value.grad[:, 3] < 0).all()  # rougher
@@ -37,16 +37,26 @@ def test_unusual_materials_are_pulled_back():
 
 def test_a_metal_darker_than_the_rest_goes_nearly_free():
     value = torch.cat([material(0.02, 0.4, 0.5), material(0.5, 0.4, 0.5)]).detach().requires_grad_()
-    material_prior(value, DecomposeConfig()).backward()
+    material_prior(value, DecomposeConfig(), decided=False).backward()
     assert value.grad is not None
     dark, bright = value.grad[:10, 4], value.grad[10:, 4]
     assert (dark > 0).all()
     assert (dark < 0.3 * bright).all()
     brightness_of_all = torch.tensor([0.1] * 3 + [1.0] * 2)
     assert torch.isclose(
-        material_prior(value.detach() * brightness_of_all, DecomposeConfig()),
-        material_prior(value.detach(), DecomposeConfig()),
+        material_prior(value.detach() * brightness_of_all, DecomposeConfig(), decided=False),
+        material_prior(value.detach(), DecomposeConfig(), decided=False),
     )
+
+
+def test_once_it_is_decided_what_is_metal_it_costs_to_be_neither():
+    value = torch.cat([material(0.3, 0.4, 0.2), material(0.3, 0.4, 0.8)]).detach().requires_grad_()
+    material_prior(value, DecomposeConfig(), decided=True).backward()
+    assert value.grad is not None
+    assert (value.grad[:10, 4] > 0).all()
+    assert (value.grad[10:, 4] < 0).all()
+    whole = material(0.3, USUAL_ROUGHNESS, 1.0).detach()
+    assert float(material_prior(whole, DecomposeConfig(), decided=True)) < 1e-9
 
 
 def test_metals_of_few_colours_cost_less():

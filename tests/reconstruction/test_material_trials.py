@@ -73,12 +73,28 @@ def test_the_present_material_is_brightened_or_darkened_and_keeps_what_it_has_le
     present = material_of(mean)
     points = torch.rand(20, 3)
     before = present(points)
-    best = best_rescaled(samples, lights, present, 0)
+    best = best_rescaled(samples, lights, present, 0, settled=True)
     assert torch.equal(present(points), before)
     assert (best is None) == (expected is None)
     if best is not None and expected is not None:
         assert float(best[0].material.mean_color) == pytest.approx(expected)
         assert torch.allclose(best[0].material(points)[:, 3:], before[:, 3:])
+
+
+@pytest.mark.parametrize(("settled", "changed"), [(True, False), (False, True)])
+def test_a_brightness_from_before_the_metals_is_not_defended(monkeypatch, settled, changed):
+    """Where a doubled brightness is better by a hundredth."""
+
+    def errors(trial):
+        return torch.full((4, 2), 1.0 if float(trial.material.mean_color) == pytest.approx(0.16) else 1.01).double()
+
+    monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
+    monkeypatch.setattr(Trial, "errors", errors)
+    samples, lights, _ = photos(0.25, 1)
+    best = best_rescaled(samples, lights, material_of(0.08), 0, settled=settled)
+    assert (best is not None) == changed
+    if best is not None:
+        assert float(best[0].material.mean_color) == pytest.approx(0.16)
 
 
 def test_the_same_call_gives_the_same_bits():

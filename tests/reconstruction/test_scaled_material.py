@@ -79,3 +79,14 @@ def test_smoothness_is_the_change_beside():
     assert 0 < costs[0] < 0.1 * costs[1]
     assert costs[1] == float(material.loss(points(), material(points()), 0, 0.5).detach())  # of step and seed alone
     assert costs[1] != float(material.loss(points(), material(points()), 1, 0.5).detach())
+
+
+def test_what_is_held_is_given_and_not_stored():
+    material, other = ScaledMaterial(0.3, CONFIG, CPU, 0), ScaledMaterial(0.3, CONFIG, CPU, 1)
+    material.held = [
+        lambda _, channels: torch.cat([channels[:, :4], torch.ones_like(channels[:, :1]), channels[:, 5:]], 1)
+    ]
+    assert (material(points())[:, 4] == 1).all()
+    other.take_over(material)
+    assert not (other(points())[:, 4] == 1).any()
+    assert torch.equal(other(points())[:, :4], material(points())[:, :4])

@@ -12,7 +12,8 @@ and when it is nearly done, as on a rough shape several brightnesses can seem eq
 
 Only the first checkpoints choose a factor, and none after the first trial. Later the materials have grown used to what
 was chosen, and a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at
-every one. The first trial starts from a material without a past; the second changes it only for what is clearly better.
+every one. The first trial starts from a material without a past; the second changes it only for what is clearly better,
+unless it has just come out what is metal (`reconstruction.metal_trials`): what was grown used to then was wrong.
 """
 
 import math
@@ -44,6 +45,12 @@ def trials_at(config: DecomposeConfig) -> frozenset[int]:
         return frozenset()
     every = config.checkpoint_every
     return frozenset((_FIRST_TRIAL * every, round(_SECOND_TRIAL * config.pass1_iterations / every) * every))
+
+
+def metals_tried(config: DecomposeConfig, step: int) -> bool:
+    """Return whether by a step of the phase it has been tried what is metal, as it is with the second trial."""
+    trials = trials_at(config)
+    return len(trials) > 1 and step >= max(trials)
 
 
 def evenly_spaced(targets: list[Target], count: int = _PHOTOS) -> list[Target]:

@@ -14,7 +14,8 @@ from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_s
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
-from lightprobe.reconstruction.material_trials import PHOTOS, Sample, best_new, best_rescaled
+from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial, best_new, best_rescaled
+from lightprobe.reconstruction.metal_trials import best_metals
 from lightprobe.reconstruction.pass_task import PassTask, Unknowns
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
@@ -94,17 +95,27 @@ class ImageTask(PassTask):
         chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
         shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
         samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
-        best = (best_new if anew else best_rescaled)(samples, self.lights, model.material, self.seed)
+        if anew:
+            best = best_new(samples, self.lights, model.material, self.seed)
+        else:
+            metals = best_metals(samples, self.lights, model.material, self.seed)
+            if metals is not None:
+                self._take_over(model, metals)
+            best = best_rescaled(samples, self.lights, model.material, self.seed, settled=metals is None)
         if best is None:
             return
         trial, factor = best
         self.lights.dim(float(trial.material.mean_color) / mean)
+        self._take_over(model, trial)
+        model.brighten(factor)
+        self.lights.dim(factor)
+
+    def _take_over(self, model: LatticeModel, trial: Trial) -> None:
+        """Give the model a trial's material and lights."""
         for name, light in trial.lights.items():
             self.lights.replace(name, light)
         model.material.take_over(trial.material)
         model.update_visibility()
-        model.brighten(factor)
-        self.lights.dim(factor)
 
     @property
     def recordable(self) -> bool:

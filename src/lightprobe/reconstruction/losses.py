@@ -59,8 +59,11 @@ class _NeighbourDifference(torch.autograd.Function):
         return outer * gradient
 
 
-def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:
+def material_prior(material: Tensor, config: DecomposeConfig, *, decided: bool) -> Tensor:
     """Return what materials (N, >= 5), channels as in `material.field`, cost for being unusual.
+
+    decided: whether it has been tried what is metal (`reconstruction.metal_trials`). From then on it costs to be
+    neither metal nor none, where before it costs to be metal.
 
     Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, and
     a sharp lobe under a blurred light a wide lobe under a sharp one. A dark metal is no mirror. It reflects less than
@@ -70,7 +73,8 @@ def material_prior(material: Tensor, config: DecomposeConfig) -> Tensor:
     color = (red + green + blue).detach()
     price = (color / (_DARK * color.mean()).clamp(min=1e-6)).clamp(max=1)
     unusual = (roughness - USUAL_ROUGHNESS).square().mean()
-    return config.metallic_prior * (price * metallic).mean() + config.roughness_prior * unusual
+    metal = torch.minimum(metallic, 1 - metallic) if decided else metallic
+    return config.metallic_prior * (price * metal).mean() + config.roughness_prior * unusual
 
 
 def brightness_anchor(base_color: Tensor, mean: Tensor) -> Tensor:

@@ -97,9 +97,9 @@ class Trial:
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
 
     @torch.no_grad()
-    def errors(self) -> Tensor:
+    def errors(self, photos: int = _JUDGES) -> Tensor:
         """Return how much parts of the object disagree about the lights of some photos, (J, SPLITS) float64."""
-        judges = self.samples[:: max(1, len(self.samples) // _JUDGES)]
+        judges = self.samples[:: max(1, len(self.samples) // photos)]
         errors = torch.zeros(len(judges), SPLITS, dtype=torch.float64)
         for row, sample in zip(errors, judges, strict=True):
             pixels = sample.of_material(self.material(sample.pixels.position))
@@ -123,17 +123,18 @@ def best_new(
 
 
 def best_rescaled(
-    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
+    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int, *, settled: bool
 ) -> tuple[Trial, float] | None:
     """Return the same of the present `material` with brighter and darker base colours, fitted for half as long.
 
-    None also where the present brightness is not clearly worse.
+    settled: whether the present brightness was fitted together with the present metals; then it is kept, and None
+    returned, where it is not clearly worse.
     """
     mean = float(material.mean_color)
     factors = [factor for factor in FACTORS if factor == 1 or DARKEST <= mean * factor <= BRIGHTEST]
     trials = [(mean * factor, material.rescaled(factor)) for factor in factors]
     steps = (material.config.trial_steps + 1) // 2
-    return _best(samples, lights, mean, trials, steps, seed, rival=factors.index(1.0))
+    return _best(samples, lights, mean, trials, steps, seed, rival=factors.index(1.0) if settled else None)
 
 
 def _best(

@@ -1,6 +1,7 @@
 """The material of the first pass: a field whose base colours share one factor, and what the material costs."""
 
 import copy
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -9,10 +10,14 @@ from lightprobe.core.config import DecomposeConfig, Smoothed
 from lightprobe.core.device import generator, to_device
 from lightprobe.material.field import START_BASE, MaterialField
 from lightprobe.reconstruction.frame_loss import color_change
+from lightprobe.reconstruction.gauge import metals_tried
 from lightprobe.reconstruction.losses import brightness_anchor, material_prior
 
 _NEIGHBOURS = 4096  # points whose material is compared with that beside them
 _BESIDE = 0.01  # how far away that is, in object radii
+
+
+Held = Callable[[Tensor, Tensor], Tensor]  # points (N, 3), the field's material (N, 8) -> one with some values given
 
 
 class ScaledMaterial(nn.Module):
@@ -24,6 +29,8 @@ class ScaledMaterial(nn.Module):
         """Start a new field with the mean linear base colour `mean`."""
         super().__init__()
         self.config, self.seed = config, seed
+        self.held: list[Held] = []
+        """What is given for a while and not fitted; no part of the state that is stored and taken over."""
         self.register_buffer("brightness", torch.tensor(mean / START_BASE, device=device))
         self.field = MaterialField(
             levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
@@ -36,7 +43,10 @@ class ScaledMaterial(nn.Module):
         color = channels[:, :3] * self.brightness
         # At the bound the gradient goes on: a colour that shot over white could not come back without one.
         over_white = (color.detach() - 1).clamp(min=0)
-        return torch.cat([color - over_white, channels[:, 3:]], 1)
+        material = torch.cat([color - over_white, channels[:, 3:]], 1)
+        for held in self.held:
+            material = held(points, material)
+        return material
 
     @property
     def mean_color(self) -> Tensor:
@@ -72,7 +82,7 @@ class ScaledMaterial(nn.Module):
             change = (here - there).abs().mean()
         return (
             self.config.smoothness * change
-            + material_prior(material, self.config)
+            + material_prior(material, self.config, decided=metals_tried(self.config, step))
             + self.config.brightness_anchor * brightness_anchor(material[:, :3], self.mean_color)
             + self.config.normal_prior * material[:, 5:].square().mean()
         )

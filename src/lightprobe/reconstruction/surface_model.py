@@ -13,6 +13,7 @@ from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather
 from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.material.textures import Textures, bilinear_taps
 from lightprobe.reconstruction.frame_loss import color_change
+from lightprobe.reconstruction.gauge import metals_tried
 from lightprobe.reconstruction.lattice_model import RasterisedView
 from lightprobe.reconstruction.losses import brightness_anchor, material_prior, neighbour_difference
 from lightprobe.render.asset import Asset, textured_gbuffer, textured_visibility
@@ -126,7 +127,7 @@ class SurfaceModel(nn.Module):
             bends = torch.stack(self.finish.unbind(1)[2:4])
             loss = loss + 0.2 * config.normal_prior * bends.square().mean()
         if config.metallic_prior > 0 or config.roughness_prior > 0:
-            loss = loss + material_prior(texels, config)
+            loss = loss + material_prior(texels, config, decided=metals_tried(config, config.pass1_iterations))
         if config.brightness_anchor > 0:
             loss = loss + config.brightness_anchor * brightness_anchor(self.color, self.mean_color)
         return loss

@@ -16,6 +16,7 @@ from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.kernels import weighted_gather
 from lightprobe.light.photometry import displayed_error
 from lightprobe.material.textures import bilinear_taps
+from lightprobe.reconstruction.gauge import metals_tried
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.losses import brightness_anchor, color_gauge, material_prior
 from lightprobe.reconstruction.pass_task import PassTask
@@ -137,7 +138,7 @@ class TextureTask(PassTask):
             + cost
             + self.config.smoothness_detail * (material - neighbours).abs().mean()
             + self.config.normal_prior_detail * material[:, 5:7].square().mean()
-            + material_prior(material, self.config)
+            + material_prior(material, self.config, decided=metals_tried(self.config, self.config.pass1_iterations))
             + self.config.brightness_anchor * brightness_anchor(self.model.color, self.model.mean_color)
             + self.config.color_gauge * color_gauge(base, cast)
         )

@@ -1,0 +1,168 @@
+"""Which of an object's materials are metal: each is tried the other way, and kept so where that explains photos better.
+
+No small step leads from paint to metal or back: half a metal explains photos worse than either, and the price of metal
+holds back what is not sure. So once the surface is nearly finished its points are sorted into a few materials by
+colour, roughness and metallic. For each in turn a copy of the present material is made metal there, or no longer metal,
+and held so while everything else, lights included, fits itself to it for a short time, as the present material does.
+
+Two things must speak for the change over the photos: the material's own pixels are explained better, by more than
+chance; and each half of the object is explained no worse by the other half's light (`reconstruction.agreement`), as a
+metal under a light that is free to bend explains its own pixels only too well. Wrong changes are worse in both by far.
+"""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lightprobe.core.device import draw_rows, generator
+from lightprobe.light.photometry import displayed_error
+from lightprobe.reconstruction.agreement import render
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.material_trials import Sample, Trial
+from lightprobe.reconstruction.materials import HeldMetallic, Materials
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.training import Descent, ParameterGroup
+
+_POINTS = 24_576  # of the surface, that are sorted into materials
+_SMALLEST = 0.04  # share of the points that makes a material
+_METAL, _NO_METAL = 0.95, 0.0  # what metallic is held at
+_BRIGHTER = 1.5  # a metal has no diffuse light to help its colour
+_SHARPEST = 0.4  # roughness of a new metal at most: a rougher one could not be told from paint
+_FEWEST_PIXELS = 80  # of a material in a photo that judges it
+_FEWEST_PHOTOS = 8  # that judge a change
+_SURE = 2.0  # standard errors over the photos by which a material's own pixels must be explained better
+_COPY_STEPS, _COPY_POINTS, _COPY_RATE = 250, 4096, 5e-3  # of fitting a field to another, in Adam's unit
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """How well photos are explained; J photos."""
+
+    agreement: Tensor  # (J,) disagreement of halves
+    own: Tensor  # (J,) displayed error of the material's pixels, nan where there are too few
+
+
+def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int) -> Trial | None:
+    """Return the trial of the `material` with metal where photos ask for it, None where it stays as it is.
+
+    Deterministic. Its lights belong to it; its metallic is held no longer.
+    """
+    samples = [sample for sample in samples if len(sample.color) > 1]
+    if len(samples) < _FEWEST_PHOTOS:
+        return None
+    points = _drawn(samples, seed)
+    materials = Materials.of(material, points, seed)
+    steps, accepted = (material.config.trial_steps + 1) // 2, []
+    present = Trial(copy.deepcopy(material), samples, lights, 1.0, seed)
+    present.fit(steps)
+    halves = present.errors(len(samples)).sum(1)
+    for number, share in enumerate(materials.shares(points)):
+        if share < _SMALLEST:
+            continue
+        held = _changed(material, materials, number, points, seed)
+        trial = Trial(held, samples, lights, 1.0, seed)
+        trial.fit(steps)
+        own = [_own_errors(each, materials, number) for each in (present, trial)]
+        before, after = _Evidence(halves, own[0]), _Evidence(trial.errors(len(samples)).sum(1), own[1])
+        if _speaks_for(before, after):
+            accepted.append(number)
+    return _with_all(accepted, material, materials, points, samples, lights, seed)
+
+
+def _drawn(samples: Sequence[Sample], seed: int) -> Tensor:
+    """Return points (N, 3) of the surface, drawn from all photos' pixels."""
+    every = torch.cat([sample.pixels.position for sample in samples])
+    rows = draw_rows(torch.arange(len(every), device=every.device), _POINTS, generator(seed, "metals/points"))
+    return every[rows]
+
+
+def _changed(material: ScaledMaterial, materials: Materials, number: int, points: Tensor, seed: int) -> ScaledMaterial:
+    """Return a copy of the material that is metal in one of the materials where it was none, or the other way."""
+    with torch.no_grad():
+        here = materials.at(points) == number
+        metal = float(material(points)[here, 4].mean()) < 0.5
+    held = HeldMetallic(materials, number, _METAL if metal else _NO_METAL)
+
+    def target(values: Tensor, where: Tensor) -> Tensor:
+        values = values.clone()
+        values[where, 4] = held.metallic
+        values[where, :3] = (values[where, :3] * (_BRIGHTER if metal else 1 / _BRIGHTER)).clamp(max=0.95)
+        if metal:
+            values[where, 3] = values[where, 3].clamp(max=_SHARPEST)
+        return values
+
+    changed = copy.deepcopy(material)
+    with torch.no_grad():
+        wanted = target(material(points), here)
+    _fit_field(changed, points, wanted, seed)
+    changed.held = [*changed.held, held]
+    return changed
+
+
+def _fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: int) -> None:
+    """Fit a material's field to colours, roughness and metallic (N, >= 5) at points (N, 3)."""
+    descent = Descent(
+        [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
+        lambda rows: (material(points[rows])[:, :5] - wanted[rows, :5]).square().mean(),
+        betas=(0.9, 0.99), epsilon=1e-12, fused=True,
+    )  # fmt: skip
+    every = torch.arange(len(points), device=points.device)
+    for step in range(_COPY_STEPS):
+        descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, "metals/copy", step)))
+    descent.end()
+
+
+@torch.no_grad()
+def _own_errors(trial: Trial, materials: Materials, number: int) -> Tensor:
+    """Return the displayed error of a material's pixels in each photo, (J,) float64, nan where it is hardly seen."""
+    errors = []
+    for sample in trial.samples:
+        rows = (materials.at(sample.pixels.position) == number).nonzero()[:, 0]
+        if len(rows) < _FEWEST_PIXELS:
+            errors.append(float("nan"))
+            continue
+        pixels = sample.of_material(trial.material(sample.pixels.position)).select(rows)
+        image = render(pixels, trial.lights[sample.name])
+        errors.append(float(displayed_error(image, sample.color[rows], sample.clipped[rows])))
+    return torch.tensor(errors, dtype=torch.float64)
+
+
+def _speaks_for(before: _Evidence, after: _Evidence) -> bool:
+    """Return whether a change explains the material's own pixels surely better, and halves each other no worse."""
+    whole, own = _gain(before.agreement, after.agreement), _gain(before.own, after.own)
+    if min(len(own), len(whole)) < _FEWEST_PHOTOS:
+        return False
+    return float(own.mean()) > _SURE * _uncertainty(own) and float(whole.mean()) > -_uncertainty(whole)
+
+
+def _uncertainty(values: Tensor) -> float:
+    """Return the standard error of the mean of values (K,)."""
+    return float(values.std()) / len(values) ** 0.5
+
+
+def _gain(before: Tensor, after: Tensor) -> Tensor:
+    """Return the logarithm of the ratio of errors where both are known, (K,)."""
+    known = (before > 0) & (after > 0)
+    return (before[known] / after[known]).log()
+
+
+def _with_all(
+    numbers: Sequence[int], material: ScaledMaterial, materials: Materials, points: Tensor, samples: Sequence[Sample],
+    lights: Lights, seed: int,
+) -> Trial | None:  # fmt: skip
+    """Return the trial in which all the changes are made together, fitted, and then let go."""
+    if not numbers:
+        return None
+    changed = material
+    for number in numbers:
+        changed = _changed(changed, materials, number, points, seed)
+    trial = Trial(changed, samples, lights, 1.0, seed)
+    trial.fit((material.config.trial_steps + 1) // 2)
+    with torch.no_grad():
+        fitted = trial.material(points)  # held values among them, which the field does not know
+    trial.material.held = []
+    _fit_field(trial.material, points, fitted, seed)
+    return trial

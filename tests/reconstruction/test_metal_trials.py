@@ -1,0 +1,133 @@
+"""What is metal is tried: a gilt part that was taken for paint is found out, and paint stays paint."""
+
+import copy
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.light.prefilter import cached
+from lightprobe.light.resize import rotate_light
+from lightprobe.reconstruction import metal_trials
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.material_trials import Sample, Trial
+from lightprobe.reconstruction.materials import Materials
+from lightprobe.reconstruction.metal_trials import best_metals
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.render.split_sum import shade
+from tests.gbuffers import sky, sphere_gbuffer
+
+CPU = torch.device("cpu")
+CONFIG = DecomposeConfig(hash_levels=4, hash_finest=32, trial_steps=80)
+GOLD, PAINT = (0.8, 0.5, 0.15), (0.5, 0.45, 0.4)
+
+
+def turned(angle):
+    cos, sin = math.cos(angle), math.sin(angle)
+    return torch.tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def truth(position, gilt: bool):
+    """Channels (N, 5) of a painted ball whose right half is gilt, or painted in gold's colour."""
+    right = (position[:, 1] > 0)[:, None]
+    color = torch.where(right, torch.tensor(GOLD), torch.tensor(PAINT))
+    rest = torch.where(right, torch.tensor([0.25, float(gilt)]), torch.tensor([0.5, 0.0]))
+    return torch.cat([color, rest], 1)
+
+
+def photos(gilt: bool, count=10):
+    """Return samples of the ball under turned lights, and lights to start from."""
+    ball = sphere_gbuffer(600, roughness=0.25)
+    channels = truth(ball.position, gilt)
+    ball = replace(ball, base_color=channels[:, :3], roughness=channels[:, 3], metallic=channels[:, 4])
+    operator, samples = cached(CONFIG.light_resolution), []
+    lights = Lights([f"photo{k}" for k in range(count)], CONFIG, CPU, 0)
+    for k in range(count):
+        light = rotate_light(0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution)
+        photo = shade(ball, operator, operator.apply(light))
+        light, photo = (x * 0.22 / photo.mean() for x in (light, photo))
+        lights.replace(f"photo{k}", light)
+        samples.append(Sample(f"photo{k}", ball, photo, torch.zeros_like(photo, dtype=torch.bool), 0.5))
+    return samples, lights
+
+
+def painted(samples, gilt: bool) -> ScaledMaterial:
+    """The material that has learnt all of the ball but whether its right half is gilt."""
+    material = ScaledMaterial(0.45, CONFIG, CPU, 0)
+    position = samples[0].pixels.position
+    channels = truth(position, gilt)
+    if not gilt:
+        channels[:, :3] *= torch.where(position[:, 1:2] > 0, 0.6, 1.0)
+    metal_trials._fit_field(material, position, channels, 0)
+    return material
+
+
+@pytest.mark.slow
+def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
+    samples, lights = photos(gilt=True)
+    material = painted(samples, gilt=False)
+    before = copy.deepcopy(material.state_dict())
+    trial = best_metals(samples, lights, material, 0)
+    assert trial is not None
+    assert trial.material.held == []
+    position = samples[0].pixels.position
+    metallic = trial.material(position).detach()[:, 4]
+    assert float(metallic[position[:, 1] > 0.1].mean()) > 0.8
+    assert float(metallic[position[:, 1] < -0.1].mean()) < 0.2
+    assert all(torch.equal(before[name], value) for name, value in material.state_dict().items())
+
+
+@pytest.mark.slow
+def test_paint_stays_paint():
+    samples, lights = photos(gilt=False)
+    assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None
+
+
+def evidence(whole: float, own: float, noise: float = 0.01, photos: int = 12):
+    """Return evidence before and after a change with these gains in the mean, and the noise of a photo's."""
+    wave = noise * torch.tensor([(-1.0) ** k for k in range(photos)], dtype=torch.float64)
+    before = metal_trials._Evidence(torch.ones(photos, dtype=torch.float64), torch.ones(photos, dtype=torch.float64))
+    return before, metal_trials._Evidence((wave - whole).exp(), (wave - own).exp())
+
+
+@pytest.mark.parametrize(
+    ("whole", "own", "noise", "photos", "accepted"),
+    [
+        (0.02, 0.05, 0.01, 12, True), (-0.002, 0.05, 0.01, 12, True),
+        (-0.02, 0.05, 0.01, 12, False),  # halves explain each other worse
+        (0.02, -0.05, 0.01, 12, False),  # the material itself is explained worse
+        (0.02, 0.05, 0.1, 12, False),  # not surely better
+        (0.02, 0.05, 0.01, 7, False),  # too few photos
+    ],
+)  # fmt: skip
+def test_a_change_needs_both_to_speak_for_it(whole, own, noise, photos, accepted):
+    assert metal_trials._speaks_for(*evidence(whole, own, noise, photos)) is accepted
+
+
+def test_photos_that_hardly_show_a_material_have_no_say():
+    before, after = evidence(0.02, 0.05)
+    after.own[:5] = float("nan")
+    assert not metal_trials._speaks_for(before, after)  # seven are left
+
+
+def test_without_enough_photos_nothing_is_tried():
+    samples, lights = photos(gilt=True, count=7)
+    assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None
+
+
+def test_a_change_is_held_while_all_else_is_fitted(monkeypatch):
+    samples, lights = photos(gilt=True, count=2)
+    material = painted(samples, gilt=False)
+    position = samples[0].pixels.position
+    materials = Materials.of(material, position, 0)
+    right = position[:, 1] > 0.1
+    number = int(materials.at(position)[right].mode().values)
+    held = metal_trials._changed(material, materials, number, position, 0)
+    Trial(held, samples, lights, 1.0, 0).fit(4)
+    there = materials.at(position) == number
+    assert (held(position)[there, 4] == 0.95).all()
+    assert float(held(position).detach()[~there, 4].mean()) < 0.2
+    held.held = []
+    assert float(held(position).detach()[there, 4].mean()) > 0.7  # the field has learnt it, too
