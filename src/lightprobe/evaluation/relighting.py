@@ -42,7 +42,7 @@ class Relighter:
         self._similarity = decomposition.similarity
 
     def picture(self, environment: Environment, camera: Camera) -> tuple[Tensor, Tensor]:
-        """Return the object under `environment` seen by an input-frame camera; image and coverage as of `relight`."""
+        """Return the image (H, W, 3) and the coverage (H, W) of `relight`."""
         return self._render.render(camera.normalised(self._similarity), environment.texels)
 
 
