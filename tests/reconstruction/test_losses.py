@@ -57,6 +57,10 @@ def test_once_it_is_decided_what_is_metal_it_costs_to_be_neither():
     assert (value.grad[10:, 4] < 0).all()
     whole = material(0.3, USUAL_ROUGHNESS, 1.0).detach()
     assert float(material_prior(whole, DecomposeConfig(), decided=True)) < 1e-9
+    dark = torch.cat([material(0.02, 0.4, 0.8), material(0.5, 0.4, 0.8)]).detach().requires_grad_()
+    material_prior(dark, DecomposeConfig(), decided=True).backward()
+    assert dark.grad is not None
+    assert (dark.grad[:10, 4] > 0).all()  # soot and leather are no metals
 
 
 def test_metals_of_few_colours_cost_less():

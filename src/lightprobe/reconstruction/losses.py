@@ -63,7 +63,7 @@ def material_prior(material: Tensor, config: DecomposeConfig, *, decided: bool) 
     """Return what materials (N, >= 5), channels as in `material.field`, cost for being unusual.
 
     decided: whether it has been tried what is metal (`reconstruction.metal_trials`). From then on it costs to be
-    neither metal nor none, where before it costs to be metal.
+    neither metal nor none, where before it costs to be metal; what is dark goes on being pulled away from metal.
 
     Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, and
     a sharp lobe under a blurred light a wide lobe under a sharp one. A dark metal is no mirror. It reflects less than
@@ -73,7 +73,7 @@ def material_prior(material: Tensor, config: DecomposeConfig, *, decided: bool) 
     color = (red + green + blue).detach()
     price = (color / (_DARK * color.mean()).clamp(min=1e-6)).clamp(max=1)
     unusual = (roughness - USUAL_ROUGHNESS).square().mean()
-    metal = torch.minimum(metallic, 1 - metallic) if decided else metallic
+    metal = torch.lerp(metallic, torch.minimum(metallic, 1 - metallic), price) if decided else metallic
     return config.metallic_prior * (price * metal).mean() + config.roughness_prior * unusual
 
 
