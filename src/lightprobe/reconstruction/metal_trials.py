@@ -1,8 +1,9 @@
 """Which of an object's materials are metal: each is tried the other way, and kept so where that explains photos better.
 
 No small step leads from paint to metal or back, and the price of metal holds back what is not sure. So once the surface
-is nearly finished its points are sorted into a few materials by colour, roughness and metallic. For each in turn a copy of the present material is made metal there, or no longer metal,
-and held so while everything else, lights included, fits itself to it for a short time, as the present material does.
+is nearly finished its points are sorted into a few materials by colour, roughness and metallic. For each in turn a copy
+of the present material is made metal there, or no longer metal, and held so while everything else, lights included,
+fits itself to it for a short time, as the present material does.
 
 Two things must speak for the change over the photos: the material's own pixels are explained better, by more than
 chance; and each half of the object is explained no worse by the other half's light (`reconstruction.agreement`), as a
