@@ -14,6 +14,7 @@ LOADED = re.compile(r"""<(?:script|img|iframe|source)\b[^>]*\bsrc="([^"]+)|<link
 @pytest.mark.slow
 def test_the_documentation_builds_without_a_warning_and_without_other_hosts(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-q", "-E", "-n", "-W", "--keep-going", "docs", str(tmp_path)]
+    command += ["-D", "toc_object_entries=0"]  # every function in every page's menu: a third of the time, no warning
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
     pages = sorted(tmp_path.rglob("*.html"))
