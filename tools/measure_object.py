@@ -5,7 +5,7 @@
 For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide or add an
 error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training photos, compared
 with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, and of that the part in which channels
-differ (cast). The last column is what the object's verdict rests on (`models.object_verdict`).
+differ (cast). The last columns are what the object's verdict rests on (`models.object_verdict`).
 """
 
 import argparse
@@ -36,6 +36,7 @@ _COLUMNS = {
     "seconds": ".0f", "base_color_psnr": ".1f", "base_color_psnr_scaled": ".1f", "base_color_ratio": ".2f",
     "roughness_mae": ".3f", "metallic_mae": ".3f", "normal_degrees": ".1f", "relight_psnr": ".1f",
     "relight_psnr_scaled": ".1f", "light_log_rmse": ".2f", "light_cast": ".2f", "disagreement": ".4f",
+    "front_bias": ".2f", "surprise": ".1f",
 }  # fmt: skip
 
 
@@ -87,7 +88,7 @@ def measure(folder: Path, config: DecomposeConfig, seed: int) -> dict[str, float
     for photo in scene.test:
         materials.add(TestView.load(photo, decomposition, config.teacher_resolution, _CPU))
     verdict = decomposition.verdict
-    judged = {} if verdict is None else {"disagreement": verdict.disagreement}
+    judged = {} if verdict is None else dict(vars(verdict))
     lit = relight_scores(decomposition, scene, _CPU) | light_scores(decomposition, scene)
     return {"seconds": seconds, **materials.result(), **lit, **judged}
 

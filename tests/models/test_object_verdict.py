@@ -25,12 +25,24 @@ def test_the_more_parts_disagree_the_less_is_expected_and_only_poor_objects_lowe
     assert [verdict.doubt > 0 for verdict in verdicts] == [False, False, False, True]
 
 
+@pytest.mark.parametrize(("bias", "told"), [(-0.3, "taken for too bright"), (0.4, "taken for too dark")])
+def test_lights_that_know_where_the_camera_stands_make_an_object_doubtful(bias, told):
+    assert ObjectVerdict(0.03, 5, bias, 1.0).trust is Trust.GOOD
+    verdict = ObjectVerdict(0.03, 5, bias, 9.0)
+    assert verdict.trust is Trust.DOUBTFUL
+    assert told in verdict.sentence
+    assert "calibrate" in verdict.sentence
+    assert ObjectVerdict(0.09, 5, bias, 9.0).trust is Trust.POOR
+
+
 def test_a_verdict_comes_back_from_its_file(tmp_path):
     path = tmp_path / "verdict.json"
     assert ObjectVerdict.load(path) is None
-    verdict = ObjectVerdict(0.0612, 5)
+    verdict = ObjectVerdict(0.0612, 5, -0.2, 3.1)
     verdict.save(path)
     assert ObjectVerdict.load(path) == verdict
+    path.write_text(json.dumps({"disagreement": 0.05, "photos": 5}))  # as runs of before have it
+    assert ObjectVerdict.load(path) == ObjectVerdict(0.05, 5)
 
 
 @pytest.mark.parametrize(
@@ -42,6 +54,8 @@ def test_a_verdict_comes_back_from_its_file(tmp_path):
         {"disagreement": 0.1, "photos": 0},
         {"disagreement": "0.1", "photos": 5},
         {"disagreement": 0.1, "photos": 1.5},
+        {"disagreement": 0.1, "photos": 5, "front_bias": "much"},
+        {"disagreement": 0.1, "photos": 5, "surprise": -1},
     ],
 )
 def test_a_file_that_holds_none_is_refused(tmp_path, value):

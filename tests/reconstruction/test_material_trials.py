@@ -97,6 +97,32 @@ def test_a_brightness_from_before_the_metals_is_not_defended(monkeypatch, settle
         assert float(best[0].material.mean_color) == pytest.approx(0.16)
 
 
+@pytest.mark.parametrize(("unit", "changed"), [(0.5, False), (5.0, True)])
+def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch, unit, changed):
+    """Where parts agree alike at any brightness."""
+    monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
+    monkeypatch.setattr(Trial, "errors", lambda trial: torch.ones(4, 2, dtype=torch.float64))
+    monkeypatch.setattr(Trial, "surprise", lambda trial: unit * abs(math.log(float(trial.material.mean_color) / 0.08)))
+    samples, lights, _ = photos(0.25, 1)
+    best = best_rescaled(samples, lights, material_of(0.32), 0, settled=True)
+    assert (best is not None) == changed
+    if best is not None:
+        assert float(best[0].material.mean_color) == pytest.approx(0.08)
+    anew = best_new(samples, lights, material_of(0.32), 0)
+    assert anew is not None
+    assert float(anew[0].material.mean_color) == pytest.approx(0.08)
+
+
+def test_lights_of_eight_photos_are_judged():
+    samples, lights, _ = photos(0.25, 8)
+    trial = Trial(material_of(0.3), samples, lights, 1.0, 0)
+    assert trial.surprise() == pytest.approx(0, abs=1e-6)  # grey all around, as they start
+    behind = rotate_light(sky(CONFIG.light_resolution), turned(math.pi), CONFIG.light_resolution)
+    trial.lights = dict.fromkeys(trial.lights, behind)
+    assert trial.surprise() > 0.2  # though only as much as one photo tells
+    assert Trial(material_of(0.3), samples[:7], lights, 1.0, 0).surprise() == 0
+
+
 def test_the_same_call_gives_the_same_bits():
     samples, lights, _ = photos(0.1, 2)
     errors = []

@@ -6,8 +6,10 @@ of the surface then fails to explain the brighter half, and the other way round.
 relighting turned out to be on objects with known materials tells what to expect of it
 (docs/decisions/object-verdict.md).
 
-It does not see how bright the whole object is: light and base colour share a factor, which `lightprobe calibrate`
-settles from one known patch or lamp.
+It hardly sees how bright the whole object is, as light and base colour share a factor. Of that the photos' lights tell
+a little: where more of it comes from behind the object than from the camera's side, photo after photo, the object is
+taken for too bright, and where less, for too dark (`reconstruction.front_bias`). `lightprobe calibrate` settles the
+factor from one known patch or lamp.
 """
 
 import math
@@ -25,6 +27,7 @@ _REMEDY = "make it anew with: lightprobe train SCENE -o RUN --restart"
 # _AT_TENTH dB where the disagreement is .1, and _PER_DECADE dB more for each tenth of that.
 _AT_TENTH, _PER_DECADE = 17.0, 20.0
 _GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
+_UNLIKELY = 3.0  # bias of the photos' lights, in ln probability, from which the object is doubtful
 _DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
 
 
@@ -42,13 +45,19 @@ class ObjectVerdict:
 
     disagreement: float  # displayed, 0 to 1: by how much each half of the surface fails to explain the other
     photos: int  # that it is the mean over
+    front_bias: float = 0.0  # how much more light comes from the camera's side than from behind; `FrontBias.mean`
+    surprise: float = 0.0  # how unlikely that is, in ln probability
 
     @property
     def trust(self) -> Trust:
         """How far the object can be trusted."""
-        if self.disagreement <= _GOOD:
-            return Trust.GOOD
-        return Trust.DOUBTFUL if self.disagreement < _POOR else Trust.POOR
+        if self.disagreement >= _POOR:
+            return Trust.POOR
+        return Trust.GOOD if self.disagreement <= _GOOD and not self._brightness_is_wrong else Trust.DOUBTFUL
+
+    @property
+    def _brightness_is_wrong(self) -> bool:
+        return self.surprise > _UNLIKELY
 
     @property
     def expected_psnr(self) -> float:
@@ -68,7 +77,18 @@ class ObjectVerdict:
             Trust.POOR: "; its materials are probably wrong: try more steps (--preset standard), more photos under "
             "other lights, or another --seed",
         }[self.trust]
-        return f"The object is {self.trust.value}: {found}{advice}."
+        return f"The object is {self.trust.value}: {found}{advice}.{self._brightness}"
+
+    @property
+    def _brightness(self) -> str:
+        """A sentence on the object's brightness where it is probably wrong, else nothing."""
+        if not self._brightness_is_wrong:
+            return ""
+        side, wrong = ("from behind", "bright") if self.front_bias < 0 else ("from the camera's side", "dark")
+        return (
+            f" Its lights come {side} more often than chance allows, so it is probably taken for too {wrong}; "
+            "lightprobe calibrate mends that."
+        )
 
     @property
     def doubt(self) -> float:
@@ -94,4 +114,7 @@ class ObjectVerdict:
         error, photos = value.get("disagreement"), value.get("photos")
         if not isinstance(error, (int, float)) or not 0 <= error <= 1 or not isinstance(photos, int) or photos < 1:
             raise damaged(path, "'disagreement' is not from 0 to 1, or 'photos' is no count", _REMEDY)
-        return ObjectVerdict(float(error), photos)
+        bias, surprise = (value.get(name, 0.0) for name in ("front_bias", "surprise"))  # older runs have neither
+        if not all(isinstance(x, (int, float)) and math.isfinite(x) for x in (bias, surprise)) or surprise < 0:
+            raise damaged(path, "'front_bias' is no number, or 'surprise' is none from 0", _REMEDY)
+        return ObjectVerdict(float(error), photos, float(bias), float(surprise))

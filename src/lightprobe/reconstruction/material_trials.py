@@ -7,6 +7,9 @@ surface the material is fitted from nothing; on one that is nearly finished the 
 and fitted on, as what it has learnt tells brightnesses apart better than a material without detail can. There a change
 needs to be clearly better: errors of shape, as between a chair's bars, favour a wrong brightness by a little.
 
+Parts of an object whose reflections all take the surface's colour agree at any brightness. Then the lights of all
+photos tell: they must not know where the camera stands (`reconstruction.front_bias`).
+
 A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a material
 fitted to the same pixels turns into a mirror. So each step solves the light from one half of a photo's pixels, drawn at
 random, and fits the material to the other.
@@ -22,6 +25,7 @@ from torch import Tensor
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
+from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
@@ -38,6 +42,8 @@ _JUDGES = 8  # of the photos
 _ALIKE = 1.3  # a brightness within this factor of the present one is no reason to start over
 _CLEAR = 0.03  # share by which parts must agree better before a nearly finished material changes its brightness
 _SURE = 2.0  # standard errors over the photos that this gain must have as well
+_SURPRISE = 0.03  # share by which parts must agree better for a light that is less likely by one in ln probability
+_UNLIKELY = 4.0  # by so much less likely lights a nearly finished material is wrong in any case
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,12 @@ class Trial:
                 row.copy_(found)
         return errors
 
+    def surprise(self) -> float:
+        """Return how unlikely it is that lights lie with the cameras as these do, in ln probability; 0 is likely."""
+        towards = [sample.pixels.view.mean(0) for sample in self.samples]
+        bias = FrontBias.of([self.lights[sample.name] for sample in self.samples], towards)
+        return 0.0 if bias is None else bias.surprise
+
 
 def best_new(
     samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
@@ -149,16 +161,19 @@ def _best(
     samples = [sample for sample in samples if len(sample.color) > 1]  # which halve
     if not samples:
         return None
-    trials, found, starts = [], [], [start for start, _ in materials]
+    trials, found, surprises, starts = [], [], [], [start for start, _ in materials]
     for start, material in materials:
         trial = Trial(material, samples, lights, start / mean, seed)
         trial.fit(steps)
         trials.append(trial)
         found.append(trial.errors())
-    errors = [_score(each) for each in found]
+        surprises.append(trial.surprise())
+    errors = [_score(each) + _SURPRISE * surprise for each, surprise in zip(found, surprises, strict=True)]
     best = min(range(len(starts)), key=errors.__getitem__)
-    if rival is not None and not _clearly_less(found[best], found[rival]):
-        return None
+    if rival is not None:
+        unlikely = surprises[rival] - surprises[best] > _UNLIKELY
+        if not unlikely and not _clearly_less(found[best], found[rival]):
+            return None
     factor = _vertex(starts, errors, best)
     ratio = starts[best] * factor / mean
     return None if 1 / _ALIKE <= ratio <= _ALIKE else (trials[best], factor)

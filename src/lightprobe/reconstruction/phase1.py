@@ -12,6 +12,7 @@ from lightprobe.core.device import full_precision
 from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake
+from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
@@ -110,11 +111,17 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
         training.begin(third, start.tensors())
     end = _third_pass(job, fitted, held_out, start, resumed)
     lights = _final_lights(job, end.asset, _lights(job, fitted, end.lights))
-    verdict = judge_object(end.asset, job.targets(held_out, config.pass1_side), config, seed)
+    bias = FrontBias.of([lights[photo.name] for photo in scene.train], [_towards(p, scene) for p in scene.train])
+    verdict = judge_object(end.asset, job.targets(held_out, config.pass1_side), bias, config, seed)
     if verdict is not None:
         job.tell(verdict.sentence)
     environments = {name: Environment(light) for name, light in lights.items()}
     return Decomposition(end.asset, environments, scene.similarity, verdict=verdict)
+
+
+def _towards(photo: Photo, scene: Scene) -> Tensor:
+    """Return where a photo's camera is, (3,) in object radii from the object's centre."""
+    return torch.from_numpy(photo.camera.normalised(scene.similarity).position)
 
 
 def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:

@@ -10,6 +10,7 @@ from lightprobe.light.photometry import one_sided, srgb_encode
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
 from lightprobe.reconstruction.agreement import disagreement
+from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.asset import Asset, asset_gbuffer
@@ -62,8 +63,13 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
 
 
 @torch.no_grad()
-def judge_object(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> ObjectVerdict | None:
-    """Return the verdict on an asset from photos it was not fitted to; None when they show too little."""
+def judge_object(
+    asset: Asset, targets: list[Target], bias: FrontBias | None, config: DecomposeConfig, seed: int
+) -> ObjectVerdict | None:
+    """Return the verdict on an asset from photos it was not fitted to; None when they show too little.
+
+    bias: of the lights of the photos it was fitted to, where there are enough of them.
+    """
     errors = []
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
@@ -73,4 +79,7 @@ def judge_object(asset: Asset, targets: list[Target], config: DecomposeConfig, s
         halves = disagreement(pixels, color, clipped, light, config, generator(seed, f"judge-halves/{target.name}"))
         if halves is not None:
             errors.append(float(halves[0]))  # of the darker and the brighter surfaces
-    return ObjectVerdict(sum(errors) / len(errors), len(errors)) if errors else None
+    if not errors:
+        return None
+    mean, count = sum(errors) / len(errors), len(errors)
+    return ObjectVerdict(mean, count) if bias is None else ObjectVerdict(mean, count, bias.mean, bias.surprise)
