@@ -97,7 +97,7 @@ def test_a_brightness_from_before_the_metals_is_not_defended(monkeypatch, settle
         assert float(best[0].material.mean_color) == pytest.approx(0.16)
 
 
-@pytest.mark.parametrize(("unit", "changed"), [(0.5, False), (5.0, True)])
+@pytest.mark.parametrize(("unit", "changed"), [(1.0, False), (5.0, True)])
 def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch, unit, changed):
     """Where parts agree alike at any brightness."""
     monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
@@ -108,9 +108,19 @@ def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch,
     assert (best is not None) == changed
     if best is not None:
         assert float(best[0].material.mean_color) == pytest.approx(0.08)
-    anew = best_new(samples, lights, material_of(0.32), 0)
+    anew = best_new(samples, lights, material_of(0.32), 0)  # from .5, the first of equally good ones
     assert anew is not None
-    assert float(anew[0].material.mean_color) == pytest.approx(0.08)
+    assert float(anew[0].material.mean_color) == pytest.approx(0.08 if changed else 0.5)
+
+
+@pytest.mark.parametrize(("surprises", "best", "by"), [
+    ([0.0, 0.0, 0.0], 0, [1.0, 1.05, 1.1]),
+    ([1.9, 0.0, 0.0], 0, [1.0, 1.05, 1.1]),  # no evidence, and none for the lowest point of the parabola either
+    ([9.0, 0.0, 0.0], 1, [1.27, 1.05, 1.1]),
+    ([9.0, 8.0, 0.0], 2, [1.27, 1.29, 1.1]),
+])  # fmt: skip
+def test_lights_decide_only_where_those_of_the_best_are_too_unlikely(surprises, best, by):
+    assert material_trials._least([1.0, 1.05, 1.1], surprises) == (best, pytest.approx(by))
 
 
 def test_lights_of_eight_photos_are_judged():

@@ -25,7 +25,7 @@ from lightprobe.light.resize import rotate_light
 
 _FEWEST = 8  # photos that say anything
 _PHOTOGRAPHERS = 0.1  # of the bias that their habits may make, light from the camera's side only
-_LEAST_SPREAD = 0.3  # of lights' biases over photos, that of photographed environments being .4 to .6
+_LEAST_SPREAD = 0.3  # of lights' biases over photos, that of solved lights being .5 to .6
 _SIDE = 8  # texels along the edges of lights that are compared with each other
 _FLOOR = 0.05  # of a light's mean radiance, below which its texels count as equal
 _RINGS = 16  # of elevation, whose means are taken out

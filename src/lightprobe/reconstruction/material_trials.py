@@ -43,7 +43,7 @@ _ALIKE = 1.3  # a brightness within this factor of the present one is no reason 
 _CLEAR = 0.03  # share by which parts must agree better before a nearly finished material changes its brightness
 _SURE = 2.0  # standard errors over the photos that this gain must have as well
 _SURPRISE = 0.03  # share by which parts must agree better for a light that is less likely by one in ln probability
-_UNLIKELY = 4.0  # by so much less likely lights a nearly finished material is wrong in any case
+_UNLIKELY = 2.0  # in ln probability: lights that are less likely than others by less are no evidence
 
 
 @dataclass(frozen=True)
@@ -168,13 +168,12 @@ def _best(
         trials.append(trial)
         found.append(trial.errors())
         surprises.append(trial.surprise())
-    errors = [_score(each) + _SURPRISE * surprise for each, surprise in zip(found, surprises, strict=True)]
-    best = min(range(len(starts)), key=errors.__getitem__)
+    best, scores = _least([_score(each) for each in found], surprises)
     if rival is not None:
-        unlikely = surprises[rival] - surprises[best] > _UNLIKELY
-        if not unlikely and not _clearly_less(found[best], found[rival]):
+        defended = surprises[rival] - surprises[best] <= _UNLIKELY
+        if defended and not _clearly_less(found[best], found[rival]):
             return None
-    factor = _vertex(starts, errors, best)
+    factor = _vertex(starts, scores, best)
     ratio = starts[best] * factor / mean
     return None if 1 / _ALIKE <= ratio <= _ALIKE else (trials[best], factor)
 
@@ -182,6 +181,17 @@ def _best(
 def _score(errors: Tensor) -> float:
     """Return the logarithm of the disagreement (J, SPLITS) of all photos together, mean over splits."""
     return float(errors.sum(0).clamp(min=1e-9).log().mean())
+
+
+def _least(scores: list[float], surprises: Sequence[float]) -> tuple[int, list[float]]:
+    """Return which trial is best, and the scores by which it is.
+
+    The one whose parts agree best; another one only where the lights of that one are too unlikely beside its own.
+    """
+    agreeing = min(range(len(scores)), key=scores.__getitem__)
+    summed = [score + _SURPRISE * surprise for score, surprise in zip(scores, surprises, strict=True)]
+    likely = min(range(len(scores)), key=summed.__getitem__)
+    return (likely, summed) if surprises[agreeing] - surprises[likely] > _UNLIKELY else (agreeing, scores)
 
 
 def _clearly_less(errors: Tensor, rival: Tensor) -> bool:
