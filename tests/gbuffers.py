@@ -46,6 +46,12 @@ def sky(resolution: int) -> torch.Tensor:
     return (0.1 + up)[..., None] * torch.tensor([0.5, 0.7, 1.0]) + glow[..., None] * torch.tensor([1.0, 0.9, 0.7])
 
 
+def turned(angle: float) -> torch.Tensor:
+    """The rotation (3, 3) by an angle about the vertical."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return torch.tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
 def brute_force(gbuffer: GBuffer, light: torch.Tensor) -> torch.Tensor:
     """The reflection integral of the exact BRDF by summation over a fine light (6, N, N, 3)."""
     resolution = light.shape[1]

@@ -12,15 +12,10 @@ from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.render.split_sum import shade
-from tests.gbuffers import R, sky, sphere_gbuffer
+from tests.gbuffers import R, sky, sphere_gbuffer, turned
 
 CONFIG = DecomposeConfig()
 FRONT = torch.tensor([1.0, 0.0, 0.0])
-
-
-def turned(angle):
-    cos, sin = math.cos(angle), math.sin(angle)
-    return torch.tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def skies(angles):

@@ -14,15 +14,10 @@ from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import STARTS, Sample, Trial, best_new, best_rescaled
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.split_sum import shade
-from tests.gbuffers import sky, sphere_gbuffer
+from tests.gbuffers import sky, sphere_gbuffer, turned
 
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_finest=64)
-
-
-def turned(angle):
-    cos, sin = math.cos(angle), math.sin(angle)
-    return torch.tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def photos(scale, count=6):

@@ -1,7 +1,6 @@
 """What is metal is tried: a gilt part that was taken for paint is found out, and paint stays paint."""
 
 import copy
-import math
 from dataclasses import replace
 
 import pytest
@@ -17,16 +16,11 @@ from lightprobe.reconstruction.materials import Materials
 from lightprobe.reconstruction.metal_trials import best_metals
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.split_sum import shade
-from tests.gbuffers import sky, sphere_gbuffer
+from tests.gbuffers import sky, sphere_gbuffer, turned
 
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_levels=4, hash_finest=32, trial_steps=80)
 GOLD, PAINT = (0.8, 0.5, 0.15), (0.5, 0.45, 0.4)
-
-
-def turned(angle):
-    cos, sin = math.cos(angle), math.sin(angle)
-    return torch.tensor([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def truth(position, gilt: bool):

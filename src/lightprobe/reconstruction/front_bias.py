@@ -75,10 +75,9 @@ def _frame(towards: Tensor) -> Tensor | None:
 
 def _bias(light: Tensor, front: Tensor) -> float:
     """Return the bias of a light (6, R, R, 3) towards a horizontal direction (3,); see `FrontBias.mean`."""
-    resolution = light.shape[1]
-    weight = cubemap.solid_angles(resolution, light.device) * light.mean(-1)
-    cosine = cubemap.directions(resolution, light.device) @ front.to(light)
-    return float(3.0 * (weight * cosine).sum() / weight.sum().clamp(min=1e-12))
+    brightness, cosine = light.mean(-1), cubemap.directions(light.shape[1], light.device) @ front.to(light)
+    level = cubemap.sphere_mean(brightness).clamp(min=1e-12)
+    return float(3.0 * cubemap.sphere_mean(brightness * cosine) / level)
 
 
 def _likeness(lights: Tensor) -> float:

@@ -68,7 +68,7 @@ def judge_object(
 ) -> ObjectVerdict | None:
     """Return the verdict on an asset from photos it was not fitted to; None when they show too little.
 
-    bias: of the lights of the photos it was fitted to, where there are enough of them.
+    bias: of the lights of all training photos, where there are enough of them.
     """
     errors = []
     for target in targets:
