@@ -1,4 +1,4 @@
-"""Make the bundled scene of `lightprobe demo`, or one of the dark test objects: every photo is under another light.
+"""Make the bundled scene of `lightprobe demo`, or of one of the test objects: every photo is under another light.
 
     python tools/make_demo_scene.py OUT_DIR            # the scene as shipped, some minutes on two cores
     python tools/make_demo_scene.py OUT_DIR --check    # prove conventions and noise of a scene made before
@@ -8,6 +8,10 @@ Objects that are nearly black, to see how Phase I finds their brightness; two to
     python tools/make_demo_scene.py black-metal --object toy-car --samples 160        # metallic paint, .02 to .08
     python tools/make_demo_scene.py black-matte --object camera --samples 160         # plastic and leather, .02 to .05
     python tools/make_demo_scene.py dark-and-bright --object lantern --samples 160    # gloss .03 beside porcelain .6
+
+One whose masks do not show that it is open:
+
+    python tools/make_demo_scene.py open --object mug --samples 160
 
 Needs the development extra `mitsuba` and an LLVM shared library, newer than 15 (Debian: `apt install libllvm19`).
 Nothing is downloaded: geometry, textures and training lights are computed, the lights of the test photos are the three

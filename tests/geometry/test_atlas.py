@@ -92,6 +92,17 @@ def test_clean_drops_crumbs_and_decimate_keeps_the_shape():
     assert (edges.faces[:, 0] != edges.faces[:, 1]).all()
 
 
+def test_clean_drops_what_bounds_a_void_inside_and_keeps_what_stands_beside():
+    vertices, faces = sphere(3)
+    void, beside = (0.5 * vertices, faces[:, ::-1] + len(vertices)), (vertices + 3, faces + 2 * len(vertices))
+    all_v = np.concatenate([vertices, void[0], beside[0]]).astype(np.float32)
+    all_f = np.concatenate([faces, void[1], beside[1]]).astype(np.int32)
+    v, f = clean(all_v, all_f)
+    assert len(v) == 2 * len(vertices)
+    assert len(f) == 2 * len(faces)
+    assert np.linalg.norm(v, axis=1).min() > 0.9
+
+
 def test_vertex_normals_of_a_sphere_point_outwards():
     vertices, faces = (torch.from_numpy(a) for a in sphere(3))
     assert (vertex_normals(vertices, faces) * vertices).sum(1).min() > 0.999

@@ -14,7 +14,7 @@ from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import Sample, Trial
 from lightprobe.reconstruction.materials import Materials
 from lightprobe.reconstruction.metal_trials import best_metals
-from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.reconstruction.scaled_material import ScaledMaterial, fit_field
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 
@@ -54,7 +54,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     channels = truth(position, gilt)
     if not gilt:
         channels[:, :3] *= torch.where(position[:, 1:2] > 0, 0.6, 1.0)
-    metal_trials._fit_field(material, position, channels, 0)
+    fit_field(material, position, channels, 0, "painted")
     return material
 
 
@@ -77,33 +77,6 @@ def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
 def test_paint_stays_paint():
     samples, lights = photos(gilt=False)
     assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None
-
-
-def evidence(whole: float, own: float, noise: float = 0.01, photos: int = 12):
-    """Return evidence before and after a change with these gains in the mean, and the noise of a photo's."""
-    wave = noise * torch.tensor([(-1.0) ** k for k in range(photos)], dtype=torch.float64)
-    before = metal_trials._Evidence(torch.ones(photos, dtype=torch.float64), torch.ones(photos, dtype=torch.float64))
-    return before, metal_trials._Evidence((wave - whole).exp(), (wave - own).exp())
-
-
-@pytest.mark.parametrize(
-    ("whole", "own", "noise", "photos", "accepted"),
-    [
-        (0.02, 0.05, 0.01, 12, True), (-0.002, 0.05, 0.01, 12, True),
-        (-0.02, 0.05, 0.01, 12, False),  # halves explain each other worse
-        (0.02, -0.05, 0.01, 12, False),  # the material itself is explained worse
-        (0.02, 0.05, 0.1, 12, False),  # not surely better
-        (0.02, 0.05, 0.01, 7, False),  # too few photos
-    ],
-)  # fmt: skip
-def test_a_change_needs_both_to_speak_for_it(whole, own, noise, photos, accepted):
-    assert metal_trials._speaks_for(*evidence(whole, own, noise, photos)) is accepted
-
-
-def test_photos_that_hardly_show_a_material_have_no_say():
-    before, after = evidence(0.02, 0.05)
-    after.own[:5] = float("nan")
-    assert not metal_trials._speaks_for(before, after)  # seven are left
 
 
 def test_without_enough_photos_nothing_is_tried():

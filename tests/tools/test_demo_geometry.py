@@ -4,12 +4,13 @@ import pytest
 from demo_scene.check import first_hit
 from demo_scene.dark_shapes import camera, lantern, toy_car
 from demo_scene.geometry import coffee_pot, rounded_curve, turned, weld
+from demo_scene.mug import mug
 
 PARTS = coffee_pot()
-ALL_PARTS = [(make.__name__, part) for make in (coffee_pot, toy_car, camera, lantern) for part in make()]
+ALL_PARTS = [(make.__name__, part) for make in (coffee_pot, toy_car, camera, lantern, mug) for part in make()]
 
 
-@pytest.mark.parametrize("make", [coffee_pot, toy_car, camera, lantern])
+@pytest.mark.parametrize("make", [coffee_pot, toy_car, camera, lantern, mug])
 def test_an_object_is_centred_and_its_farthest_vertex_lies_at_one(make):
     points = np.concatenate([part.vertices for part in make()])
     np.testing.assert_allclose((points.min(axis=0) + points.max(axis=0)) / 2, 0, atol=1e-12)
@@ -44,6 +45,13 @@ def test_spout_is_open_and_hollow():
     assert first_hit(start, -outwards / np.linalg.norm(outwards), spout.vertices[spout.faces]) > 0.2
 
 
+def test_the_mug_is_open_down_to_its_floor():
+    body = next(part for part in mug() if part.name == "body")
+    height = np.ptp(body.vertices[:, 2])
+    inside = np.array([body.vertices[:, 0].mean(), 0.01, body.vertices[:, 2].max() + 0.1])
+    assert first_hit(inside, np.array([0.0, 0.0, -1.0]), body.vertices[body.faces]) > 0.1 + 0.85 * height
+
+
 def test_weld_merges_equal_vertices_and_drops_what_vanishes():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 1e-6], [1, 1, 0], [9, 9, 9]], float)
     faces = np.array([[0, 1, 2], [3, 4, 2], [1, 3, 2]])
@@ -52,7 +60,7 @@ def test_weld_merges_equal_vertices_and_drops_what_vanishes():
     assert len(triangles) == 2
 
 
-@pytest.mark.parametrize("make", [toy_car, camera, lantern])
+@pytest.mark.parametrize("make", [toy_car, camera, lantern, mug])
 def test_closed_parts_hold_space_and_so_face_outwards(make):
     for part in make():
         a, b, c = (part.vertices[part.faces[:, k]] - part.vertices.mean(axis=0) for k in range(3))

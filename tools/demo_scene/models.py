@@ -7,6 +7,7 @@ from enum import StrEnum
 from . import dark_shapes
 from .dark_paints import CAMERA_PAINTERS, CAR_PAINTERS, LANTERN_PAINTERS
 from .geometry import Part, coffee_pot
+from .mug import MUG_PAINTERS, mug
 from .textures import POT_PAINTERS, POT_TILES, Material, Painters, Tiles, equal_tiles, paint
 
 
@@ -17,6 +18,7 @@ class Subject(StrEnum):
     TOY_CAR = "toy-car"
     CAMERA = "camera"
     LANTERN = "lantern"
+    MUG = "mug"
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ _MAKERS: dict[Subject, tuple[Callable[[], list[Part]], Painters]] = {
     Subject.TOY_CAR: (dark_shapes.toy_car, CAR_PAINTERS),
     Subject.CAMERA: (dark_shapes.camera, CAMERA_PAINTERS),
     Subject.LANTERN: (dark_shapes.lantern, LANTERN_PAINTERS),
+    Subject.MUG: (mug, MUG_PAINTERS),
 }
 
 DESCRIPTIONS: dict[Subject, str] = {
@@ -40,6 +43,7 @@ DESCRIPTIONS: dict[Subject, str] = {
     Subject.TOY_CAR: "A toy car in near-black metallic paint (metallic 0.72 to 0.85, base colours 0.02 to 0.08)",
     Subject.CAMERA: "A camera of near-black matte plastic and leather (dielectric, base colours 0.02 to 0.05)",
     Subject.LANTERN: "A lantern of glossy black (base colours 0.02 to 0.04) beside bright porcelain (0.4 to 0.8)",
+    Subject.MUG: "An open mug (green and cream glaze, bare clay)",
 }
 
 

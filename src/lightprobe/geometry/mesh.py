@@ -138,9 +138,10 @@ def _corner(faces: Tensor, face: Tensor, vertex: Tensor) -> Tensor:
 
 
 def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """Drop degenerate faces, unused vertices and connected parts with less than `smallest_share` of the area.
+    """Drop degenerate faces, unused vertices, small connected parts, and those that bound a void inside the object.
 
-    Takes and returns vertices (V, 3) float and faces (F, 3) int32.
+    Small is less than `smallest_share` of the area. Takes and returns vertices (V, 3) float and faces (F, 3) int32,
+    counter-clockwise seen from outside: so a void's bound encloses a negative volume, and nothing can see it.
     """
     import scipy.sparse as sp
 
@@ -155,7 +156,9 @@ def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01)
     p = vertices[faces].astype(np.float64)
     area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
     share = np.bincount(part, area) / max(area.sum(), 1e-30)
-    faces = faces[share[part] >= smallest_share]
+    corner = p - p.mean((0, 1))  # a closed part's volume is the same from anywhere; near it, rounding is least
+    volume = np.bincount(part, (corner[:, 0] * np.cross(corner[:, 1], corner[:, 2])).sum(1))
+    faces = faces[((share >= smallest_share) & (volume >= 0))[part]]
     used, renumbered = np.unique(faces, return_inverse=True)
     return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
 

@@ -7,8 +7,9 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from lightprobe.core.config import DecomposeConfig, ImageLoss
+from lightprobe.core.config import DecomposeConfig, ImageLoss, SdfMode
 from lightprobe.core.device import generator, to_device
+from lightprobe.reconstruction.cavity_trials import best_opening
 from lightprobe.reconstruction.frame_loss import frame_loss
 from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_spaced, trials_at
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
@@ -92,6 +93,8 @@ class ImageTask(PassTask):
 
     def _try_materials(self, model: LatticeModel, fraction: float, *, anew: bool) -> None:
         """Give the model the material of another brightness, new or rescaled, where parts agree better under it."""
+        if not anew:
+            self._open_cavities(model, fraction)
         chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
         shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
         samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
@@ -109,6 +112,15 @@ class ImageTask(PassTask):
         self._take_over(model, trial)
         model.brighten(factor)
         self.lights.dim(factor)
+
+    def _open_cavities(self, model: LatticeModel, fraction: float) -> None:
+        """Give the model the cavities that photos ask for; a network of distances cannot be given any."""
+        if self.config.sdf is SdfMode.MLP:
+            return
+        opening = best_opening(model, self.targets, self.lights, fraction, self.seed)
+        if opening is not None:
+            model.reshape(opening.distance)
+            self._take_over(model, opening.trial)
 
     def _take_over(self, model: LatticeModel, trial: Trial) -> None:
         """Give the model a trial's material and lights."""

@@ -125,13 +125,16 @@ class LatticeModel(nn.Module):
             free = self.distance + self.coarse()
         return torch.where(self.lattice.boundary, free.detach().clamp(min=0.5 * self.lattice.cell), free)
 
+    def positions(self) -> Tensor:
+        """Return where the lattice's vertices are, (V, 3), moved by their offsets."""
+        return self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
+
     def surface(self, distance: Tensor, crossing: Crossing) -> tuple[Tensor, Tensor]:
         """Return vertices (N, 3) and faces (F, 3) of the zero set; raise `ConvergenceError` when there is none.
 
         distance (V,): the signed distances at the lattice's vertices, whose sign changes `crossing` holds.
         """
-        positions = self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
-        vertices, faces = marching_tetrahedra(self.lattice, crossing, positions, distance)
+        vertices, faces = marching_tetrahedra(self.lattice, crossing, self.positions(), distance)
         if len(faces) == 0:
             raise ConvergenceError("The surface vanished while fitting; check the masks and cameras with `inspect`.")
         return vertices, faces
@@ -146,6 +149,17 @@ class LatticeModel(nn.Module):
         """Multiply all base colours, and the mean they are held at, by `factor`."""
         self.material.brightness.mul_(factor)
         self.visibility = None if self.visibility is None else self.visibility.brightened(factor)
+
+    @torch.no_grad()
+    def reshape(self, distance: Tensor) -> None:
+        """Take the surface whose signed distances at the lattice's vertices are `distance` (V,), where these are free.
+
+        Raises `ValueError` where distances are those of a network.
+        """
+        if self.config.sdf is SdfMode.MLP:
+            raise ValueError("distances of a network cannot be set")
+        self.distance.add_(distance - self.distances())
+        self.update_visibility()
 
     def rasterise(self, view: View, step: int, progress: float) -> RasterisedView:
         """Return what the camera sees; `progress` in [0, 1] drives the regularisers' schedule."""

@@ -11,20 +11,18 @@ metal under a light that is free to bend explains its own pixels only too well. 
 """
 
 import copy
+import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.agreement import render
+from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Evidence, agreement_of
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import Sample, Trial
 from lightprobe.reconstruction.materials import HeldMetallic, Materials
-from lightprobe.reconstruction.scaled_material import ScaledMaterial
-from lightprobe.training import Descent, ParameterGroup
+from lightprobe.reconstruction.scaled_material import ScaledMaterial, fit_field
 
 _POINTS = 24_576  # of the surface, that are sorted into materials
 _SMALLEST = 0.04  # share of the points that makes a material
@@ -32,17 +30,7 @@ _METAL, _NO_METAL = 0.95, 0.0  # what metallic is held at
 _BRIGHTER = 1.5  # a metal has no diffuse light to help its colour
 _SHARPEST = 0.4  # roughness of a new metal at most: a rougher one could not be told from paint
 _FEWEST_PIXELS = 80  # of a material in a photo that judges it
-_FEWEST_PHOTOS = 8  # that judge a change
-_SURE = 2.0  # standard errors over the photos by which a material's own pixels must be explained better
-_COPY_STEPS, _COPY_POINTS, _COPY_RATE = 250, 4096, 5e-3  # of fitting a field to another, in Adam's unit
-
-
-@dataclass(frozen=True)
-class _Evidence:
-    """How well photos are explained; J photos."""
-
-    agreement: Tensor  # (J,) disagreement of halves
-    own: Tensor  # (J,) displayed error of the material's pixels, nan where there are too few
+_COPY = "metals/copy"  # random numbers of fitting a field to another
 
 
 def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int) -> Trial | None:
@@ -51,23 +39,23 @@ def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMater
     Deterministic. Its lights belong to it; its metallic is held no longer.
     """
     samples = [sample for sample in samples if len(sample.color) > 1]
-    if len(samples) < _FEWEST_PHOTOS:
+    if len(samples) < FEWEST_PHOTOS:
         return None
     points = _drawn(samples, seed)
     materials = Materials.of(material, points, seed)
     steps, accepted = (material.config.trial_steps + 1) // 2, []
     present = Trial(copy.deepcopy(material), samples, lights, 1.0, seed)
     present.fit(steps)
-    halves = present.errors(len(samples)).sum(1)
+    agreement = agreement_of(present)
     for number, share in enumerate(materials.shares(points)):
         if share < _SMALLEST:
             continue
         held = _changed(material, materials, number, points, seed)
         trial = Trial(held, samples, lights, 1.0, seed)
         trial.fit(steps)
-        own = [_own_errors(each, materials, number) for each in (present, trial)]
-        before, after = _Evidence(halves, own[0]), _Evidence(trial.errors(len(samples)).sum(1), own[1])
-        if _speaks_for(before, after):
+        part = functools.partial(_of_material, materials, number)
+        before = Evidence.of(present, part, _FEWEST_PIXELS, agreement)
+        if Evidence.of(trial, part, _FEWEST_PIXELS).speaks_for_change(before):
             accepted.append(number)
     return _with_all(accepted, material, materials, points, samples, lights, seed)
 
@@ -97,56 +85,14 @@ def _changed(material: ScaledMaterial, materials: Materials, number: int, points
     changed = copy.deepcopy(material)
     with torch.no_grad():
         wanted = target(material(points), here)
-    _fit_field(changed, points, wanted, seed)
+    fit_field(changed, points, wanted, seed, _COPY)
     changed.held = [*changed.held, held]
     return changed
 
 
-def _fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: int) -> None:
-    """Fit a material's field to colours, roughness and metallic (N, >= 5) at points (N, 3)."""
-    descent = Descent(
-        [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
-        lambda rows: (material(points[rows])[:, :5] - wanted[rows, :5]).square().mean(),
-        betas=(0.9, 0.99), epsilon=1e-12, fused=True,
-    )  # fmt: skip
-    every = torch.arange(len(points), device=points.device)
-    for step in range(_COPY_STEPS):
-        descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, "metals/copy", step)))
-    descent.end()
-
-
-@torch.no_grad()
-def _own_errors(trial: Trial, materials: Materials, number: int) -> Tensor:
-    """Return the displayed error of a material's pixels in each photo, (J,) float64, nan where it is hardly seen."""
-    errors = []
-    for sample in trial.samples:
-        rows = (materials.at(sample.pixels.position) == number).nonzero()[:, 0]
-        if len(rows) < _FEWEST_PIXELS:
-            errors.append(float("nan"))
-            continue
-        pixels = sample.of_material(trial.material(sample.pixels.position)).select(rows)
-        image = render(pixels, trial.lights[sample.name])
-        errors.append(float(displayed_error(image, sample.color[rows], sample.clipped[rows])))
-    return torch.tensor(errors, dtype=torch.float64)
-
-
-def _speaks_for(before: _Evidence, after: _Evidence) -> bool:
-    """Return whether a change explains the material's own pixels surely better, and halves each other no worse."""
-    whole, own = _gain(before.agreement, after.agreement), _gain(before.own, after.own)
-    if min(len(own), len(whole)) < _FEWEST_PHOTOS:
-        return False
-    return float(own.mean()) > _SURE * _uncertainty(own) and float(whole.mean()) > -_uncertainty(whole)
-
-
-def _uncertainty(values: Tensor) -> float:
-    """Return the standard error of the mean of values (K,)."""
-    return float(values.std()) / len(values) ** 0.5
-
-
-def _gain(before: Tensor, after: Tensor) -> Tensor:
-    """Return the logarithm of the ratio of errors where both are known, (K,)."""
-    known = (before > 0) & (after > 0)
-    return (before[known] / after[known]).log()
+def _of_material(materials: Materials, number: int, sample: Sample) -> Tensor:
+    """Return the rows (K,) int64 of a sample's pixels that are of one of the materials."""
+    return (materials.at(sample.pixels.position) == number).nonzero()[:, 0]
 
 
 def _with_all(
@@ -164,5 +110,5 @@ def _with_all(
     with torch.no_grad():
         fitted = trial.material(points)  # held values among them, which the field does not know
     trial.material.held = []
-    _fit_field(trial.material, points, fitted, seed)
+    fit_field(trial.material, points, fitted, seed, _COPY)
     return trial

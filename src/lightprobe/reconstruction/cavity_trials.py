@@ -1,0 +1,256 @@
+"""Whether there is a cavity where masks show none: suspect lids are opened, and stay so where photos ask for it.
+
+No small step of the surface leads from a closed vessel to an open one, and materials and normal offsets hide what they
+can of the difference. So parts of the surface that may be lids, and are explained worse than the rest, are opened to
+several depths and with walls of several thicknesses, and the material is fitted to each for a short time, as it is to
+the closed surface. `reconstruction.change_evidence` decides. Where there is no cavity the lid's pixels are explained
+worse by far: what shows through an opening depends on where the camera stands.
+"""
+
+import copy
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.geometry.mesh import vertex_normals
+from lightprobe.light.photometry import displayed_error
+from lightprobe.reconstruction.agreement import render
+from lightprobe.reconstruction.cavities import ClosedSurface, LatticeSolid, Lid, find_lids, hollowed, without_voids
+from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence, standard_error
+from lightprobe.reconstruction.gauge import evenly_spaced
+from lightprobe.reconstruction.lattice_model import LatticeModel
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial
+from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.scaled_material import fit_field
+from lightprobe.render.gbuffer import GBuffer
+
+_DEPTHS = (math.inf, 1.0)  # radii of the lid: all the way, or as deep as half of it is wide; with the first wall
+_WALLS = (1.75, 1.0, 3.0)  # lattice cells; the others are tried with the better depth
+_LENGTH = 3  # times the steps of other trials: what is new takes longer to learn
+_BAR = Bar(sure=2.5, least=0.12)  # higher than usual: one of several attempts, each with a shape of its own
+_SUSPECT = 1.5  # times the error of the rest, from which on a lid is tried
+_TRIED = 3  # lids at most, the worst first
+_SEEN = 0.03  # share of the object's pixels in a photo that a lid needs there
+_COVERED = 0.999  # share of the masks that must still be covered: a wall that is too thin for the lattice has holes
+_FEWEST_PIXELS = 40  # of a lid, among those that a trial draws from a photo
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A surface with cavities, and the material and lights fitted to it."""
+
+    distance: Tensor  # (L,) float32 at the lattice's vertices, inside < 0
+    trial: Trial
+
+
+@dataclass(frozen=True)
+class _Photos:
+    """Photos and their lights at some time in the pass."""
+
+    targets: Sequence[Target]
+    lights: Lights
+    fraction: float  # share of the pass that is done
+    seed: int
+
+    def shown(self, model: LatticeModel) -> list[tuple[Target, GBuffer]]:
+        """Return each photo with the model's G-buffer in it."""
+        views = [target.view for target in self.targets]
+        return list(zip(self.targets, model.gbuffers(views, self.fraction), strict=True))
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    """A lid, and the photos that show it."""
+
+    lid: Lid
+    targets: list[Target]
+    shown: dict[str, Tensor]  # photo name -> (N,) bool: which of its pixels show the lid
+    excess: float  # its error over that of the rest of the object
+
+    def in_sample(self, sample: Sample) -> Tensor:
+        """Return which of a sample's pixels show the closed surface's lid, (P,) bool."""
+        return self.shown[sample.name][sample.pixels.pixel]
+
+    def rows(self, sample: Sample) -> Tensor:
+        """Return the same as rows (K,) int64."""
+        return self.in_sample(sample).nonzero()[:, 0]
+
+
+def best_opening(
+    model: LatticeModel, targets: Sequence[Target], lights: Lights, fraction: float, seed: int
+) -> Opening | None:
+    """Return the model's surface with the cavities that photos ask for, None where they ask for none; deterministic.
+
+    fraction: share of the pass that is done. The model and the lights stay as they are.
+    """
+    photos, model, found = _Photos(targets, lights, fraction, seed), _without_voids(model), None
+    surface = _surface(model)
+    for suspect in _suspects(model, surface, photos):
+        opened = _opened(model, surface, suspect, photos)
+        if opened is not None:
+            model, found = opened
+    return found
+
+
+@torch.no_grad()
+def _suspects(model: LatticeModel, surface: ClosedSurface, photos: _Photos) -> list[_Suspect]:
+    """Return the lids that are explained worse than the rest of the object, the worst first."""
+    lids, lights = find_lids(surface), photos.lights
+    of_lid = [torch.from_numpy(lid.vertices[surface.faces].all(1)).to(lights.maps[0].device) for lid in lids]
+    errors: list[list[tuple[float, float]]] = [[] for _ in lids]
+    seen: list[dict[str, Tensor]] = [{} for _ in lids]
+    for target, gbuffer in photos.shown(model) if lids else ():
+        pixels = gbuffer.select((target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0])
+        image = render(pixels, lights.maps[lights.index[target.name]].detach())
+        for lid_faces, error, shown in zip(of_lid, errors, seen, strict=True):
+            here = lid_faces[pixels.face]
+            if float(here.float().mean()) >= _SEEN and not bool(here.all()):
+                picture = torch.zeros_like(target.alpha, dtype=torch.bool)
+                picture[pixels.pixel[here]] = True
+                shown[target.name] = picture
+                error.append((_error(image, target, pixels, here), _error(image, target, pixels, ~here)))
+    suspects = []
+    for lid, error, shown in zip(lids, errors, seen, strict=True):
+        if len(error) >= FEWEST_PHOTOS:
+            own, rest = (sum(part) for part in zip(*error, strict=True))
+            targets = [target for target in photos.targets if target.name in shown]
+            suspects.append(_Suspect(lid, targets, shown, own / max(rest, 1e-9)))
+    suspects = [suspect for suspect in suspects if suspect.excess > _SUSPECT]
+    return sorted(suspects, key=lambda suspect: -suspect.excess)[:_TRIED]
+
+
+def _error(image: Tensor, target: Target, pixels: GBuffer, chosen: Tensor) -> float:
+    """Return the displayed error of some of the pixels (P,) bool of a photo that is shown as `image` (P, 3)."""
+    at = pixels.pixel[chosen]
+    return float(displayed_error(image[chosen], target.color[at], target.clipped[at]))
+
+
+def _opened(
+    model: LatticeModel, surface: ClosedSurface, suspect: _Suspect, photos: _Photos
+) -> tuple[LatticeModel, Opening] | None:
+    """Return a copy of the model with the best cavity behind a lid of its surface, None where no cavity is better."""
+    photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
+    start = _mean_material(model, suspect, photos)
+    closed, shown = _fitted(model, suspect, start, photos)
+    before = Evidence.of(closed, suspect.rows, _FEWEST_PIXELS)
+
+    def attempts(sizes: Iterable[tuple[float, float]]) -> Iterator[_Attempt]:
+        for wall, depth in sizes:
+            hollow = _with_cavity(model, surface, suspect.lid, wall=wall, depth=depth)
+            if hollow is None:
+                continue
+            trial, covered = _fitted(hollow, suspect, start, photos)
+            evidence = Evidence.of(trial, suspect.rows, _FEWEST_PIXELS)
+            if covered >= _COVERED * shown and evidence.explains_part(before, _BAR):
+                yield _Attempt(wall, depth, hollow, trial, evidence, evidence.own_gain(before))
+
+    first, *other_walls = _WALLS
+    better = list(attempts((first, depth) for depth in _DEPTHS))
+    if better:
+        depth = _by_preference(better)[0].depth
+        better += attempts((wall, depth) for wall in other_walls)
+    for attempt in _by_preference(better):
+        if attempt.evidence.speaks_for_change(before, _BAR):
+            return attempt.model, Opening(attempt.model.distances().detach(), attempt.trial)
+    return None
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """A cavity that explains the lid's pixels better."""
+
+    wall: float  # lattice cells
+    depth: float  # radii of the lid
+    model: LatticeModel
+    trial: Trial
+    evidence: Evidence
+    gains: Tensor  # (K,) of photos, in the logarithm of the error
+
+    @property
+    def gain(self) -> float:
+        """The mean over photos."""
+        return float(self.gains.mean())
+
+
+def _by_preference(attempts: Sequence[_Attempt]) -> list[_Attempt]:
+    """Return the attempts, the best first.
+
+    Of those that are as good as the one with the most gain, within its standard error, the thinnest wall: a rim that is
+    too wide stays so, as it looks like the lid that was there.
+    """
+    order = sorted(attempts, key=lambda attempt: -attempt.gain)
+    if order:
+        tied = order[0].gain - standard_error(order[0].gains)
+        order.sort(key=lambda attempt: (attempt.gain < tied, attempt.wall if attempt.gain >= tied else -attempt.gain))
+    return order
+
+
+def _with_cavity(model: LatticeModel, surface: ClosedSurface, lid: Lid, *, wall: float, depth: float
+                 ) -> LatticeModel | None:  # fmt: skip
+    """Return a copy of the model with a cavity behind a lid, None where the walls leave no room for one.
+
+    wall: in lattice cells; depth: in radii of the lid.
+    """
+    solid = _solid(model)
+    hollow = hollowed(solid, surface, lid, wall=wall * solid.cell, depth=depth * lid.radius)
+    return None if np.array_equal(hollow, solid.distance) else _reshaped(model, hollow)
+
+
+def _without_voids(model: LatticeModel) -> LatticeModel:
+    """Return a copy of the model without voids, which would be taken for surface that a cavity keeps away from."""
+    return _reshaped(model, without_voids(_solid(model), model.lattice.boundary.cpu().numpy()))
+
+
+def _reshaped(model: LatticeModel, distance: np.ndarray) -> LatticeModel:
+    """Return a copy of the model with signed distances (L,) float32."""
+    copied = copy.deepcopy(model)
+    copied.reshape(torch.from_numpy(distance).to(model.lattice.vertices.device))
+    return copied
+
+
+def _solid(model: LatticeModel) -> LatticeSolid:
+    """Return what the model's surface bounds."""
+    lattice = model.lattice
+    distance, points, edges = (
+        tensor.detach().cpu().numpy() for tensor in (model.distances(), model.positions(), lattice.edges)
+    )
+    return LatticeSolid(distance, points, edges, lattice.cell)
+
+
+def _surface(model: LatticeModel) -> ClosedSurface:
+    """Return the model's present surface."""
+    vertices, faces = model.extract()
+    normals = vertex_normals(torch.from_numpy(vertices), torch.from_numpy(faces)).numpy()
+    return ClosedSurface(vertices, normals, faces)
+
+
+@torch.no_grad()
+def _mean_material(model: LatticeModel, suspect: _Suspect, photos: _Photos) -> Tensor:
+    """Return the mean material (8,) of a closed surface's lid."""
+    samples = [Sample.of(*one, photos.seed) for one in photos.shown(model)]
+    points = torch.cat([sample.pixels.position[suspect.in_sample(sample)] for sample in samples])
+    return model.material(points).mean(0)
+
+
+def _fitted(model: LatticeModel, suspect: _Suspect, start: Tensor, photos: _Photos) -> tuple[Trial, int]:
+    """Return a fitted trial of the model's surface, and how many of the photos' pixels this covers.
+
+    What shows where the lid was begins as the material `start` (8,); on the closed surface, too, as what it has learnt
+    must be no advantage.
+    """
+    shown = photos.shown(model)
+    samples = [Sample.of(*one, photos.seed) for one in shown]
+    material = copy.deepcopy(model.material)
+    points = torch.cat([sample.pixels.position for sample in samples])
+    of_lid = torch.cat([suspect.in_sample(sample) for sample in samples])
+    with torch.no_grad():
+        wanted = torch.where(of_lid[:, None], start, material(points))
+    fit_field(material, points, wanted, photos.seed, "cavities/start")
+    trial = Trial(material, samples, photos.lights, 1.0, photos.seed)
+    trial.fit(_LENGTH * model.config.trial_steps)
+    return trial, sum(int((target.alpha[gbuffer.pixel] > 0.99).sum()) for target, gbuffer in shown)

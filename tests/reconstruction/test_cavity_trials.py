@@ -1,0 +1,139 @@
+"""A cup that its masks show closed is opened where photos show its inside; a solid block stays solid."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.config import DecomposeConfig, SdfMode, StartShape
+from lightprobe.light.prefilter import cached
+from lightprobe.light.resize import rotate_light
+from lightprobe.reconstruction import cavity_trials, image_task
+from lightprobe.reconstruction.cavity_trials import Opening, best_opening
+from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction.lattice_model import LatticeModel
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.material_trials import Trial
+from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.start import Start, start_from_box
+from lightprobe.render.split_sum import shade
+from lightprobe.render.surface import View
+from lightprobe.training import Stage
+from tests.gbuffers import sky, turned
+from tests.shapes import camera_at
+
+CPU = torch.device("cpu")
+CONFIG = DecomposeConfig(hash_levels=4, hash_finest=16, trial_steps=40)
+SIDE, CELLS, COUNT = 36, 36, 10
+
+
+def vessel(inner: float | None) -> Start:
+    """A lattice with an upright cylinder, closed, or with the radius of its inside."""
+    start = start_from_box(StartShape.SPHERE, CELLS, 0)
+    points = start.lattice.vertices.numpy()
+    across, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
+    distance = np.maximum(across - 0.75, np.abs(z) - 0.5)
+    if inner is not None:
+        distance = np.maximum(distance, np.minimum(inner - across, z + 0.39))
+    return Start(start.lattice, torch.from_numpy(distance.astype(np.float32)))
+
+
+def photos(model: LatticeModel, count: int = COUNT) -> tuple[list[Target], Lights]:
+    """Photos of a model from above all around, each under a turned light of its own, and these lights."""
+    operator, targets = cached(CONFIG.light_resolution), []
+    lights = Lights([f"photo{k}" for k in range(count)], CONFIG, CPU, 0)
+    for k in range(count):
+        angle = 2 * np.pi * k / COUNT
+        view = View.of(camera_at((2.2 * np.cos(angle), 2.2 * np.sin(angle), 2.0), size=SIDE, focal=1.1 * SIDE), CPU)
+        light = rotate_light(0.3 * sky(CONFIG.light_resolution), turned(2.4 * k), CONFIG.light_resolution)
+        lights.replace(f"photo{k}", light)
+        (pixels,) = model.gbuffers([view], 1.0)
+        color, alpha = torch.zeros(SIDE * SIDE, 3), torch.zeros(SIDE * SIDE)
+        color[pixels.pixel], alpha[pixels.pixel] = shade(pixels, operator, operator.apply(light)), 1.0
+        targets.append(Target(f"photo{k}", view, color, alpha, torch.zeros(SIDE * SIDE, 3, dtype=torch.bool)))
+    return targets, lights
+
+
+def model_of(inner: float | None) -> LatticeModel:
+    """A model of the cylinder in one plain material, with its visibility."""
+    model = LatticeModel(vessel(inner), CONFIG, CPU, 0)
+    model.update_visibility()
+    return model
+
+
+@pytest.mark.slow
+def test_a_cup_is_opened():
+    targets, lights = photos(model_of(inner=0.64))
+    closed = model_of(inner=None)
+    before = closed.distances().detach().clone()
+    opening = best_opening(closed, targets, lights, 1.0, 0)
+    assert opening is not None
+    middle = closed.lattice.vertices.norm(dim=1).argmin()
+    assert before[middle] < 0 < opening.distance[middle]
+    assert torch.equal(closed.distances().detach(), before)  # the model itself stays as it is
+
+
+@pytest.mark.slow
+def test_a_block_stays_solid(monkeypatch):
+    monkeypatch.setattr(cavity_trials, "_SUSPECT", -1.0)  # every lid is tried
+    solid = model_of(inner=None)
+    targets, lights = photos(solid)
+    assert best_opening(solid, targets, lights, 1.0, 0) is None
+
+
+def test_what_is_explained_as_well_as_the_rest_is_not_suspect():
+    solid = model_of(inner=None)
+    surface = cavity_trials._surface(solid)
+    assert cavity_trials._suspects(solid, surface, cavity_trials._Photos(*photos(solid), 1.0, 0)) == []
+    cup = cavity_trials._Photos(*photos(model_of(inner=0.64)), 1.0, 0)
+    (top,) = cavity_trials._suspects(solid, surface, cup)
+    assert surface.vertices[top.lid.vertices, 2].min() > 0.4
+
+
+def test_distances_of_a_network_cannot_be_set():
+    config = replace(CONFIG, sdf=SdfMode.MLP)
+    model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), config, CPU, 0)
+    with pytest.raises(ValueError, match="network"):
+        model.reshape(model.distances().detach())
+
+
+def attempt(wall: float, *gains: float) -> cavity_trials._Attempt:
+    """An attempt with a wall and the gains of photos."""
+    unused = None
+    return cavity_trials._Attempt(wall, 1.0, unused, unused, unused, torch.tensor(gains))  # type: ignore[arg-type]
+
+
+def test_the_thinnest_of_walls_that_are_as_good_is_preferred():
+    best, tied, worse = attempt(2.0, 0.1, 0.3), attempt(1.0, 0.15, 0.15), attempt(0.5, 0.02, 0.04)
+    assert cavity_trials._by_preference([worse, best, tied]) == [tied, best, worse]
+    assert cavity_trials._by_preference([]) == []
+    surer = attempt(2.0, 0.2, 0.2)
+    assert cavity_trials._by_preference([tied, surer]) == [surer, tied]
+
+
+def task_of(model: LatticeModel) -> ImageTask:
+    """The first pass's task of a model, with two photos."""
+    targets, lights = photos(model_of(inner=None), count=2)
+    return ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0)
+
+
+def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
+    model = model_of(inner=None)
+    task, opened = task_of(model), vessel(inner=0.64).distance
+    trial = Trial(copy.deepcopy(model.material), [], task.lights, 1.0, 0)
+    trial.material.brightness.mul_(2)
+    trial.lights = {"photo1": torch.full_like(task.lights.maps[1], 0.25)}
+    monkeypatch.setattr(image_task, "best_opening", lambda *_: Opening(opened, trial))
+    task._open_cavities(model, 0.7)
+    assert torch.allclose(model.distances(), opened, atol=1e-6)
+    assert model.material.brightness == trial.material.brightness
+    assert (task.lights.maps[1] == 0.25).all()
+
+
+def test_a_network_of_distances_is_not_opened():
+    model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, sdf=SdfMode.MLP), CPU, 0)
+    before = model.distances().detach().clone()
+    task_of(model)._open_cavities(model, 0.7)
+    assert torch.equal(model.distances(), before)
