@@ -102,7 +102,7 @@ def test_distances_of_a_network_cannot_be_set():
 def attempt(wall: float, *gains: float) -> cavity_trials._Attempt:
     """An attempt with a wall and the gains of photos."""
     unused = None
-    return cavity_trials._Attempt(wall, 1.0, unused, unused, unused, torch.tensor(gains))  # type: ignore[arg-type]
+    return cavity_trials._Attempt(wall, unused, unused, unused, torch.tensor(gains))  # type: ignore[arg-type]
 
 
 def test_the_thinnest_of_walls_that_are_as_good_is_preferred():

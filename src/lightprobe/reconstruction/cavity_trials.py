@@ -8,7 +8,6 @@ worse by far: what shows through an opening depends on where the camera stands.
 """
 
 import copy
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,12 +25,10 @@ from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial
 from lightprobe.reconstruction.photos import Target
-from lightprobe.reconstruction.scaled_material import fit_field
 from lightprobe.render.gbuffer import GBuffer
 
-_DEPTHS = (math.inf, 1.0)  # radii of the lid: all the way, or as deep as half of it is wide; with the first wall
-_WALLS = (1.75, 1.0, 3.0)  # lattice cells; the others are tried with the better depth
-_LENGTH = 3  # times the steps of other trials: what is new takes longer to learn
+_WALLS = (1.0, 1.75, 3.0, 5.0)  # lattice cells, tried with the first depth
+_DEPTHS = (1.0, 0.5, 2.0)  # radii of the lid; the others are tried with the best wall
 _BAR = Bar(sure=2.5, least=0.12)  # higher than usual: one of several attempts, each with a shape of its own
 _SUSPECT = 1.5  # times the error of the rest, from which on a lid is tried
 _TRIED = 3  # lids at most, the worst first
@@ -72,13 +69,9 @@ class _Suspect:
     shown: dict[str, Tensor]  # photo name -> (N,) bool: which of its pixels show the lid
     excess: float  # its error over that of the rest of the object
 
-    def in_sample(self, sample: Sample) -> Tensor:
-        """Return which of a sample's pixels show the closed surface's lid, (P,) bool."""
-        return self.shown[sample.name][sample.pixels.pixel]
-
     def rows(self, sample: Sample) -> Tensor:
-        """Return the same as rows (K,) int64."""
-        return self.in_sample(sample).nonzero()[:, 0]
+        """Return the rows (K,) int64 of a sample's pixels that show the closed surface's lid."""
+        return self.shown[sample.name][sample.pixels.pixel].nonzero()[:, 0]
 
 
 def best_opening(
@@ -135,8 +128,7 @@ def _opened(
 ) -> tuple[LatticeModel, Opening] | None:
     """Return a copy of the model with the best cavity behind a lid of its surface, None where no cavity is better."""
     photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
-    start = _mean_material(model, suspect, photos)
-    closed, shown = _fitted(model, suspect, start, photos)
+    closed, shown = _fitted(model, photos)
     before = Evidence.of(closed, suspect.rows, _FEWEST_PIXELS)
 
     def attempts(sizes: Iterable[tuple[float, float]]) -> Iterator[_Attempt]:
@@ -144,18 +136,19 @@ def _opened(
             hollow = _with_cavity(model, surface, suspect.lid, wall=wall, depth=depth)
             if hollow is None:
                 continue
-            trial, covered = _fitted(hollow, suspect, start, photos)
+            trial, covered = _fitted(hollow, photos)
             evidence = Evidence.of(trial, suspect.rows, _FEWEST_PIXELS)
             if covered >= _COVERED * shown and evidence.explains_part(before, _BAR):
-                yield _Attempt(wall, depth, hollow, trial, evidence, evidence.own_gain(before))
+                yield _Attempt(wall, hollow, trial, evidence, evidence.own_gain(before))
 
-    first, *other_walls = _WALLS
-    better = list(attempts((first, depth) for depth in _DEPTHS))
+    first, *other_depths = _DEPTHS
+    better = list(attempts((wall, first) for wall in _WALLS))
     if better:
-        depth = _by_preference(better)[0].depth
-        better += attempts((wall, depth) for wall in other_walls)
+        wall = _by_preference(better)[0].wall
+        better += attempts((wall, depth) for depth in other_depths)
     for attempt in _by_preference(better):
         if attempt.evidence.speaks_for_change(before, _BAR):
+            attempt.model.material.take_over(attempt.trial.material)  # the next lid's trials start from it
             return attempt.model, Opening(attempt.model.distances().detach(), attempt.trial)
     return None
 
@@ -165,7 +158,6 @@ class _Attempt:
     """A cavity that explains the lid's pixels better."""
 
     wall: float  # lattice cells
-    depth: float  # radii of the lid
     model: LatticeModel
     trial: Trial
     evidence: Evidence
@@ -229,28 +221,10 @@ def _surface(model: LatticeModel) -> ClosedSurface:
     return ClosedSurface(vertices, normals, faces)
 
 
-@torch.no_grad()
-def _mean_material(model: LatticeModel, suspect: _Suspect, photos: _Photos) -> Tensor:
-    """Return the mean material (8,) of a closed surface's lid."""
-    samples = [Sample.of(*one, photos.seed) for one in photos.shown(model)]
-    points = torch.cat([sample.pixels.position[suspect.in_sample(sample)] for sample in samples])
-    return model.material(points).mean(0)
-
-
-def _fitted(model: LatticeModel, suspect: _Suspect, start: Tensor, photos: _Photos) -> tuple[Trial, int]:
-    """Return a fitted trial of the model's surface, and how many of the photos' pixels this covers.
-
-    What shows where the lid was begins as the material `start` (8,); on the closed surface, too, as what it has learnt
-    must be no advantage.
-    """
+def _fitted(model: LatticeModel, photos: _Photos) -> tuple[Trial, int]:
+    """Return a fitted trial of the model's material on its surface, and how many of the photos' pixels this covers."""
     shown = photos.shown(model)
     samples = [Sample.of(*one, photos.seed) for one in shown]
-    material = copy.deepcopy(model.material)
-    points = torch.cat([sample.pixels.position for sample in samples])
-    of_lid = torch.cat([suspect.in_sample(sample) for sample in samples])
-    with torch.no_grad():
-        wanted = torch.where(of_lid[:, None], start, material(points))
-    fit_field(material, points, wanted, photos.seed, "cavities/start")
-    trial = Trial(material, samples, photos.lights, 1.0, photos.seed)
-    trial.fit(_LENGTH * model.config.trial_steps)
+    trial = Trial(copy.deepcopy(model.material), samples, photos.lights, 1.0, photos.seed)
+    trial.fit((model.config.trial_steps + 1) // 2)
     return trial, sum(int((target.alpha[gbuffer.pixel] > 0.99).sum()) for target, gbuffer in shown)
