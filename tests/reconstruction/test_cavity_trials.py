@@ -64,7 +64,9 @@ def model_of(inner: float | None) -> LatticeModel:
 
 
 @pytest.mark.slow
-def test_a_cup_is_opened():
+def test_a_cup_is_opened(monkeypatch):
+    monkeypatch.setattr(cavity_trials, "_WALLS", (1.75, 3.0))
+    monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0, 0.5))
     targets, lights = photos(model_of(inner=0.64))
     closed = model_of(inner=None)
     before = closed.distances().detach().clone()
@@ -77,7 +79,9 @@ def test_a_cup_is_opened():
 
 @pytest.mark.slow
 def test_a_block_stays_solid(monkeypatch):
-    monkeypatch.setattr(cavity_trials, "_SUSPECT", -1.0)  # every lid is tried
+    monkeypatch.setattr(cavity_trials, "_SUSPECT", -1.0)  # its best explained lids, too
+    monkeypatch.setattr(cavity_trials, "_TRIED", 1)
+    monkeypatch.setattr(cavity_trials, "_WALLS", (1.75, 3.0))
     solid = model_of(inner=None)
     targets, lights = photos(solid)
     assert best_opening(solid, targets, lights, 1.0, 0) is None
