@@ -14,7 +14,7 @@ from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import Sample, Trial
 from lightprobe.reconstruction.materials import Materials
 from lightprobe.reconstruction.metal_trials import best_metals
-from lightprobe.reconstruction.scaled_material import ScaledMaterial, fit_field
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 
@@ -54,7 +54,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     channels = truth(position, gilt)
     if not gilt:
         channels[:, :3] *= torch.where(position[:, 1:2] > 0, 0.6, 1.0)
-    fit_field(material, position, channels, 0, "painted")
+    metal_trials._fit_field(material, position, channels, 0)
     return material
 
 

@@ -194,8 +194,10 @@ def _with_cavity(model: LatticeModel, surface: ClosedSurface, lid: Lid, *, wall:
 
 
 def _without_voids(model: LatticeModel) -> LatticeModel:
-    """Return a copy of the model without voids, which would be taken for surface that a cavity keeps away from."""
-    return _reshaped(model, without_voids(_solid(model), model.lattice.boundary.cpu().numpy()))
+    """Return the model, or a copy without its voids, which would be taken for surface that a cavity keeps away from."""
+    solid = _solid(model)
+    filled = without_voids(solid, model.lattice.boundary.cpu().numpy())
+    return model if np.array_equal(filled, solid.distance) else _reshaped(model, filled)
 
 
 def _reshaped(model: LatticeModel, distance: np.ndarray) -> LatticeModel:

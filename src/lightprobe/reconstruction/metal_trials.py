@@ -22,7 +22,8 @@ from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Evidence, a
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import Sample, Trial
 from lightprobe.reconstruction.materials import HeldMetallic, Materials
-from lightprobe.reconstruction.scaled_material import ScaledMaterial, fit_field
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.training import Descent, ParameterGroup
 
 _POINTS = 24_576  # of the surface, that are sorted into materials
 _SMALLEST = 0.04  # share of the points that makes a material
@@ -30,7 +31,7 @@ _METAL, _NO_METAL = 0.95, 0.0  # what metallic is held at
 _BRIGHTER = 1.5  # a metal has no diffuse light to help its colour
 _SHARPEST = 0.4  # roughness of a new metal at most: a rougher one could not be told from paint
 _FEWEST_PIXELS = 80  # of a material in a photo that judges it
-_COPY = "metals/copy"  # random numbers of fitting a field to another
+_COPY_STEPS, _COPY_POINTS, _COPY_RATE = 250, 4096, 5e-3  # of fitting a field to another, in Adam's unit
 
 
 def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int) -> Trial | None:
@@ -85,9 +86,22 @@ def _changed(material: ScaledMaterial, materials: Materials, number: int, points
     changed = copy.deepcopy(material)
     with torch.no_grad():
         wanted = target(material(points), here)
-    fit_field(changed, points, wanted, seed, _COPY)
+    _fit_field(changed, points, wanted, seed)
     changed.held = [*changed.held, held]
     return changed
+
+
+def _fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: int) -> None:
+    """Fit a material's field to colours, roughness and metallic (N, >= 5) at points (N, 3)."""
+    descent = Descent(
+        [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
+        lambda rows: (material(points[rows])[:, :5] - wanted[rows, :5]).square().mean(),
+        betas=(0.9, 0.99), epsilon=1e-12, fused=True,
+    )  # fmt: skip
+    every = torch.arange(len(points), device=points.device)
+    for step in range(_COPY_STEPS):
+        descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, "metals/copy", step)))
+    descent.end()
 
 
 def _of_material(materials: Materials, number: int, sample: Sample) -> Tensor:
@@ -110,5 +124,5 @@ def _with_all(
     with torch.no_grad():
         fitted = trial.material(points)  # held values among them, which the field does not know
     trial.material.held = []
-    fit_field(trial.material, points, fitted, seed, _COPY)
+    _fit_field(trial.material, points, fitted, seed)
     return trial

@@ -7,16 +7,14 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig, Smoothed
-from lightprobe.core.device import draw_rows, generator, to_device
+from lightprobe.core.device import generator, to_device
 from lightprobe.material.field import START_BASE, MaterialField
 from lightprobe.reconstruction.frame_loss import color_change
 from lightprobe.reconstruction.gauge import metals_tried
 from lightprobe.reconstruction.losses import brightness_anchor, material_prior
-from lightprobe.training import Descent, ParameterGroup
 
 _NEIGHBOURS = 4096  # points whose material is compared with that beside them
 _BESIDE = 0.01  # how far away that is, in object radii
-_COPY_STEPS, _COPY_POINTS, _COPY_RATE = 250, 4096, 5e-3  # of fitting a field to given values, in Adam's unit
 
 
 Held = Callable[[Tensor, Tensor], Tensor]  # points (N, 3), the field's material (N, 8) -> one with some values given
@@ -88,19 +86,3 @@ class ScaledMaterial(nn.Module):
             + self.config.brightness_anchor * brightness_anchor(material[:, :3], self.mean_color)
             + self.config.normal_prior * material[:, 5:].square().mean()
         )
-
-
-def fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: int, purpose: str) -> None:
-    """Fit a material's field to colours, roughness and metallic (N, >= 5) at points (N, 3).
-
-    purpose: names the random numbers that are drawn.
-    """
-    descent = Descent(
-        [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
-        lambda rows: (material(points[rows])[:, :5] - wanted[rows, :5]).square().mean(),
-        betas=(0.9, 0.99), epsilon=1e-12, fused=True,
-    )  # fmt: skip
-    every = torch.arange(len(points), device=points.device)
-    for step in range(_COPY_STEPS):
-        descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, purpose, step)))
-    descent.end()
