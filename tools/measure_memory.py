@@ -86,7 +86,7 @@ class Shot:
 
 def cli(*words: object) -> list[str]:
     """Return the command line of a lightprobe command in a process of its own."""
-    code = "import sys; from lightprobe.cli.main import main; sys.exit(main())"
+    code = "import sys; from lightprobe.cli.main import program; sys.exit(program())"
     return [sys.executable, "-c", code, *map(str, words)]
 
 

@@ -55,7 +55,7 @@ _SIDE = 320  # pixels of the longer side of a photo
 _PHOTOS = 12  # different ones
 _PATIENCE = 120.0  # seconds after which a request counts as lost
 _OBJECT = "measured"
-_SERVE = "import sys; from lightprobe.cli.main import main; sys.exit(main())"
+_SERVE = "import sys; from lightprobe.cli.main import program; sys.exit(program())"
 
 
 @dataclass(frozen=True)

@@ -103,6 +103,23 @@ def test_help_loads_no_torch():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
 
 
+def test_the_program_looks_for_garbage_in_what_a_command_makes_alone():
+    code = """
+import gc, sys
+from lightprobe.cli import main
+command_function = main.command_function
+def command(name, given):
+    def told(): sys.exit(0 if gc.isenabled() and gc.get_freeze_count() > 10_000 else 1)
+    assert not gc.isenabled()
+    command_function(name, given)
+    return told, ""
+main.command_function = command
+sys.argv = ["lightprobe", "predict"]
+sys.exit(main.program() or 2)
+"""
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
 def test_written_cameras_can_be_read_back(trained):
     _, run = trained
     for photo in run.scene()["photos"]["train"].values():
