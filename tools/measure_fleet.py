@@ -1,13 +1,14 @@
 """Measures a fleet: what it costs beside the work itself, and what it does when a machine dies.
 
     python tools/measure_fleet.py load [--rows 100000] [--ray]
-    python tools/measure_fleet.py photos RUN [--photos 400] [--workers 1] [--method probe-net]
+    python tools/measure_fleet.py photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net] [--sources]
     python tools/measure_fleet.py nodes SCENE [--nodes 3] [--scenes 6]
 
 load: predictions that do nothing, so that what is left is reading jobs, handing out tasks and writing the index; with
 --ray the tasks go through Ray, without it they are called here.
-photos: the test photos of a run whose scene is still in place, again and again, once by one process alone and once by
-a fleet of --workers tasks at a time; the index must have a row for each, and one of them fails.
+photos: the test photos of a run whose scene is still in place, again and again: --photos of them by a fleet of
+--workers tasks at a time, --alone of them by one process before and after it; with --sources suns and lamps are looked
+for, too. The index must have a row for each photo, and one of them fails.
 nodes: copies of a scene, trained for a few steps on a simulated cluster of that many machines with one core each, of
 which one is killed once checkpoints exist; every run must have the bits of one that was trained alone.
 
@@ -124,7 +125,7 @@ def measure_load(rows: int, on_ray: bool) -> int:
     return 0 if found.done == rows else 1
 
 
-def measure_photos(run: Path, photos: int, workers: int, method: str) -> int:
+def measure_photos(run: Path, photos: int, alone: int, workers: int, options: PhotoOptions) -> int:
     """Predict by one process and by a fleet, and print photos per second of both."""
     record = read_record(RunFolder.open(run))
     test = [str(path) for path in sorted((record.root / "test").glob("r_???.png"))]
@@ -134,16 +135,18 @@ def measure_photos(run: Path, photos: int, workers: int, method: str) -> int:
         columns = {"run": [str(run.resolve())] * photos, "photo": files, "camera": [camera] * photos}
         columns["photo"][photos // 2] = "gone.png"
         pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
-        options = PhotoOptions(method=Method(method))
+        jobs = [Job(row, columns["run"][row], columns["photo"][row], camera) for row in range(min(alone, photos))]
+        before = _alone(jobs, root, options)
         with cluster() as executor:
             _fleet(root, "warm", executor, options, workers, 2)  # compiles, and reads libraries
             fleet = _fleet(root, "out", executor, options, workers, photos)
-        jobs = [Job(row, columns["run"][row], columns["photo"][row], camera) for row in range(photos)]
-        single = _alone(jobs, root, options)
+        after = _alone(jobs, root, options)
+        single = (before + after) / 2
         table = pyarrow.parquet.read_table(root / "out" / "index").to_pydict()
     missing = sorted(set(range(photos)) - set(table["row"]))
     failed = [reason for state, reason in zip(table["state"], table["reason"], strict=True) if state == State.FAILED]
-    print(f"{photos} photos, {method}: one process {single:.2f} photos/s; fleet of {workers}: {fleet:.2f} photos/s, "
+    print(f"{photos} photos, {options.method}{', sources' if options.sources else ''}: one process {before:.2f} "
+          f"photos/s before, {after:.2f} after; fleet of {workers}: {fleet:.2f} photos/s, "
           f"{fleet / (workers * single):.2f} of {workers} x one process")  # fmt: skip
     print(f"{len(table['row'])} rows, {len(missing)} missing, {len(failed)} failed: {failed[:1]}")
     return 0 if not missing and len(table["row"]) == photos and len(failed) == 1 else 1
@@ -233,8 +236,10 @@ def main(words: Sequence[str] | None = None) -> int:
     photos = kinds.add_parser("photos")
     photos.add_argument("run", type=Path, metavar="RUN")
     photos.add_argument("--photos", type=int, default=400)
+    photos.add_argument("--alone", type=int, default=400)
     photos.add_argument("--workers", type=int, default=1)
-    photos.add_argument("--method", default=Method.PROBE_NET.value)
+    photos.add_argument("--method", type=Method, default=Method.PROBE_NET)
+    photos.add_argument("--sources", action="store_true")
     nodes = kinds.add_parser("nodes")
     nodes.add_argument("scene", type=Path, metavar="SCENE")
     nodes.add_argument("--nodes", type=int, default=3)
@@ -244,7 +249,8 @@ def main(words: Sequence[str] | None = None) -> int:
         if given.kind == "load":
             return measure_load(given.rows, given.ray)
         if given.kind == "photos":
-            return measure_photos(given.run, given.photos, given.workers, given.method)
+            options = PhotoOptions(given.method, sources=given.sources)
+            return measure_photos(given.run, given.photos, given.alone, given.workers, options)
         return measure_nodes(given.scene, given.nodes, given.scenes)
     except LightprobeError as error:
         print(error, file=sys.stderr)

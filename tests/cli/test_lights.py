@@ -40,6 +40,15 @@ def test_predict_writes_a_map_of_the_size_that_is_asked_for_and_what_else_is_kno
         assert {"direction", "angular_radius_deg", "irradiance_rgb", "uncertainty"} <= source.keys()
 
 
+def test_suns_and_lamps_that_are_not_looked_for_cannot_be_kept_out_of_a_map(trained, tmp_path, capsys):
+    scene, run = trained
+    words = ["predict", run.path, scene / "test/test_00.png", "-o", tmp_path / "light.exr", "--no-sources"]
+    succeed(*words, "--device", "cpu")
+    told = json.loads((tmp_path / "light.light.json").read_text())
+    assert (told["sources_sought"], told["sources"]) == (False, [])
+    fails([*words, "--sun", "separate"], capsys, ["not looked for"])
+
+
 def test_export_with_a_light_has_its_lamps_beside_the_map_or_in_it(trained, tmp_path):
     _, run = trained
     direction = equirect.directions(64).numpy() @ np.array([0.48, 0.6, 0.64])

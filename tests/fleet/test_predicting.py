@@ -6,6 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import BusyError, ConfigError
 from lightprobe.core.file_lock import locked_file
 from lightprobe.fleet.executor import Needs
@@ -94,6 +95,9 @@ def test_what_cannot_be_used_is_told_before_any_work(tmp_path):
         predict_fleet(jobs, tmp_path / "out", Stub(done), chunk=0)
     with pytest.raises(ConfigError, match="100x100"):
         predict_fleet(jobs, tmp_path / "out", Stub(done), options=PhotoOptions(size="100x100"))
+    unsought = PhotoOptions(sun=Sun.SEPARATE, sources=False)
+    with pytest.raises(ConfigError, match="not looked for"):
+        predict_fleet(jobs, tmp_path / "out", Stub(done), options=unsought)
     (tmp_path / "out").mkdir()
     with locked_file(tmp_path / "out" / ".fleet.lock", ""), pytest.raises(BusyError):
         predict_fleet(jobs, tmp_path / "out", Stub(done))

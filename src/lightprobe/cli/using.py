@@ -74,6 +74,7 @@ _SizeArg = Annotated[
     option(metavar="WxH", help="Size of the maps, 128x64 to 4096x2048 by powers of two; else that of the prediction."),
 ]
 _SunArg = Annotated[Sun, option(metavar="inside|separate", help="Whether the maps have the suns and lamps.")]
+_SourcesArg = Annotated[bool, option(help="Look for suns and lamps, some .3 s a photo.")]
 _EveryArg = Annotated[int, option(metavar="N", help="Predict from every Nth frame of a video.")]
 _RendererArg = Annotated[Renderer, option(metavar="fast|path", help="What makes the pictures.")]
 _SamplesArg = Annotated[int, option(metavar="N", help="Rays of each pixel that --renderer path traces.")]
@@ -84,7 +85,7 @@ def predict(
     method: _MethodArg = None, confidence: _ConfidenceArg = None, save_camera: _SaveCameraArg = None,
     save_mask: _SaveMaskArg = None, save_overlay: _SaveOverlayArg = None, one_light: _OneLightArg = False,
     background: _BackgroundArg = True, every: _EveryArg = 10, size: _SizeArg = None, sun: _SunArg = Sun.INSIDE,
-    settings: Prediction = UNCHANGED, device: Device = "auto",
+    sources: _SourcesArg = True, settings: Prediction = UNCHANGED, device: Device = "auto",
 ) -> None:  # fmt: skip
     """Predict the environment around the object from one photo, from several one by one or together, or from a video.
 
@@ -105,7 +106,7 @@ def predict(
     """
     located = LocationFiles(save_camera, save_mask, save_overlay)
     height = None if size is None else map_height(size)
-    files = PredictionFiles(camera, mask, output, confidence, located, height, sun)
+    files = PredictionFiles(camera, mask, output, confidence, located, height, sun, sources)
     how = _How(method, settings, background, device)
     video = next((image for image in images if is_video(image)), None)
     if video is not None and len(images) > 1:

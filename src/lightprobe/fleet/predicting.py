@@ -52,6 +52,7 @@ def predict_fleet(
         raise ConfigError(f"A task needs --chunk of at least 1 photo, not {chunk}.")
     if chosen.size is not None:
         map_height(chosen.size)
+    chosen.sun.check(chosen.sources)
     file, place = JobFile(Place.of(jobs)), Place.of(output)
     with held(place):
         record = {"jobs": file.identity(), "options": asdict(chosen), "settings": asdict(settings)}

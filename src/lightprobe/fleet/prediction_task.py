@@ -45,6 +45,8 @@ class PhotoOptions:
     """Size of the maps, WxH; else that of the prediction."""
     sun: Sun = Sun.INSIDE
     """Whether the maps have the suns and lamps."""
+    sources: bool = True
+    """Look for suns and lamps: most of what the single step costs."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def _predicted(job: Job, chunk: Chunk) -> PhotoRow:
             _fetched(job.mask, "mask", chunk.beside, scratch, LARGEST_PICTURE),
             where / f"{stem}.exr", where / f"{stem}.confidence.exr" if options.confidence else None,
             LocationFiles(where / f"{stem}.camera.json", where / f"{stem}.mask.png", where / f"{stem}.overlay.png"),
-            None if options.size is None else map_height(options.size), options.sun,
+            None if options.size is None else map_height(options.size), options.sun, options.sources,
         )  # fmt: skip
         photo = image.fetch(scratch / "in" / image.name, LARGEST_PICTURE)
         found = next(iter(predict_photos(

@@ -48,7 +48,7 @@ _SOURCE_SPREAD, _REST_SPREAD = 0.4, 0.1  # what is expected of the factors' depa
 _ROUNDS = 4  # of weights, clipped pixels and v
 _SEARCH_ROUNDS = 2  # the same while the key source is looked for
 _FLOOR = 0.005  # displayed error below which all pixels count alike
-_SHADOW_SIDE = 512  # pixels of a depth map
+_SHADOW_SIDE = 256  # pixels of a depth map
 _DRAFTED = 32  # texels along a cubemap edge up to which the refinement's prefilter does, as it is there already
 _RINGS = tuple(math.radians(angle) for angle in (8.0, 4.0, 2.0))  # of directions that are tried
 _AROUND = 6  # on each ring
@@ -213,6 +213,9 @@ def _non_negative(hessian: Tensor, right: Tensor) -> Tensor:
     `scipy.optimize`, a fifth of a second of the first prediction of a process.
     """
     h, r = hessian.cpu().double().numpy(), right.cpu().double().numpy()
+    x = np.linalg.solve(h, r)
+    if (x >= 0).all():  # mostly
+        return torch.from_numpy(x).to(hessian)
     x, free = np.zeros(len(r)), np.zeros(len(r), bool)
     for _ in range(3 * len(r)):  # rounding could send it in circles
         downhill = np.where(free, 0.0, r - h @ x)

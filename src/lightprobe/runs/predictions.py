@@ -42,6 +42,13 @@ class PredictionFiles:
     """Rows of the maps, see `light.upsampling`; by default twice the texels along a cubemap edge."""
     sun: Sun = Sun.INSIDE
     """Whether the maps have the light's suns and lamps, which the .light.json beside them lists."""
+    sources: bool = True
+    """Whether suns and lamps are looked for: most of what the single step costs."""
+
+    def check(self, photos: int) -> None:
+        """Raise `ConfigError` for files of so many photos that no prediction could write."""
+        self.location.check(photos)
+        self.sun.check(self.sources)
 
 
 @dataclass(frozen=True)
@@ -103,6 +110,7 @@ class PhotoPredictions:
     _images: Sequence[Path]
     _maps: Sequence[MapFiles]
     _photos: NewPhotos
+    _sources: bool
 
     def __iter__(self) -> Iterator[PredictedPhoto]:
         """Predict and write photo by photo; errors as in `unwritten`."""
@@ -121,7 +129,7 @@ class PhotoPredictions:
                 photo = self._photos.read(index)
                 prediction = self._predictor.predict(
                     photo.pixels, photo.pixel_camera, self.method, background=photo.background, doubt=photo.doubt,
-                    sources=True,
+                    sources=self._sources,
                 )  # fmt: skip
             except InputError as error:
                 failures.append(f"{image} gets no map. {error}")
@@ -155,7 +163,7 @@ def predict_photos(
     loaded.make_ready(photos)
     predictor = loaded.predictor
     chosen = method or methods_for(predictor.model, predictor.config)[0]
-    return PhotoPredictions(chosen, predictor.model is not None, predictor, images, maps, photos)
+    return PhotoPredictions(chosen, predictor.model is not None, predictor, images, maps, photos, files.sources)
 
 
 @dataclass(frozen=True)
@@ -198,7 +206,8 @@ def predict_one_light(
     given = _exif_exposures(seen)
     prediction, exposures = predictor.predict_together(
         [(photo.pixels, photo.pixel_camera) for photo in seen], chosen, exposures=given,
-        backgrounds=[photo.background for photo in seen], doubt=max(photo.doubt for photo in seen), sources=True,
+        backgrounds=[photo.background for photo in seen], doubt=max(photo.doubt for photo in seen),
+        sources=files.sources,
     )  # fmt: skip
     target.write(prediction, _facts(next(iter(read)), seen[0]))
     return JointPrediction(
@@ -216,7 +225,7 @@ def _checked(
         raise ConfigError("No photo is named: lightprobe predict RUN IMAGE.")
     if files.camera is None:
         read_record(run)  # it has the cameras
-    files.location.check(len(images))
+    files.check(len(images))
     return run, files
 
 

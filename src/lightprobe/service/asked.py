@@ -90,8 +90,7 @@ class Asked:
             file_kind(mask.path)
         size, sources = text.get("size"), _flag(text, "sources", True)
         sun = _choice(Sun, text.get("sun", Sun.INSIDE), "sun")
-        if sun is Sun.SEPARATE and not sources:
-            raise ConfigError("'sun' cannot be separate where 'sources' is false: they have to be looked for.")
+        sun.check(sources)
         method = text.get("method")
         return Asked(
             photo, _camera(form, folder), mask, None if not method else _choice(Method, method, "method"),

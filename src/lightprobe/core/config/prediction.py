@@ -39,6 +39,11 @@ class Sun(StrEnum):
     SEPARATE = "separate"
     """The map is without them; they stand beside it, as lamps."""
 
+    def check(self, sought: bool) -> None:
+        """Raise `ConfigError` where they are to be kept out of a map without having been `sought`."""
+        if self is Sun.SEPARATE and not sought:
+            raise ConfigError("'sun' cannot be separate where sources, suns and lamps, are not looked for.")
+
 
 @dataclass(frozen=True)
 class PredictConfig:
