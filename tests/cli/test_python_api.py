@@ -19,7 +19,7 @@ def test_importing_the_package_loads_nothing_heavy():
 def test_predict_loads_none_of_the_evaluation_s_libraries():
     """They take a second to import, more than the prediction."""
     python(
-        "import sys, lightprobe.cli.using\n"
+        "import sys, lightprobe.cli.predicting\n"
         "heavy = {'trimesh', 'torchmetrics', 'scipy.stats', 'scipy.ndimage', 'torch._dynamo'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
     )

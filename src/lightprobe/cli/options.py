@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from lightprobe.core.config.prediction import PredictionOptions
+from lightprobe.core.config.prediction import PredictionOptions, Sun
 
 _UNSAID = ("", "None", "False")  # defaults that tell nobody anything
 
@@ -28,6 +28,11 @@ CameraArg = Annotated[
     ),
 ]
 EnvironmentArg = Annotated[Path, option(metavar="ENV.exr", help="Equirectangular environment, EXR or Radiance HDR.")]
+SizeArg = Annotated[
+    str | None,
+    option(metavar="WxH", help="Size of the maps, 128x64 to 4096x2048 by powers of two; else that of the prediction."),
+]
+SunArg = Annotated[Sun, option(metavar="inside|separate", help="Whether the maps have the suns and lamps.")]
 MovedScene = Annotated[Path | None, option(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
 Device = Annotated[str, option(metavar="auto|cpu|cuda", help="Where to compute.")]
 Seed = Annotated[int, option(help="Equal seeds give equal results on a CPU.")]
