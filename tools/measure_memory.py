@@ -84,10 +84,12 @@ class Shot:
     run: Path
 
 
+_PROGRAM = "import sys; from lightprobe.cli.main import program; sys.exit(program())"
+
+
 def cli(*words: object) -> list[str]:
     """Return the command line of a lightprobe command in a process of its own."""
-    code = "import sys; from lightprobe.cli.main import program; sys.exit(program())"
-    return [sys.executable, "-c", code, *map(str, words)]
+    return _python(_PROGRAM, *words)
 
 
 def _python(code: str, *words: object) -> list[str]:
@@ -235,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def measured(command: str, shot: Shot, max_memory: str | None) -> str:
     """Return the cell of one command and photo; what was said of a failure is printed."""
     words = COMMANDS[command](shot)
-    if max_memory is not None and "main()" in words[2]:
+    if max_memory is not None and words[2] == _PROGRAM:
         words += ["--max-memory", max_memory]
     memory, code, said = peak(words)
     print(command, shot.photo.suffix, f"{memory:.2f} GiB, exit {code}: {said.strip()[-400:]}", flush=True)
