@@ -10,7 +10,8 @@ from tests.report.results import metrics, record
 def test_a_record_comes_back_with_means_and_intervals_by_light(tmp_path):
     scored = metrics()
     scored["photos"]["c"] = {"light": "sea", "methods": {"net": {"psnr": 36.0, "not_in_tables": 1.0}}}
-    before = record("cup", scored=scored, seed=3, command="lightprobe eval RUNS/cup", training={"decompose": 601.0})
+    before = record("cup", scored=scored, seed=3, command="lightprobe eval RUNS/cup", training={"decompose": 601.0},
+                    object_verdict={"disagreement": 0.05, "trust": "good"})  # fmt: skip
     before.write(tmp_path)
     after = Record.read(tmp_path / "cup.json")
     assert {**vars(after), "metrics": None} == {**vars(before), "metrics": None}

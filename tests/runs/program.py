@@ -5,6 +5,7 @@ from pathlib import Path
 
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import PhaseTiming, write_timing
+from lightprobe.models.object_verdict import ObjectVerdict
 
 
 class Program:
@@ -33,6 +34,7 @@ class Program:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("{}")
         write_timing(run.timings_file, "decompose", PhaseTiming(630.2, None, True))
+        ObjectVerdict(0.04, photos=5).save(run.verdict_file)
 
     def _evaluate(self, words):
         run = RunFolder(Path(words[1]))

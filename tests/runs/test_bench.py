@@ -177,6 +177,7 @@ def test_a_record_tells_how_it_was_made(data, tmp_path, calls, ask):
     assert (record.seed, record.preset, record.training) == (4, "quick", {"decompose": 630})
     assert record.commit == record.trained
     assert all((record.commit, record.machine, record.threads))
+    assert (record.object_verdict["disagreement"], record.object_verdict["trust"]) == (0.04, "good")
     (tmp_path / "records" / "chair.json").unlink()
     (tmp_path / "out" / "runs" / "chair" / "bench.json").unlink()  # trained by somebody else
     ask(seeds=(4,), scenes=("chair",), steps=(Step.RUN,))

@@ -50,6 +50,7 @@ class Record:
     command: str = ""
     iterations: str = ""  # where the paper's are cut: how many of how many
     training: dict[str, float] = field(default_factory=dict)  # phase -> seconds, and `memory` in GiB
+    object_verdict: dict[str, Any] = field(default_factory=dict)  # as `ObjectVerdict.to_json`, where there is one
 
     @property
     def name(self) -> str:

@@ -2,6 +2,7 @@
 
 from lightprobe.report import results_tables as tables
 from lightprobe.report.bench_results import PAPER_METHOD, BenchResults
+from lightprobe.report.verdict_table import verdict_table
 
 
 def results_page(results: BenchResults) -> str:
@@ -18,6 +19,7 @@ def results_page(results: BenchResults) -> str:
         ("What Phase II learns from", _LESSONS_NOTE, tables.lessons_table(results)),
         ("Against slow methods, on the same few photos", _SLOW_NOTE, tables.slow_table(results)),
         ("The object", _OBJECT_NOTE, tables.object_table(results)),
+        ("What was said of the object beforehand", _VERDICT_NOTE, verdict_table(results)),
         ("Error by confidence", _CONFIDENCE_NOTE, tables.confidence_table(results)),
         ("Seconds per photo (Table 4)", _TIME_NOTE, tables.time_table(results)),
         ("Weights of the loss (Table 5), and r² against r⁴", _loss_note(losses_scene), tables.loss_table(results)),
@@ -113,6 +115,13 @@ _OBJECT_NOTE = (
     "mean over channels, and the channel that is farthest from 1. Base colour in dB, raw and after one factor per "
     "channel. Relighting: the object under the scene's novel lights against its renders, PSNR and SSIM of its pixels, "
     "raw and after one factor per channel. The rows of true objects show what is left to the renderer."
+)
+_VERDICT_NOTE = (
+    "The verdict of training on its object, from held-out photos alone (docs/decisions/object-verdict.md), beside what "
+    "truth says: disagreement of darker and brighter parts about the light, surprise at where the lights come from in "
+    "ln probability, relighting after one factor per channel as it was expected and as it was found, and the mean "
+    "si-RMSE of the three spheres under the default's maps. How bright the object is as a whole the verdict hardly "
+    "sees."
 )
 _CONFIDENCE_NOTE = (
     "All directions of all test photos in five parts of equal solid angle by confidence: log-RMSE after one factor per "
