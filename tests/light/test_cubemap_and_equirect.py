@@ -27,6 +27,16 @@ def test_faces_are_ordered_x_y_z():
     assert torch.allclose(centers, torch.tensor(list(AXES.values()), dtype=torch.float32), atol=1e-6)
 
 
+def test_texels_lie_on_the_faces_as_opengl_s_do():
+    """The table of faces in OpenGL's specification: what runs along columns (s) and rows (t), over the major axis."""
+    table = {0: "-z -y", 1: "+z -y", 2: "+x +z", 3: "+x -z", 4: "+x -y", 5: "-x -y"}
+    directions = cubemap.directions(4)
+    for face, axes in table.items():
+        s, t = (torch.tensor(AXES[axis], dtype=torch.float32) for axis in axes.split())
+        assert (directions[face] @ s).diff(dim=1).min() > 0.1
+        assert (directions[face] @ t).diff(dim=0).min() > 0.1
+
+
 def test_looking_up_the_directions_themselves_returns_them_even_across_faces():
     cube = cubemap.directions(32)
     random = torch.randn(4000, 3, generator=torch.Generator().manual_seed(0))

@@ -55,6 +55,13 @@ def test_what_is_saved_is_loaded(tmp_path, suffix):
     assert torch.allclose(again.texels, light.texels, rtol=0.02)
 
 
+@pytest.mark.parametrize(
+    ("rows", "resolution"), [(4, 8), (16, 8), (62, 16), (64, 32), (128, 64), (200, 64), (256, 128), (600, 128)]
+)
+def test_a_map_becomes_the_cubemap_with_half_as_many_texels_on_an_edge_as_it_has_rows(rows, resolution):
+    assert Environment.from_panorama(np.ones((rows, 2 * rows, 3), np.float32)).resolution == resolution
+
+
 @pytest.mark.parametrize("shape", [(6, 8, 4, 3), (5, 8, 8, 3), (6, 8, 8), (8, 8, 3)])
 def test_what_is_no_cubemap_of_colours_is_refused(shape):
     with pytest.raises(ValueError, match=r"texels \(6, R, R, 3\)"):
@@ -68,3 +75,8 @@ def test_a_notebook_shows_the_map_at_a_middling_brightness():
     assert picture.shape == (32, 64, 3)
     assert picture[0].min() > 250
     assert 1 < picture[-1].mean() < 250
+
+
+def test_a_black_map_is_shown_black():
+    picture = np.asarray(Image.open(io.BytesIO(Environment(torch.zeros(6, 8, 8, 3))._repr_png_())))
+    assert picture.max() == 0
