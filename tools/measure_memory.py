@@ -84,12 +84,12 @@ class Shot:
     run: Path
 
 
-_PROGRAM = "import sys; from lightprobe.cli.main import program; sys.exit(program())"
+_PROGRAM = [sys.executable, "-m", "lightprobe"]
 
 
 def cli(*words: object) -> list[str]:
     """Return the command line of a lightprobe command in a process of its own."""
-    return _python(_PROGRAM, *words)
+    return [*_PROGRAM, *map(str, words)]
 
 
 def _python(code: str, *words: object) -> list[str]:
@@ -237,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def measured(command: str, shot: Shot, max_memory: str | None) -> str:
     """Return the cell of one command and photo; what was said of a failure is printed."""
     words = COMMANDS[command](shot)
-    if max_memory is not None and words[2] == _PROGRAM:
+    if max_memory is not None and words[:3] == _PROGRAM:
         words += ["--max-memory", max_memory]
     memory, code, said = peak(words)
     print(command, shot.photo.suffix, f"{memory:.2f} GiB, exit {code}: {said.strip()[-400:]}", flush=True)

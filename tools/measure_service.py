@@ -55,7 +55,6 @@ _SIDE = 320  # pixels of the longer side of a photo
 _PHOTOS = 12  # different ones
 _PATIENCE = 120.0  # seconds after which a request counts as lost
 _OBJECT = "measured"
-_SERVE = "import sys; from lightprobe.cli.main import program; sys.exit(program())"
 
 
 @dataclass(frozen=True)
@@ -281,7 +280,17 @@ def service(run: Path, options: argparse.Namespace) -> Iterator[tuple[str, int]]
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "runs" / _OBJECT
         shutil.copytree(run, target, ignore=shutil.ignore_patterns("checkpoints", "report", "oracle", "predictions"))
-        command = [sys.executable, "-c", _SERVE, "serve", str(target.parent), "--port", "0", "--log-level", "warning"]
+        command = [
+            sys.executable,
+            "-m",
+            "lightprobe",
+            "serve",
+            str(target.parent),
+            "--port",
+            "0",
+            "--log-level",
+            "warning",
+        ]
         command += ["--workers", str(options.workers), "--deadline", str(options.deadline)]
         with open(options.log, "w") as log:
             process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)

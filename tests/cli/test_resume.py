@@ -17,8 +17,7 @@ SERIES, KILLS = 2, 3  # KILLS in each series, side by side; `make kills` tries m
 
 
 def start(scene: Path, run: Path) -> subprocess.Popen:
-    code = "import sys; from lightprobe.cli.main import program; sys.exit(program())"
-    command = [sys.executable, "-c", code, "train", str(scene), "-o", str(run), *TINY, *TINY_DISTILL]
+    command = [sys.executable, "-m", "lightprobe", "train", str(scene), "-o", str(run), *TINY, *TINY_DISTILL]
     threads = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     environment = {**os.environ, **threads, "NUMBA_CACHE_DIR": str(scene.parent / "kernels")}
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment)

@@ -1,14 +1,17 @@
 """All records of a benchmark, by scene and by what was evaluated."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from lightprobe.report.bench_scenes import ordered
+from lightprobe.report.markdown import NONE, markdown_table
 from lightprobe.report.records import Kind, Metrics, Record
 
 PAPER_METHOD = "probe-mlp"
 PAPER_LESSONS = "photos alone"
+
+Rows = Iterable[tuple[list[str], Record | None]]  # cells, and the record that they are from if it is one
 
 
 @dataclass(frozen=True)
@@ -92,3 +95,13 @@ def partial_photos(metrics: Metrics, method: str) -> list[Mapping[str, Mapping[s
     photos = [photo["methods"] for photo in metrics["photos"].values()]
     seen = [each for each in photos if method in each]
     return seen if 0 < len(seen) < len(photos) else []
+
+
+def rows_table(results: BenchResults, head: list[str], rows: Rows) -> list[str]:
+    """Return a table, none without rows, with a column for the commit where the records are of several."""
+    lines = [[*cells, *(_commit(record) if results.mixed else ())] for cells, record in rows]
+    return markdown_table([*head, *(["commit"] if results.mixed else [])], lines) if lines else []
+
+
+def _commit(record: Record | None) -> list[str]:
+    return [NONE if record is None else record.commit]

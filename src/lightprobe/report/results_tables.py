@@ -11,6 +11,7 @@ from lightprobe.report.bench_results import (
     default_scores,
     method_name,
     partial_photos,
+    rows_table,
     whole,
 )
 from lightprobe.report.bench_scenes import BENCH_SCENES, ordered, role
@@ -18,7 +19,6 @@ from lightprobe.report.markdown import NONE, markdown_table, mean, mean_cell, nu
 from lightprobe.report.published import PUBLISHED_LIGHTS, paper_scores
 from lightprobe.report.records import Record
 
-Rows = Iterable[tuple[list[str], Record | None]]  # cells, and the record that they are from if it is one
 _RMSE = {f"{sphere}_si_rmse": 3 for sphere in SPHERES}
 _ANGLES = {f"{sphere}_angular": 1 for sphere in SPHERES}
 _BRIGHT = {"light_log_rmse_bright": 2, "light_log_rmse_bright_scaled": 2}
@@ -36,7 +36,7 @@ def scene_table(results: BenchResults) -> list[str]:
         photos = record.metrics["photos"].values()
         lights = {photo["light"] for photo in photos if "light" in photo}
         rows.append(([name, role(name).value, str(len(photos)), str(len(lights)) if lights else "not named"], record))
-    return _table(results, ["scene", "role", "test photos", "lights"], rows)
+    return rows_table(results, ["scene", "role", "test photos", "lights"], rows)
 
 
 def image_table(results: BenchResults) -> list[str]:
@@ -72,7 +72,7 @@ def published_images_table(results: BenchResults) -> list[str]:
             if method in source.metrics["methods"]:
                 cells = score_cells(source.metrics["methods"][method], {}, {"psnr": 2, "ssim": 3})
                 rows.append(([name, f"ours, {method_name(method, source)}", *cells], source))
-    return _table(results, ["scene", "method", "PSNR", "SSIM"], rows)
+    return rows_table(results, ["scene", "method", "PSNR", "SSIM"], rows)
 
 
 def published_lights_table(results: BenchResults) -> list[str]:
@@ -125,7 +125,7 @@ def comparison_table(results: BenchResults) -> list[str]:
     for name, record in results.paper.items():
         rows += _gains(results, {name: record}, f"paper's settings, {record.iterations} iterations")
     head = ["relit, raw, dB", "scaled, dB", "object, dB", "unseen, dB", *(f"{s}, ratio" for s in SPHERES)]
-    return _table(results, ["scene", "trained", *head, "log-RMSE, raw", "scaled"], rows)
+    return rows_table(results, ["scene", "trained", *head, "log-RMSE, raw", "scaled"], rows)
 
 
 def _gains(results: BenchResults, others: Mapping[str, Record], trained: str) -> list[tuple[list[str], Record | None]]:
@@ -171,7 +171,7 @@ def lessons_table(results: BenchResults) -> list[str]:
                 cells = score_cells(scores, record.metrics["interval"].get(method, {}), columns)
                 rows.append(([name, method_name(method, record), kind, *cells], record))
     head = ["scene", "method", "lessons", "PSNR object", "PSNR unseen", "relit, raw", "scaled", *SPHERES]
-    return _table(results, [*head, "log-RMSE, raw", "scaled"], rows)
+    return rows_table(results, [*head, "log-RMSE, raw", "scaled"], rows)
 
 
 def slow_table(results: BenchResults) -> list[str]:
@@ -190,7 +190,7 @@ def slow_table(results: BenchResults) -> list[str]:
                 photos = f"{len(shared)} photo{'' if len(shared) == 1 else 's'}"
                 rows.append(([name, f"{method_name(which, record)} ({photos})", *cells], record))
     head = ["scene", "method", "PSNR object", "PSNR unseen", "relit, raw", "scaled", *SPHERES]
-    return _table(results, [*head, "log-RMSE, raw", "scaled", "seconds"], rows)
+    return rows_table(results, [*head, "log-RMSE, raw", "scaled", "seconds"], rows)
 
 
 def object_table(results: BenchResults) -> list[str]:
@@ -207,7 +207,7 @@ def object_table(results: BenchResults) -> list[str]:
                 rows.append(([name + mark, *score_cells(record.metrics["mean"], {}, columns)], record))
     head = ["scene", "base colour over truth", "worst channel", "base colour, raw", "scaled", "roughness", "metallic"]
     head += ["normals °", "Chamfer", "relighting, raw", "scaled", "SSIM, raw", "scaled"]
-    return _table(results, head, rows)
+    return rows_table(results, head, rows)
 
 
 def confidence_table(results: BenchResults) -> list[str]:
@@ -223,7 +223,7 @@ def confidence_table(results: BenchResults) -> list[str]:
                 trust = f"{bins[0]['confidence']:.2f} to {bins[-1]['confidence']:.2f}"
                 verdict = "yes" if checked["falls"] else "**no**"
                 rows.append(([name + mark, method_name(method, record), *errors, trust, verdict], record))
-    return _table(results, ["scene", "method", "least", "2", "3", "4", "most", "confidence", "falls"], rows)
+    return rows_table(results, ["scene", "method", "least", "2", "3", "4", "most", "confidence", "falls"], rows)
 
 
 def time_table(results: BenchResults) -> list[str]:
@@ -237,7 +237,7 @@ def time_table(results: BenchResults) -> list[str]:
             seconds = [number(each.get(method, {}).get("seconds"), 2) for method in methods]
             phases = [number(record.training.get(phase), 0) for phase in ("decompose", "distill")]
             rows.append(([name + mark, *seconds, *phases, number(record.training.get("memory"), 2)], record))
-    return _table(results, ["scene", *methods.values(), "Phase I, s", "Phase II, s", "GiB"], rows)
+    return rows_table(results, ["scene", *methods.values(), "Phase I, s", "Phase II, s", "GiB"], rows)
 
 
 def loss_table(results: BenchResults) -> list[str]:
@@ -280,17 +280,7 @@ def _method_table(
             for method, scores in whole(record.metrics).items():
                 cells = score_cells(scores, record.metrics["interval"].get(method, {}), columns)
                 rows.append(([name + mark, method_name(method, record), *cells], record))
-    return _table(results, ["scene", "method", *heads], rows)
-
-
-def _table(results: BenchResults, head: list[str], rows: Rows) -> list[str]:
-    """Return a table, with a column for the commit where the records are of several."""
-    lines = [[*cells, *(_commit(record) if results.mixed else ())] for cells, record in rows]
-    return markdown_table([*head, *(["commit"] if results.mixed else [])], lines) if lines else []
-
-
-def _commit(record: Record | None) -> list[str]:
-    return [NONE if record is None else record.commit]
+    return rows_table(results, ["scene", "method", *heads], rows)
 
 
 def _in_all(key: str, scores: Mapping[str, Mapping[str, float]]) -> bool:

@@ -3,37 +3,40 @@
 from collections.abc import Sequence
 
 from lightprobe.evaluation.three_spheres import SPHERES
-from lightprobe.report.bench_results import BenchResults, default_scores
-from lightprobe.report.markdown import NONE, markdown_table, mean, number
+from lightprobe.report.bench_results import BenchResults, default_scores, rows_table
+from lightprobe.report.markdown import mean, number
 from lightprobe.report.records import Kind, Record
 
+_FOUND = "relight_psnr_scaled"  # what the verdict's decibels are of
 _FEWEST = 4  # objects that an order can be told of
 
 
 def verdict_table(results: BenchResults) -> list[str]:
     """Return a row for every run and seed whose object has a verdict and known truth, and below how well both agree."""
     told = [
-        r for r in results.records if r.kind in (Kind.RUN, Kind.SEED) and r.object_verdict and _relit(r) is not None
+        record
+        for record in results.records
+        if record.kind in (Kind.RUN, Kind.SEED) and record.object_verdict and _FOUND in record.metrics["mean"]
     ]
-    rows = []
+    rows: list[tuple[list[str], Record | None]] = []
     for record in told:
-        verdict, spheres = record.object_verdict, _spheres(record)
-        rows.append([
+        verdict, truth = record.object_verdict, record.metrics["mean"]
+        cells = [
             record.scene, str(record.seed), verdict["trust"], number(100 * verdict["disagreement"], 1),
-            number(verdict["surprise"], 1), number(verdict["expected_psnr"], 1), number(_relit(record), 1),
-            number(record.metrics["mean"].get("base_color_ratio"), 2), NONE if spheres is None else number(spheres, 3),
-            *((record.commit,) if results.mixed else ()),
-        ])  # fmt: skip
+            number(verdict["surprise"], 1), number(verdict["expected_psnr"], 1), number(truth[_FOUND], 1),
+            number(truth.get("base_color_ratio"), 2), number(_spheres(record), 3),
+        ]  # fmt: skip
+        rows.append((cells, record))
     head = ["scene", "seed", "verdict", "disagreement, %", "surprise", "relighting expected, dB", "found, dB"]
-    head += ["base colour over truth", "spheres, mean", *(["commit"] if results.mixed else [])]
-    return [*markdown_table(head, rows), *_agreement(told)] if rows else []
+    return [*rows_table(results, [*head, "base colour over truth", "spheres, mean"], rows), *_agreement(told)]
 
 
 def _agreement(told: Sequence[Record]) -> list[str]:
     """Return how well the verdict's order is that of the truth, and how far its decibels are off."""
     if len(told) < _FEWEST:
         return []
-    expected, found = ([r.object_verdict["expected_psnr"] for r in told], [_relit(r) or 0.0 for r in told])
+    expected = [record.object_verdict["expected_psnr"] for record in told]
+    found = [record.metrics["mean"][_FOUND] for record in told]
     misses = [abs(a - b) for a, b in zip(expected, found, strict=True)]
     sentence = (
         f"Rank correlation (Spearman) of expected and found relighting over {len(told)} objects: "
@@ -51,10 +54,6 @@ def _rank_correlation(first: Sequence[float], second: Sequence[float]) -> float:
     import scipy.stats  # half a second
 
     return float(scipy.stats.spearmanr(first, second).statistic)
-
-
-def _relit(record: Record) -> float | None:
-    return record.metrics["mean"].get("relight_psnr_scaled")
 
 
 def _spheres(record: Record) -> float | None:

@@ -207,7 +207,7 @@ class Benchmark:
             about = {**vars(record), "metrics": read_json(metrics), "command": self._unplaced(text)}
             about |= {"commit": commit(), "machine": machine(), "threads": threads(), "training": training_costs(run)}
             about |= {"trained": read_json(trained)["commit"]} if trained.is_file() else {}
-            verdict = ObjectVerdict.load(run.verdict_file)
+            verdict = None if record.kind is Kind.ORACLE else ObjectVerdict.load(run.verdict_file)
             about |= {"object_verdict": verdict.to_json()} if verdict is not None else {}
             Record(**about).write(self.records)
 
