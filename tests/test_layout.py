@@ -5,6 +5,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent
 MIRRORED = (
+    "evaluation",
+    "light",
     "localization",
     "material",
     "prediction",

@@ -1,17 +1,27 @@
 """Photos rendered from a known asset: an evaluation against it must find it perfect, and a wrong one not."""
 
 import dataclasses
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
 
+import numpy as np
 import pytest
 import torch
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Evaluation, Protocols, evaluate
+from lightprobe.evaluation.evaluation import _Judge
 from lightprobe.evaluation.metrics import interval
+from lightprobe.evaluation.views import TestView
 from lightprobe.material.textures import Textures
-from lightprobe.prediction import Method, methods_for
+from lightprobe.models import Decomposition
+from lightprobe.prediction import Method, Predictor, methods_for
 from lightprobe.render.asset import Asset
+from lightprobe.scene.photo import Scene, Truth
+from tests.evaluation.pretended import GOOD, Lamp, Shown
 from tests.known_scene import CPU, known_scene
 
 
@@ -147,3 +157,133 @@ def test_slow_methods_see_few_photos_but_the_default_all(known):
     assert len(scored) > 1
     assert scored == [set(methods), *[{Method.CONSTANT}] * (len(scored) - 1)]
     assert found.to_json()["mean"]["psnr"] > 0
+
+
+def scores_of(**values: float) -> dict[Method, dict[str, float]]:
+    return {Method.SOLVE: values}
+
+
+def test_scores_that_are_not_finite_are_left_out_photo_by_photo() -> None:
+    result = Evaluation(
+        Method.SOLVE,
+        {
+            "a": scores_of(psnr=20.0, ssim=0.5, normal=math.nan) | {Method.CONSTANT: {"psnr": 12.0}},
+            "b": scores_of(psnr=math.nan, ssim=0.7, normal=math.nan, extra=3.0),
+            "c": scores_of(psnr=26.0, ssim=math.inf, normal=math.nan),
+        },
+        truth={"chamfer": 0.125, "roughness_mae": math.nan},
+        lights={"a": "sky"},
+    )
+    assert result.values(Method.SOLVE) == {
+        "psnr": {"a": 20.0, "c": 26.0}, "ssim": {"a": 0.5, "b": 0.7}, "normal": {}, "extra": {"b": 3.0}
+    }  # fmt: skip
+    assert result.mean(Method.SOLVE) == pytest.approx({"psnr": 23.0, "ssim": 0.6, "extra": 3.0})
+    assert result.interval(Method.SOLVE) == pytest.approx({"psnr": 12.7062 * 3.0, "ssim": 12.7062 * 0.1}, rel=1e-4)
+    assert result.interval(Method.CONSTANT) == {}
+    found = result.to_json()
+    assert found["mean"] == pytest.approx({"psnr": 23.0, "ssim": 0.6, "extra": 3.0, "chamfer": 0.125})
+    assert found["methods"]["constant"] == {"psnr": 12.0}
+    assert found["interval"]["constant"] == {}
+    assert found["photos"]["a"] == {
+        "psnr": 20.0, "ssim": 0.5, "methods": {"solve": {"psnr": 20.0, "ssim": 0.5}, "constant": {"psnr": 12.0}},
+        "light": "sky",
+    }  # fmt: skip
+    assert found["photos"]["c"] == {"psnr": 26.0, "methods": {"solve": {"psnr": 26.0}}}
+    assert "skipped" not in found
+
+
+def test_bins_and_doubtful_photos_are_counted() -> None:
+    rising = [{"confidence": 0.2, "log_rmse_scaled": 0.3}, {"confidence": 0.7, "log_rmse_scaled": 0.4}]
+    doubtful = replace(GOOD, overlap=0.5)
+    result = Evaluation(
+        Method.SOLVE,
+        {"a": scores_of(psnr=20.0)},
+        confidence={Method.SOLVE: rising, Method.CONSTANT: rising[::-1], Method.PROBE_MLP: []},
+        verdicts={"a": GOOD, "b": doubtful, "c": doubtful},
+    )
+    found = result.to_json()
+    assert found["confidence"] == {
+        "solve": {"bins": rising, "falls": False}, "constant": {"bins": rising[::-1], "falls": True}
+    }  # fmt: skip
+    assert found["verdicts"]["doubtful"] == 2
+    assert found["verdicts"]["photos"]["b"]["overlap"] == 0.5
+
+
+def judge_of(lamp: Lamp, **limits: Any) -> _Judge:
+    protocols = Protocols(**limits)
+    return _Judge(cast(Decomposition, None), cast(Predictor, lamp), None, protocols, CPU)
+
+
+def test_each_half_of_the_object_is_scored_under_the_light_of_the_other() -> None:
+    """Left, right, above, below: 8 pixels each, with means at columns .5, 2.5 and rows .5, 2.5."""
+    lamp = Lamp(*[30.0] * 5)
+    found = judge_of(lamp).score(cast(TestView, Shown()), None, Method.SOLVE)
+    assert found.image == 16  # of all of the object
+    assert found.scores["psnr"] == 16
+    assert found.scores["psnr_masked"] == 32
+    halves = [100 * 1.5 + 10 * 2.5, 100 * 1.5 + 10 * 0.5, 100 * 2.5 + 10 * 1.5, 100 * 0.5 + 10 * 1.5]
+    assert found.scores["psnr_unseen"] == pytest.approx(sum(halves) / 4 + 1)
+    seen = [sorted(set(np.nonzero(pixels.alpha)[1])) for pixels, _ in lamp.asked]
+    assert seen == [[0, 1, 2, 3], [0, 1], [2, 3], [0, 1, 2, 3], [0, 1, 2, 3]]
+    assert all(set(np.unique(pixels.alpha)) == {0, np.float32(0.75)} for pixels, _ in lamp.asked)
+    assert found.scores.keys() == {"psnr", "ssim", "psnr_masked", "ssim_masked", "seconds", "psnr_unseen"}
+
+
+def test_a_half_with_too_little_of_the_object_is_left_out() -> None:
+    """Of one row of four pixels the halves are two wide, of which no light is found, nothing above and all below."""
+    found = judge_of(Lamp(30.0, 30.0)).score(cast(TestView, Shown(rows=1)), None, Method.SOLVE)
+    assert "psnr_unseen" not in found.scores  # nothing is left to score the light of the lower half on
+    without = judge_of(Lamp(30.0), unseen=False).score(cast(TestView, Shown()), None, Method.SOLVE)
+    assert "psnr_unseen" not in without.scores
+
+
+def test_the_first_call_of_a_quick_method_is_not_the_one_that_is_timed() -> None:
+    lamp, view = Lamp(0.49, 0.1, 0.3, 0.2), cast(TestView, Shown())
+    judge = judge_of(lamp, unseen=False, slow_seconds=0.5, slow_photos=2)
+    assert [judge.score(view, None, Method.SOLVE).scores["seconds"] for _ in range(3)] == [0.1, 0.3, 0.2]
+    assert judge.slowest == {Method.SOLVE: 0.3}
+    slow = judge_of(Lamp(0.5, 0.1), unseen=False, slow_seconds=0.5, slow_photos=2)
+    assert slow.score(view, None, Method.SOLVE).scores["seconds"] == 0.5
+    assert slow.slowest == {Method.SOLVE: 0.5}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "done", "slow"), [(0.5, 9, False), (0.6, 2, True), (0.6, 1, False), (0.6, 3, True), (None, 9, False)]
+)
+def test_a_method_that_was_too_slow_is_left_out_after_some_photos(seconds: float | None, done: int, slow: bool) -> None:
+    judge = judge_of(Lamp(), slow_seconds=0.5, slow_photos=2)
+    judge.slowest = {} if seconds is None else {Method.SOLVE: seconds}
+    assert judge.too_slow(Method.SOLVE, done) == slow
+    assert not judge.too_slow(Method.CONSTANT, done)
+
+
+def test_usually_unseen_halves_are_scored_and_methods_of_over_twenty_seconds_on_four_photos() -> None:
+    assert Protocols() == Protocols(unseen=True, slow_seconds=20.0, slow_photos=4)
+
+
+def test_whoever_waits_hears_of_each_photo_that_was_scored(known: tuple[Decomposition, Scene], tmp_path: Path) -> None:
+    """A photo that cannot be read is not reported, and names of lights come from the photos."""
+    decomposition, scene = known
+    lost = replace(scene.test[0], name="lost", image_path=tmp_path / "none.png")
+    named = replace(scene.test[1], truth=replace(scene.test[1].truth, light="sky"))
+    some = replace(scene, test=(scene.test[0], lost, named), relight=(), root=tmp_path)
+    heard: list[tuple[int, int]] = []
+    result = evaluate(
+        decomposition, None, some, methods=(Method.CONSTANT,), device=CPU, protocols=Protocols(unseen=False),
+        on_photo=lambda done, count: heard.append((done, count)),
+    )  # fmt: skip
+    assert heard == [(1, 3), (3, 3)]
+    assert result.lights == {"bb": "sky"}
+    assert result.skipped.keys() == {"lost"}
+    assert "none.png" in result.skipped["lost"]
+    assert "chamfer" not in result.truth  # this folder has no mesh
+    assert "relight_psnr" not in result.truth
+    scores = result.photos["a"][Method.CONSTANT]
+    assert {"light_log_rmse", "relit_psnr", "diffuse_si_rmse"} <= scores.keys()
+    bare = replace(scene, test=(replace(scene.test[0], truth=Truth()),), relight=(), root=tmp_path)
+    plain = evaluate(
+        decomposition, None, bare, methods=(Method.CONSTANT,), device=CPU, protocols=Protocols(unseen=False)
+    )
+    assert plain.photos["a"][Method.CONSTANT].keys() == {"psnr", "ssim", "psnr_masked", "ssim_masked", "seconds"}
+    assert plain.truth == {}
+    assert plain.to_json()["confidence"] == {}

@@ -161,3 +161,71 @@ def test_photos_without_a_named_light_are_a_group_each():
     assert photo_interval(values, {}) == pytest.approx(interval([1.0, 2.0, 4.0]))
     assert photo_interval(values, {"a": "sky", "b": "sky"}) == pytest.approx(interval([1.0, 2.0, 4.0], ["x", "x", "y"]))
     assert photo_interval({"a": 1.0, "b": 2.0}, {"a": "b"}) == pytest.approx(interval([1.0, 2.0]))
+
+
+@pytest.mark.parametrize(("difference", "decibels"), [(1e-2, 40), (1.1e-5, 99.1721), (0.9e-5, 100), (0.0, 100)])
+def test_psnr_ends_at_100_db(difference: float, decibels: float) -> None:
+    values = torch.tensor([[0.25, 0.5], [0.75, 0.125]], dtype=torch.float64)
+    assert psnr(values - difference, values) == pytest.approx(decibels, abs=1e-3)
+
+
+def test_a_picture_without_the_object_has_scores_of_the_whole_frame_alone() -> None:
+    scores = image_scores(picture(0), (picture(0) + 0.1), torch.zeros(40, 52, dtype=torch.bool))
+    assert scores.psnr == pytest.approx(20, abs=1e-3)
+    assert 0.5 < scores.ssim < 1
+    assert math.isnan(scores.psnr_masked)
+    assert math.isnan(scores.ssim_masked)
+
+
+@pytest.mark.parametrize("factor", [16.0, 2.0**3.3, 1.0, 2.0**-3.6, 1 / 16])
+def test_channel_scale_finds_factors_from_a_sixteenth_to_sixteen(factor: float) -> None:
+    values = torch.tensor([[0.01], [0.03], [0.05]]) / max(factor / 16, 1 / 16)
+    assert channel_scale(values, factor * values).item() == pytest.approx(factor, rel=1e-3)
+
+
+@pytest.mark.parametrize(("wanted", "low", "high"), [(45.0, 16, 23), (1 / 45, 1 / 23, 1 / 16)])
+def test_channel_scale_looks_no_farther(wanted: float, low: float, high: float) -> None:
+    values = torch.tensor([[0.002], [0.01], [0.02]]) * (1 if wanted > 1 else 50)
+    assert low <= channel_scale(values, wanted * values).item() <= high
+
+
+def test_channel_scale_counts_all_that_is_brighter_than_white_as_white() -> None:
+    """The two values beyond white are matched by any factor from 1/4, the others by one of .4."""
+    values = torch.tensor([[4.0], [5.0], [0.5], [0.1]])
+    reference = torch.tensor([[1.0], [70.0], [0.2], [0.04]])
+    assert channel_scale(values, reference).item() == pytest.approx(0.4, rel=1e-3)
+
+
+def test_the_floor_of_a_log_difference_is_a_percent_of_the_mean_by_solid_angle() -> None:
+    """Two of six faces are lit, so the mean over all and the three channels is (4 + 1 + 1) / 9."""
+    truth = torch.zeros(6, 4, 4, 3)
+    truth[:2] = torch.tensor([4.0, 1.0, 1.0])
+    environment = torch.zeros(6, 4, 4, 3)
+    environment[0], environment[2], environment[3] = 2.0, -1.0, 0.5
+    floor, found = 0.01 * 6 / 9, log_difference(environment, truth)
+    assert found[0, 1, 2].tolist() == pytest.approx([math.log((2 + floor) / (t + floor)) for t in (4, 1, 1)], rel=1e-4)
+    assert found[1, 0, 3].tolist() == pytest.approx([math.log(floor / (t + floor)) for t in (4, 1, 1)], rel=1e-4)
+    assert found[2].abs().max() == 0  # negative light counts as none
+    assert found[3, 0, 0].tolist() == pytest.approx([math.log((0.5 + floor) / floor)] * 3, rel=1e-4)
+
+
+def test_a_log_difference_is_aligned_by_its_mean_over_solid_angle() -> None:
+    """A texel in the middle of a face is larger than one in its corner."""
+    solid, difference = cubemap.solid_angles(4), torch.zeros(6, 4, 4, 3)
+    difference[3, 1, 1], difference[5, 0, 0] = torch.tensor([3.0, 0.0, 6.0]), torch.tensor([0.0, 9.0, 0.0])
+    inner, outer = float(solid[3, 1, 1]) / (4 * math.pi), float(solid[5, 0, 0]) / (4 * math.pi)
+    assert inner > 1.5 * outer
+    means = [3 * inner, 9 * outer, 6 * inner]
+    assert aligned(difference, per_channel=True)[0, 0, 0].tolist() == pytest.approx([-mean for mean in means], rel=1e-4)
+    assert aligned(difference)[3, 1, 1].tolist() == pytest.approx(
+        [value - sum(means) / 3 for value in (3, 0, 6)], rel=1e-4
+    )
+
+
+def test_the_brightest_texels_are_those_of_the_greatest_mean_over_channels() -> None:
+    truth = torch.full((6, 1, 1, 3), 0.5)
+    truth[1], truth[4] = torch.tensor([3.0, 0.0, 0.6]), 1.1
+    assert brightest(truth).flatten().nonzero().flatten().tolist() == [1]  # 1.2
+    assert brightest(truth, 0.2).flatten().nonzero().flatten().tolist() == [1, 4]
+    assert brightest(truth, 0.4).flatten().nonzero().flatten().tolist() == [0, 1, 4]  # of equal ones the first
+    assert metrics.BRIGHTEST == 0.01

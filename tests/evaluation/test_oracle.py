@@ -1,15 +1,24 @@
 """The known object of `tests.known_scene`, gathered again from its own truth maps."""
 
 import dataclasses
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from lightprobe.core.errors import InputError
+from lightprobe.evaluation import oracle as oracle_module
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
+from lightprobe.geometry.mesh import Mesh
+from lightprobe.imaging import write_exr, write_png
+from lightprobe.models import Decomposition
 from lightprobe.render.asset import rasterize_asset
-from lightprobe.scene.photo import Scene
+from lightprobe.render.surface import View
+from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.photo import Photo, Scene, Truth
 from tests.known_scene import CPU, SIMILARITY, known_decomposition, write_photo
 
 AROUND = {"a": (3, 1, 1), "bb": (-1, 3, 0.5), "ccc": (-2, -2, -1.5), "dddd": (1, -1, -3), "eeeee": (0.5, 0.5, 3)}
@@ -73,3 +82,212 @@ def test_a_mesh_in_another_frame_or_none_at_all_is_noticed(scene, tmp_path):
     (tmp_path / "mesh.obj").write_text("v one two three\nf 1 1 1\n")
     with pytest.raises(InputError, match="cannot be read as a mesh"):
         oracle_decomposition(known_decomposition(), moved)
+
+
+FLAT = Camera(np.eye(4) + np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2.0], [0, 0, 0, 0]]), 2, 2, 3, 2, 6, 4)
+
+
+def at(column: float, row: float) -> list[float]:
+    """Return the point of the plane z = 0 that FLAT, two above it, shows at a place of its 6 x 4 pixels."""
+    return [column - 3, 2 - row, 0]
+
+
+@dataclasses.dataclass
+class Spot:
+    """A point of the plane, what photo and mesh say of its surroundings, and the weight that it deserves."""
+
+    place: tuple[float, float] = (4.5, 1.5)  # the middle of pixel column 4, row 1
+    inverse: dict[tuple[int, int], float] = dataclasses.field(default_factory=dict)  # by row and column; else 1/2
+    unknown: tuple[tuple[int, int], ...] = ()
+    mapped: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    color: float = 14.0  # ten times the row and once the column
+    unmixed: float = 1.0001
+    cosine: float | None = None  # of normal and direction to the camera; by default the plane's
+
+
+@pytest.mark.parametrize(
+    "spot",
+    [
+        Spot(),
+        Spot((4.5, 2.0), color=19.0),
+        Spot((4.75, 1.5), color=14.25),
+        Spot((4.75, 1.5), unknown=((1, 5),)),
+        Spot((5.0, 1.5), unknown=((1, 5),), unmixed=0),  # half of it
+        Spot(inverse={(1, 4): 0.5 * 1.009}, unmixed=1.0001),
+        Spot(inverse={(1, 4): 0.5 * 0.988}, unmixed=0),
+        Spot(inverse={(1, 4): 0.5 * 1.012}, unmixed=0),
+        Spot(inverse={(0, 3): 0.5 * 0.992}),
+        Spot(inverse={(0, 3): 0.5 * 0.988}, unmixed=0.0001),  # another surface beside it
+        Spot(inverse={(1, 2): 0.5 * 0.95}),  # too far away to be mixed in
+        Spot(mapped=(0.0, 0.6, 0.8), unmixed=0.8**8 + 0.0001),
+        Spot(mapped=(0.0, 0.6, -0.8), unmixed=0.0001),
+        Spot(normal=(0.0, 0.0, -1.0), cosine=0, unmixed=0.0001),
+        Spot(normal=(1.0, 0.0, 0.0), mapped=(1.0, 0.0, 0.0), cosine=0),  # looks away from the camera's side
+    ],
+)
+def test_a_photo_tells_of_the_points_that_it_shows_squarely(spot: Spot, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows, columns = torch.meshgrid(torch.arange(4.0), torch.arange(6.0), indexing="ij")
+    maps = torch.zeros(4, 6, 8)
+    maps[..., 0], maps[..., 3], maps[..., 4] = 10 * rows + columns, 0.25, 0.75
+    maps[..., 5:] = torch.tensor(spot.mapped)
+    known, inverse = torch.ones(4, 6, 1), torch.full((4, 6), 0.5)
+    for place in spot.unknown:
+        known[place], maps[place] = 0, 99
+    for place, value in spot.inverse.items():
+        inverse[place] = value
+    monkeypatch.setattr(oracle_module, "_maps", lambda photo: (maps, known))
+    point, normal = torch.tensor([at(*spot.place)]), torch.tensor([spot.normal])
+    photo = Photo("flat", FLAT, Path("flat.png"))
+    values, weight = oracle_module._seen_by(photo, View.of(FLAT, CPU), inverse, point, normal)
+    plane = 2 / float((torch.tensor([0.0, 0, 2]) - point).norm())
+    cosine = plane if spot.cosine is None else spot.cosine
+    assert float(weight) == pytest.approx(cosine**2 * spot.unmixed, rel=1e-4, abs=1e-9)
+    if spot.unmixed > 0:
+        expected = [spot.color, 0, 0, 0.25, 0.75, *spot.mapped]
+        assert values[0].tolist() == pytest.approx(expected, rel=1e-4, abs=1e-5)
+
+
+def test_depth_changes_are_relative_to_the_nearest_of_nine_pixels() -> None:
+    inverse = torch.full((4, 5), 2.0)
+    inverse[0, 0], inverse[3, 4] = 1.5, 0
+    expected = torch.zeros(4, 5)
+    expected[:2, :2], expected[2:, 3:] = 0.25, 1.0
+    assert torch.equal(oracle_module._depth_range(inverse), expected)
+    assert torch.equal(oracle_module._depth_range(torch.zeros(3, 3)), torch.zeros(3, 3))
+
+
+def write_maps(folder: Path, normal: list[list[float]]) -> Truth:
+    color, orm = np.array([[[0.2, 0.5, 0.05]] * 3]), np.array([[[0.9, 0.4, 0.75]] * 3])
+    write_png(folder / "color.png", color, bits=16)
+    write_png(folder / "orm.png", orm, srgb=False, bits=16)
+    write_exr(folder / "normal.exr", np.array([normal], np.float32))
+    return Truth(base_color=folder / "color.png", orm=folder / "orm.png", normal=folder / "normal.exr")
+
+
+def test_maps_are_read_in_the_order_of_textures_and_known_where_there_is_a_normal(tmp_path: Path) -> None:
+    """Normals of length .5 are of half a pixel of the object, and not believed."""
+    truth = write_maps(tmp_path, [[0.0, 0.9, 1.2, 1.0], [0.3, 0.0, 0.4, 1.0], [0.0, -0.51, 0.0, 1.0]])
+    maps, known = oracle_module._maps(Photo("a", FLAT, tmp_path / "a.png", truth=truth))
+    assert known[..., 0].tolist() == [[1, 0, 1]]
+    material = [0.2, 0.5, 0.05, 0.4, 0.75]
+    assert maps[0, 0].tolist() == pytest.approx([*material, 0, 0.6, 0.8], abs=1e-3)
+    assert maps[0, 2].tolist() == pytest.approx([*material, 0, -1, 0], abs=1e-3)
+    for missing in ("base_color", "orm", "normal"):
+        with pytest.raises(ValueError, match="photo-b"):
+            oracle_module._maps(Photo("photo-b", FLAT, tmp_path, truth=dataclasses.replace(truth, **{missing: None})))
+
+
+def test_a_scene_brings_its_object_as_a_mesh_and_three_maps_of_a_test_photo(tmp_path: Path) -> None:
+    truth = Truth(base_color=tmp_path, orm=tmp_path, normal=tmp_path)
+    complete = Photo("a", FLAT, tmp_path / "a.png", truth=truth)
+    less = [
+        dataclasses.replace(complete, truth=dataclasses.replace(truth, **{name: None}))
+        for name in ("base_color", "orm", "normal")
+    ]
+    whole = Scene(tmp_path, "transforms", (complete,), (*less, complete), (complete,), SIMILARITY)
+    assert not can_be_oracle(whole)
+    (tmp_path / "mesh.obj").write_text("v 0 0 0")
+    assert can_be_oracle(whole)
+    assert not can_be_oracle(dataclasses.replace(whole, test=tuple(less)))
+
+
+def test_photos_are_averaged_and_what_none_shows_is_taken_from_the_nearest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six points in a row; weights of two photos. The second is hardly seen: its normal stays the mesh's."""
+    weights = {"a": [0.5, 0.0004, 0.0, 0.0, 0.0, 0.0012], "b": [1.5, 0.0005, 0.0, 0.0, 2.0, 0.0]}
+    values = {"a": torch.arange(8.0), "b": 10 + torch.arange(8.0)}
+
+    def seen_by(photo: Photo, *_: object) -> tuple[Tensor, Tensor]:
+        return values[photo.name].expand(6, 8), torch.tensor(weights[photo.name])[:, None]
+
+    monkeypatch.setattr(oracle_module, "_seen_by", seen_by)
+    truth = Truth(base_color=tmp_path, orm=tmp_path, normal=tmp_path)
+    photos = (
+        Photo("a", FLAT, tmp_path, truth=truth),
+        Photo("none", FLAT, tmp_path),
+        Photo("b", FLAT, tmp_path, truth=truth),
+    )
+    scene = Scene(tmp_path, "transforms", (), photos, (), Similarity(np.zeros(3), 1.0))
+    position = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1.2, 0, 0], [4.4, 0, 0], [5, 0, 0], [6, 0, 0]])
+    normal = torch.tensor([[0.0, 0, 1]] * 6) * torch.arange(1, 7)[:, None]
+    triangle = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]], dtype=torch.int32)
+
+    def gathered() -> list[list[float]]:
+        return [row.tolist() for row in oracle_module._gathered(*triangle, position, normal, scene)]
+
+    a, b = values["a"].tolist(), values["b"].tolist()
+    mean, mixed = [7.5 + k for k in range(8)], [10 * 5 / 9 + k for k in range(8)]
+    expected = [mean, [*mixed[:5], 0, 0, 2], [*mixed[:5], 0, 0, 3], [*b[:5], 0, 0, 4], b, a]
+    for found, row in zip(gathered(), expected, strict=True):
+        assert found == pytest.approx(row, rel=1e-3)
+    monkeypatch.setattr(oracle_module, "_NEIGHBOURS", 2)  # of the four seen points only the first and the third
+    assert gathered()[2] == pytest.approx([*mean[:5], 0, 0, 3], rel=1e-3)
+    monkeypatch.setattr(oracle_module, "_NEIGHBOURS", 4)
+    assert gathered()[2] == pytest.approx(expected[2], rel=1e-3)
+
+
+LEANING = (0.6, 0.0, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("uvs", "n", "world", "local"),
+    [
+        ([[0, 0], [1, 0], [0, 1]], (0, 0, 1), (1.2, 0, 1.6), (0.6, 0, 0.8)),
+        (
+            [[0, 0], [1, 0], [0, 1]],
+            (0, 0, 1),
+            (0, 0.6, 0.8),
+            (0, -0.6, 0.8),
+        ),  # v runs along y, the bitangent against it
+        ([[0, 0], [0, 1], [1, 0]], (0, 0, 1), (0.6, 0, 0.8), (0, -0.6, 0.8)),  # a mirrored chart: u along y, v along x
+        ([[0, 0], [0, 1], [1, 0]], (0, 0, 1), (0, 0.6, 0.8), (0.6, 0, 0.8)),
+        ([[0, 0], [1, 0], [0, 1]], LEANING, (0, 0, 1), (-0.6, 0, 0.8)),
+        ([[0, 0], [1, 0], [0, 1]], LEANING, LEANING, (0, 0, 1)),
+        ([[0, 0], [1, 0], [0, 1]], LEANING, (0, -1, 0), (0, 1, 0)),
+    ],
+)
+def test_normals_are_stored_along_u_against_v_and_outwards(
+    uvs: list[list[float]], n: tuple[float, ...], world: tuple[float, ...], local: tuple[float, ...]
+) -> None:
+    corners = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    faces = torch.tensor([[0, 1, 2]], dtype=torch.int32)
+    mesh = Mesh(corners, faces, torch.tensor(uvs, dtype=torch.float32), faces)
+    middle = torch.full((1, 3), 1 / 3)
+    smooth, normal = (torch.tensor([v], dtype=torch.float32) for v in (n, world))
+    found = oracle_module._to_tangent_space(mesh, torch.tensor([0]), middle, smooth, normal)
+    assert found[0].tolist() == pytest.approx(local, abs=1e-6)
+
+
+def test_the_mesh_is_brought_into_the_normalised_frame_and_its_edges_are_short_and_sharp(tmp_path: Path) -> None:
+    """Two rectangles meet at an edge along y: rough at 45 degrees, smooth at 35."""
+    for degrees, sharp in ((45.0, True), (35.0, False)):
+        x, z = 3.2 * math.cos(math.radians(degrees)), 3.2 * math.sin(math.radians(degrees))
+        lines = ["v 7 0 1", "v 10.2 0 1", "v 10.2 3.2 1", "v 7 3.2 1", f"v {7 - x} 3.2 {1 - z}", f"v {7 - x} 0 {1 - z}"]
+        (tmp_path / "mesh.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4", "f 1 4 5", "f 1 5 6"]))
+        scene = Scene(tmp_path, "transforms", (), (), (), Similarity(np.array([7.0, 0, 1]), 2.0))
+        mesh = oracle_module._true_mesh(scene)
+        assert mesh.vertices.amax(0).tolist() == pytest.approx([1.6, 1.6, 0])
+        assert mesh.vertices.amin(0).tolist() == pytest.approx([-x / 2, 0, -z / 2])
+        triangles = mesh.vertices[mesh.faces.long()]
+        edges = (triangles - triangles.roll(1, 1)).norm(dim=2)
+        assert 0.04 < float(edges.max()) <= 0.08
+        flat = triangles[..., 2].abs().amax(1) < 1e-6
+        corner_normals = mesh.normals()[mesh.normal_index.long()]
+        fold = flat & (triangles[..., 0].amin(1) < 1e-6)
+        bend = torch.rad2deg(torch.acos(corner_normals[fold][..., 2].clamp(-1, 1))).max()
+        assert float(bend) == pytest.approx(0 if sharp else degrees / 2, abs=5)
+
+
+def test_the_true_object_needs_no_calibration(oracle: Decomposition, scene: Scene, tmp_path: Path) -> None:
+    kept = tmp_path / "asset.safetensors"
+    oracle.asset.save(kept)
+    calibrated = dataclasses.replace(known_decomposition(), trained=known_decomposition().asset)
+    found = oracle_decomposition(calibrated, scene, kept)
+    assert found.trained is None
+    assert found.calibration is None
+    assert found.similarity is calibrated.similarity
+    kept.write_bytes(b"damaged")
+    with pytest.raises(InputError, match="remove it, and it is made again"):
+        oracle_decomposition(calibrated, scene, kept)

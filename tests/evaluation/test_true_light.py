@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -94,3 +95,87 @@ def test_a_clipped_sun_costs_the_brightest_percent_most(true_light):
     assert brighter["light_log_rmse_bright_scaled"] == pytest.approx(scores["light_log_rmse_bright_scaled"], rel=0.05)
     exact = true_light.scores(guess(true_light.environment.texels))
     assert exact["light_log_rmse_bright"] == pytest.approx(0, abs=1e-6)
+
+
+def test_bins_are_means_by_solid_angle_of_texels_in_the_order_of_confidence() -> None:
+    """Six texels of a sixth of the sphere: by their middles, the third and fourth share the middle bin of five."""
+    true = torch.tensor([[2.0, 1.0, 0.5]]).expand(6, 3).reshape(6, 1, 1, 3).contiguous()
+    floor = 0.01 * 3.5 / 3
+    errors = torch.tensor([[0.6, -0.2, 0.1], [-1.0, 0.4, 0.3], [0.2, 0.2, 0.5], [0, 0, -0.3], [0.8, 0, 0], [0.1, 0, 0]])
+    light = (true.reshape(6, 3) + floor) * torch.exp(errors) - floor
+    confidence = torch.tensor([0.5, 0.1, 0.9, 0.3, 0.2, 0.4])
+    bins = ConfidenceBins()
+    bins.add(guess(light.reshape(6, 1, 1, 3), confidence.reshape(6, 1, 1)), Environment(true))
+    scaled = errors - errors.mean()
+    members = ([1], [4], [3, 5], [0], [2])
+    for found, texels in zip(bins.result(), members, strict=True):
+        assert found["confidence"] == pytest.approx(float(confidence[texels].mean()))
+        assert found["log_rmse"] == pytest.approx(float(errors[texels].square().mean().sqrt()), rel=1e-4)
+        assert found["log_rmse_scaled"] == pytest.approx(float(scaled[texels].square().mean().sqrt()), rel=1e-4)
+
+
+def test_bins_gather_photos_and_weigh_texels_by_solid_angle() -> None:
+    """Two maps of 6 x 4 texels; confidence and error are told apart by the corners, which are smaller."""
+    true, solid = torch.ones(6, 4, 4, 3), cubemap.solid_angles(4)
+    corner = (solid < solid.mean()).float()
+    light = torch.exp(corner)[..., None] * (true + 0.01) - 0.01
+    bins = ConfidenceBins()
+    for trust in (0.2, 0.4):
+        bins.add(guess(light, torch.full((6, 4, 4), trust)), Environment(true))
+    found = bins.result()
+    share = float((solid * corner).sum() / solid.sum())
+    whole = sum(b["log_rmse"] ** 2 for b in found) / BINS  # the bins are about equally large
+    assert whole == pytest.approx(share, rel=0.03)
+    assert abs(share - float(corner.mean())) > 0.05
+    assert found[0]["confidence"] == pytest.approx(0.2)
+    assert found[2]["confidence"] == pytest.approx(0.3, abs=0.02)
+    assert found[4]["confidence"] == pytest.approx(0.4)
+
+
+def test_an_error_that_stays_or_rises_somewhere_does_not_fall() -> None:
+    def bins(*errors: float) -> list[dict[str, float]]:
+        return [{"log_rmse_scaled": error, "log_rmse": -error} for error in errors]
+
+    assert falls(bins(0.5, 0.4, 0.1))
+    assert not falls(bins(0.5, 0.4, 0.4))
+    assert not falls(bins(0.5, 0.6, 0.1))
+    assert not falls(bins(0.5, 0.4, 0.1), "log_rmse")
+
+
+def test_spheres_are_seen_from_the_camera_and_stand_upright_in_the_photo(tmp_path: Path) -> None:
+    """The middle of the object is not the origin; maps are read with their first three channels and made smaller."""
+    image = np.random.default_rng(5).random((200, 400, 4)).astype(np.float32) + 0.1
+    write_exr(tmp_path / "sky.exr", image)
+    center = np.array([1.0, -2.0, 0.5])
+    light = TrueLight.load(tmp_path / "sky.exr", CAMERA, center, 8, CPU)
+    assert light.environment.resolution == 8
+    assert light.environment.mean().tolist() == pytest.approx([0.6, 0.6, 0.6], abs=0.02)
+    assert light.height == 128
+    towards = (CAMERA.position - center) / np.linalg.norm(CAMERA.position - center)
+    assert light.spheres.view.numpy() == pytest.approx(towards, abs=1e-6)
+    up = CAMERA.camera_to_world[:3, 1]
+    upright = up - (up @ towards) * towards
+    assert light.spheres.frame[1].numpy() == pytest.approx(upright / np.linalg.norm(upright), abs=1e-6)
+    assert light.discs.keys() == {"diffuse", "matte", "mirror"}
+    assert len(light.discs["mirror"].values) == 128 * 256
+    write_exr(tmp_path / "small.exr", image[:32, :64, :3])
+    assert TrueLight.load(tmp_path / "small.exr", CAMERA, center, 16, CPU).height == 32
+
+
+def test_errors_of_a_light_are_of_the_texels_that_their_names_say(true_light: TrueLight) -> None:
+    """One face of six is too bright by e^.9 in red and by e^.3 in blue, and confidence is 1/2 there, 1/4 elsewhere."""
+    true = true_light.environment.texels
+    floor = 0.01 * float((cubemap.solid_angles(16)[..., None] * true).sum() / (12 * math.pi))
+    errors = torch.zeros(6, 16, 16, 3)
+    errors[1] = torch.tensor([0.9, 0.0, 0.3])
+    trust = torch.full((6, 16, 16), 0.25)
+    trust[1] = 0.5
+    scores = true_light.scores(guess((true + floor) * torch.exp(errors) - floor, trust))
+    square = (0.81 + 0.09) / 3  # on the face; the mean over all is .2 / 3 = .0667
+    assert scores["light_log_rmse"] == pytest.approx(math.sqrt(square / 6), rel=1e-3)
+    assert scores["light_log_rmse_confident"] == pytest.approx(math.sqrt(square * 2 / 7), rel=1e-3)
+    assert scores["light_log_rmse_scaled"] == pytest.approx(math.sqrt(square / 6 - (0.4 / 6) ** 2), rel=1e-3)
+    channels = square / 6 - (0.15**2 + 0.05**2) / 3
+    assert scores["light_log_rmse_channels"] == pytest.approx(math.sqrt(channels), rel=1e-3)
+    assert scores["light_log_rmse_bright"] == pytest.approx(0, abs=1e-5)  # the lamp is elsewhere
+    assert scores["light_log_rmse_bright_scaled"] == pytest.approx(0.4 / 6, rel=1e-3)

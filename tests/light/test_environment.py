@@ -1,5 +1,6 @@
 import io
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from PIL import Image
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import write_exr, write_radiance
 from lightprobe.light import cubemap
-from lightprobe.light.environment import Environment, load_environments
+from lightprobe.light.environment import Environment, load_environments, read_map
 
 
 def test_a_folder_of_maps_is_read_in_the_order_of_names(tmp_path):
@@ -80,3 +81,52 @@ def test_a_notebook_shows_the_map_at_a_middling_brightness():
 def test_a_black_map_is_shown_black():
     picture = np.asarray(Image.open(io.BytesIO(Environment(torch.zeros(6, 8, 8, 3))._repr_png_())))
     assert picture.max() == 0
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"), [((4, 9, 3), "9 x 4 with 3"), ((4, 7, 3), "7 x 4 with 3"), ((4, 8, 1), "8 x 4 with 1")]
+)
+def test_a_file_of_another_shape_is_named_with_its_size(tmp_path: Path, shape: tuple[int, int, int], size: str) -> None:
+    write_exr(tmp_path / "odd.exr", np.ones(shape, np.float32))
+    with pytest.raises(InputError, match=rf"odd\.exr is {size} channels; an environment needs RGB and W = 2H\.$"):
+        read_map(tmp_path / "odd.exr")
+
+
+@pytest.mark.parametrize("value", [-0.01, np.nan, np.inf])
+def test_a_file_of_no_radiance_is_refused(tmp_path: Path, value: float) -> None:
+    image = np.ones((4, 8, 3), np.float32)
+    image[2, 5, 1] = value
+    write_exr(tmp_path / "bad.exr", image)
+    with pytest.raises(InputError, match=r"bad\.exr contains negative, infinite or NaN radiance; repair it"):
+        Environment.load(tmp_path / "bad.exr")
+
+
+def test_black_is_radiance_and_an_alpha_channel_is_left_out_whatever_it_holds(tmp_path: Path) -> None:
+    image = np.arange(4 * 8 * 4, dtype=np.float32).reshape(4, 8, 4)
+    image[..., 3] = -1
+    image[1, 1, 3] = np.nan
+    write_exr(tmp_path / "alpha.exr", image)
+    read = read_map(tmp_path / "alpha.exr")
+    assert read.dtype == np.float32
+    assert np.array_equal(read, image[..., :3])
+
+
+def test_a_resolution_and_a_height_may_be_asked_for(tmp_path: Path) -> None:
+    light = Environment(1 + 0.5 * cubemap.directions(8))
+    light.save(tmp_path / "light.exr", 64)
+    assert read_map(tmp_path / "light.exr").shape == (64, 128, 3)
+    assert Environment.load(tmp_path / "light.exr").resolution == 32
+    assert Environment.load(str(tmp_path / "light.exr"), resolution=4).resolution == 4
+    assert light.panorama().shape == (16, 32, 3)
+    assert light.rotated(torch.eye(3)).resolution == 8
+    assert light.rotated(torch.eye(3), 4).resolution == light.resized(4).resolution == 4
+
+
+def test_a_mean_has_one_number_for_each_channel_and_a_factor_may_have_too() -> None:
+    texels = torch.zeros(6, 2, 2, 3)
+    texels[1] = torch.tensor([6.0, 12.0, 0.6])
+    light = Environment(texels)
+    assert light.mean().tolist() == pytest.approx([1, 2, 0.1])
+    assert light.scaled(torch.tensor([1.0, 2.0, 10.0])).mean().tolist() == pytest.approx([1, 4, 1])
+    assert light.to(torch.device("cpu")).device.type == "cpu"
+    assert light.solid_angles()[2, 1, 0] == pytest.approx(math.pi / 6)

@@ -1,10 +1,23 @@
+import itertools
 import math
 
 import pytest
 import torch
 
+from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
-from lightprobe.light.prefilter import DRAFT, cached
+from lightprobe.light.prefilter import (
+    DRAFT,
+    MAX_ROUGHNESS,
+    MIN_ROUGHNESS,
+    ROUGHNESSES,
+    Accuracy,
+    Prefilter,
+    PrefilterPart,
+    accuracy_for,
+    cached,
+    plan_levels,
+)
 
 R = 8
 
@@ -86,3 +99,114 @@ def test_specular_taps_sum_to_one_and_are_smooth_in_roughness():
     direction = torch.nn.functional.normalize(torch.tensor([[0.2, 0.4, -0.7]] * 3), dim=1)
     _, weight = operator.specular_taps(direction, torch.tensor([0.0, 0.33, 1.0]))
     assert torch.allclose(weight.sum(1), torch.ones(3), atol=1e-5)
+
+
+SIZES = {  # of the levels of each roughness, by the light's resolution: 1.8 texels in half a lobe's width, but 16 or R
+    4: {0.08: 4, 0.305: 4, 0.39: 4, 0.5: 4, 0.67: 4, 1.0: 16, 1.4: 16},
+    8: {0.08: 8, 0.24: 8, 0.305: 8, 0.39: 8, 0.5: 8, 0.67: 8, 1.0: 16, 1.4: 16},
+    32: {0.08: 32, 0.11: 32, 0.15: 32, 0.19: 32, 0.24: 32, 0.305: 16, 0.39: 16, 0.5: 16, 0.67: 16, 1.0: 16, 1.4: 16},
+    256: {0.08: 256, 0.11: 128, 0.15: 64, 0.19: 64, 0.24: 32, 0.305: 16, 0.39: 16, 0.5: 16, 0.67: 16, 1.0: 16, 1.4: 16},
+}
+
+
+@pytest.mark.parametrize(("resolution", "sizes"), SIZES.items())
+def test_levels_are_as_fine_as_their_lobe_and_lie_one_after_the_other(resolution: int, sizes: dict[float, int]) -> None:
+    levels, rows = plan_levels(resolution), 0
+    assert {level.roughness: level.resolution for level in levels} == sizes
+    for level in levels:
+        assert level.offset == rows
+        rows += 6 * level.resolution**2
+
+
+def test_the_ladder_of_roughnesses_and_what_each_size_of_light_is_worth() -> None:
+    assert ROUGHNESSES == (0.08, 0.11, 0.15, 0.19, 0.24, 0.305, 0.39, 0.5, 0.67, 1.0, 1.4)
+    assert (MIN_ROUGHNESS, MAX_ROUGHNESS) == (0.08, 1.4)
+    assert accuracy_for(32) == Accuracy(tolerance=0.01, tent_resolution=8, wide=0.5)
+    assert accuracy_for(64) == Accuracy(tolerance=0.01, tent_resolution=16, wide=0.35)
+    assert Accuracy(tolerance=0.1, tent_resolution=8, wide=0.5) == DRAFT
+
+
+@pytest.mark.parametrize("resolution", [0, 1, 2, 3, 6, 12, 33])
+def test_a_resolution_that_is_no_power_of_two_from_four_is_refused(resolution: int) -> None:
+    with pytest.raises(ConfigError, match=f"must be a power of two from 4, not {resolution}"):
+        Prefilter(resolution)
+
+
+def test_the_smallest_light_has_its_levels_and_384_blocks() -> None:
+    operator = cached(4)
+    assert operator.first_block == 5 * 6 * 4**2 + 2 * 6 * 16**2
+    assert operator.total == operator.first_block + 384
+    assert operator.apply(torch.ones(6, 4, 4, 3)).shape == (operator.total, 3)
+
+
+@pytest.mark.parametrize("shape", [(6, 8, 8, 4), (6, 4, 4, 3), (384, 3)])
+def test_a_light_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
+    operator, rows = cached(R), torch.tensor([3])
+    for apply in (operator.apply, PrefilterPart(operator, rows).apply):
+        with pytest.raises(ConfigError) as caught:
+            apply(torch.zeros(shape))
+        assert str(caught.value) == f"This prefilter takes cubemaps (6, 8, 8, 3), not {shape}."
+
+
+@pytest.mark.parametrize("resolution", [4, 8, 16])
+def test_blocks_are_the_light_averaged_by_solid_angle_over_an_eighth_of_an_edge(resolution: int) -> None:
+    light = torch.rand(6, resolution, resolution, 3, generator=torch.Generator().manual_seed(resolution))
+    blocks = cached(resolution).apply(light)[-384:].reshape(6, 8, 8, 3)
+    fine = light.repeat_interleave(16 // resolution, 1).repeat_interleave(16 // resolution, 2)
+    weighted = fine * cubemap.solid_angles(16)[..., None]
+    expected, share = (
+        part.reshape(6, 8, 2, 8, 2, -1).sum((2, 4)) for part in (weighted, cubemap.solid_angles(16)[..., None])
+    )
+    torch.testing.assert_close(blocks, expected / share)
+
+
+def shares(roughness: float, scale: float = 1.0) -> dict[float, float]:
+    """Return the summed weights by the roughness of their level."""
+    operator = cached(R)
+    index, weight = operator.specular_taps(torch.tensor([[0.3, -0.8, 0.1]]), torch.tensor([roughness]), scale)
+    assert index.shape == weight.shape == (1, 8)
+    ends = [*(level.offset for level in operator.levels), operator.first_block]
+    sums = [float(weight[(index >= first) & (index < end)].sum()) for first, end in itertools.pairwise(ends)]
+    return {level.roughness: total for level, total in zip(operator.levels, sums, strict=True) if abs(total) > 1e-6}
+
+
+@pytest.mark.parametrize(
+    ("roughness", "expected"),
+    [
+        (0.0, {0.08: 1}), (0.08, {0.08: 1}), (1.4, {1.4: 1}), (3.0, {1.4: 1}), (0.305, {0.305: 1}), (1.0, {1.0: 1}),
+        ((0.75 / 0.5**2 + 0.25 / 0.67**2) ** -0.5, {0.5: 0.75, 0.67: 0.25}),
+        ((0.1 / 0.08**2 + 0.9 / 0.24**2) ** -0.5, {0.08: 0.1, 0.24: 0.9}),
+        ((0.6 / 1.0**2 + 0.4 / 1.4**2) ** -0.5, {1.0: 0.6, 1.4: 0.4}),
+    ],
+)  # fmt: skip
+def test_between_two_levels_the_lobe_is_linear_in_one_over_alpha(
+    roughness: float, expected: dict[float, float]
+) -> None:
+    assert shares(roughness) == pytest.approx(expected, abs=1e-5)
+    assert shares(roughness, 2.5) == pytest.approx({level: 2.5 * part for level, part in expected.items()}, abs=1e-5)
+
+
+def test_taps_of_a_level_are_those_of_its_own_cubemap() -> None:
+    operator, direction = cached(R), torch.tensor([[0.3, -0.8, 0.1], [-1.0, 0.99, 1.0]])
+    for level in operator.levels:
+        expected, weight = cubemap.bilinear_taps(direction, level.resolution)
+        for index, found in (
+            operator.specular_taps(direction, torch.full((2,), level.roughness)),
+            *([operator.diffuse_taps(direction)] if level.roughness == 1 else []),
+        ):
+            dense = torch.zeros(2, operator.total).scatter_add_(1, index.long(), found)
+            truth = torch.zeros(2, operator.total).scatter_add_(1, expected.long() + level.offset, weight)
+            torch.testing.assert_close(dense, truth, atol=2e-5, rtol=0)
+
+
+def test_a_part_of_the_levels_is_those_rows_and_all_blocks() -> None:
+    operator, rows = cached(R), torch.tensor([2400, 7, 500])
+    part, light = PrefilterPart(operator, rows), random_light(6)
+    assert part.first_block == 3
+    whole = operator.apply(light)
+    expected = torch.cat([whole[rows], whole[operator.first_block :]])
+    torch.testing.assert_close(part.apply(light.requires_grad_()), expected)
+    other = torch.rand(3 + 384, 3, generator=torch.Generator().manual_seed(7))
+    padded = torch.zeros(operator.total, 3)
+    padded[rows], padded[operator.first_block :] = other[:3], other[3:]
+    torch.testing.assert_close(part.adjoint(other), operator.adjoint(padded))

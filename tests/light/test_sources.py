@@ -6,7 +6,7 @@ import torch
 
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
-from lightprobe.light.sources import LightSource, find_sources, split_light
+from lightprobe.light.sources import LightSource, SplitLight, find_sources, split_light
 
 
 def lamp(direction, radius: float = 6.0, irradiance=(3.0, 2.5, 2.0)) -> LightSource:
@@ -95,3 +95,67 @@ def test_json_gives_the_source_back():
 def test_numbers_of_no_source_are_refused(change):
     with pytest.raises((ValueError, TypeError, KeyError)):
         LightSource.from_json(lamp((1, 0, 0)).to_json() | change)
+
+
+def test_the_form_in_json_is_in_degrees_and_says_none_of_what_is_not_known() -> None:
+    source = LightSource((0.6, 0.0, 0.8), math.pi / 6, (1.0, 2.0, 3.0), 0.25, math.pi / 36)
+    known = {"direction": [0.6, 0.0, 0.8], "angular_radius_deg": pytest.approx(30), "irradiance_rgb": [1, 2, 3]}
+    assert source.to_json() == known | {"uncertainty": 0.25, "direction_uncertainty_deg": pytest.approx(5)}
+    plain = LightSource(source.direction, source.angular_radius, source.irradiance)
+    assert plain.to_json() == known | {"uncertainty": None, "direction_uncertainty_deg": None}
+    assert LightSource.from_json(plain.to_json()) == replace(plain, angular_radius=pytest.approx(math.pi / 6))
+    again = LightSource.from_json(source.to_json())
+    assert (again.uncertainty, again.direction_uncertainty) == (0.25, pytest.approx(math.pi / 36))
+
+
+VALID = {"direction": [3, -4, 12], "angular_radius_deg": 2, "irradiance_rgb": [0.5, 0, 0]}
+
+
+@pytest.mark.parametrize("length", [1.2e-6, 1, 9e5])
+def test_a_direction_of_any_length_is_made_a_unit_vector(length: float) -> None:
+    value = VALID | {"direction": [length * x / 13 for x in (3, -4, 12)]}
+    source = LightSource.from_json(value)
+    assert source.direction == pytest.approx((3 / 13, -4 / 13, 12 / 13))
+    assert source.irradiance == (0.5, 0, 0)
+    assert (source.uncertainty, source.direction_uncertainty) == (None, None)
+
+
+@pytest.mark.parametrize(("degrees", "kept"), [(0, 0.265), (0.2, 0.265), (0.3, 0.3), (179, 179), (500, 180)])
+def test_a_radius_is_at_least_the_sun_s_and_at_most_half_a_turn(degrees: float, kept: float) -> None:
+    source = LightSource.from_json(VALID | {"angular_radius_deg": degrees})
+    assert math.degrees(source.angular_radius) == pytest.approx(kept)
+
+
+@pytest.mark.parametrize("change", [
+    {"direction": [0, 9e-7, 0]}, {"direction": [0, 0, 1.2e6]}, {"irradiance_rgb": [-0.1, 1, 1]},
+    {"irradiance_rgb": [1, 1, -0.1]}, {"irradiance_rgb": [1, math.inf, 1]}, {"angular_radius_deg": math.nan},
+    {"uncertainty": math.nan}, {"direction_uncertainty_deg": math.inf},
+])  # fmt: skip
+def test_numbers_beyond_what_a_source_may_have_are_refused(change: dict) -> None:
+    with pytest.raises(ValueError, match="no light source has such numbers"):
+        LightSource.from_json(VALID | change)
+
+
+def test_a_factor_scales_each_channel_of_sources_and_rest() -> None:
+    source, factor = lamp((0, 0, 1), irradiance=(1.0, 2.0, 3.0)), torch.tensor([2.0, 3.0, 0.5])
+    split = SplitLight(Environment(torch.ones(6, 8, 8, 3)), (source,)).scaled(factor)
+    assert split.sources == (replace(source, irradiance=(2.0, 6.0, 1.5)),)
+    assert split.rest.texels[3, 1, 2].tolist() == [2, 3, 0.5]
+
+
+@pytest.mark.parametrize(("radius", "sharpness"), [(math.pi / 9, 4 / (math.pi / 9) ** 2), (0.01, 16**2 * 6 / math.pi)])
+def test_a_source_is_a_spherical_gaussian_no_narrower_than_a_texel(radius: float, sharpness: float) -> None:
+    towards = cubemap.directions(16)
+    source = LightSource((0.0, -0.6, 0.8), radius, (1.0, 2.0, 4.0))
+    seen, cosine = source.texels(16), towards @ torch.tensor(source.direction)
+    torch.testing.assert_close(seen[..., 2], 4 * seen[..., 0])
+    near = cosine > 0.9
+    log = (seen[..., 1][near] / seen.max()).log()
+    slope = (log - log.max()) / (cosine[near] - cosine.max()).clamp(max=-1e-9)
+    assert float(slope[slope > 0].mean()) == pytest.approx(sharpness, rel=1e-3)
+
+
+def test_a_source_as_wide_as_the_sphere_lights_a_surface_from_its_front_alone() -> None:
+    source = LightSource((0.0, 0.0, 1.0), math.pi, (1.0, 2.0, 3.0))
+    received = source.texels(8) * (cubemap.directions(8)[..., 2].clamp(min=0) * cubemap.solid_angles(8))[..., None]
+    assert received.sum((0, 1, 2)).tolist() == pytest.approx([1, 2, 3], rel=1e-4)

@@ -2,12 +2,22 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 
 from lightprobe.core.checkpoint import load_tensors
 from lightprobe.light import cubemap
-from lightprobe.render.brdf import DIELECTRIC_F0, TABLE, base_reflectance, diffuse_fresnel, environment_brdf, integrals
+from lightprobe.render.brdf import (
+    DIELECTRIC_F0,
+    TABLE,
+    base_reflectance,
+    diffuse_fresnel,
+    environment_brdf,
+    integrals,
+    integrals_at,
+    view_taps,
+)
 from lightprobe.render.gbuffer import GBuffer
 from tests.gbuffers import brute_force, sphere_gbuffer
 
@@ -71,3 +81,24 @@ def test_gradients():
     cosine, roughness = (0.1 + 0.85 * torch.rand(2, 20, generator=random, dtype=torch.float64)).requires_grad_()
     assert torch.autograd.gradcheck(environment_brdf, (cosine, roughness))
     assert torch.autograd.gradcheck(diffuse_fresnel, (cosine,))
+
+
+def test_look_ups_are_bilinear_in_roughness_and_in_the_root_of_the_cosine():
+    """Beyond its ends the table goes on as there: cosines below a thousandth count as that."""
+    random = np.random.default_rng(0)
+    cosine = np.append(random.random(300), [1.0, 1.0, 1.2, 1e-3, 1e-4, -0.5])
+    roughness = np.append(random.random(300), [1.0, 0.0, 1.3, 0.5, 0.5, -0.2])
+    table = load_tensors(TABLE)["integrals"].numpy().reshape(64, 64, 3)
+    y, x = 63 * roughness.clip(0, 1), 63 * np.sqrt(cosine.clip(1e-3, 1))
+    i, j = np.minimum(y.astype(int), 62), np.minimum(x.astype(int), 62)
+    fy, fx = (y - i)[:, None], (x - j)[:, None]
+    above, below = (table[k, j] * (1 - fx) + table[k, j + 1] * fx for k in (i, i + 1))
+    expected = above * (1 - fy) + below * fy
+    found = integrals_at(view_taps(torch.from_numpy(cosine), torch.from_numpy(roughness)))
+    np.testing.assert_allclose(torch.stack(found, 1).numpy(), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(diffuse_fresnel(torch.from_numpy(cosine)).numpy(), expected[:, 2], rtol=1e-9, atol=1e-12)
+
+
+def test_reflectance_between_plastic_and_metal():
+    found = base_reflectance(torch.tensor([[0.9, 0.5, 0.1]]), torch.tensor([0.25]))
+    torch.testing.assert_close(found, torch.tensor([[0.03 + 0.225, 0.03 + 0.125, 0.03 + 0.025]]))

@@ -2,10 +2,11 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 
-from lightprobe.light import prefilter
+from lightprobe.light import cubemap, prefilter
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.asset import rasterize_asset, textured_visibility
 from lightprobe.render.coarse_transport import CoarseTransport
@@ -41,3 +42,33 @@ def test_the_solve_explains_the_photo_and_a_stronger_pull_stays_nearer_to_the_le
     assert errors[1] < 0.01 * float(observed.mean())
     assert errors[1] < 0.2 * errors[0]
     assert float((lights[0] - 1).norm()) < float((lights[1] - 1).norm())
+
+
+def test_the_solve_is_the_least_squares_of_its_objective():
+    """Each channel by itself, with its own weights; one without any has the level everywhere."""
+    random = torch.Generator().manual_seed(2)
+    matrix = torch.rand(3, 500, 384, generator=random, dtype=torch.float64) ** 8
+    observed, weight = torch.rand(2, 500, 3, generator=random, dtype=torch.float64)
+    weight[:, 1] = 0
+    level, strengths = 0.7, (0.5, 0.02)
+    lights = CoarseTransport(matrix).solve(observed, weight, torch.tensor(level), strengths)
+    assert lights.shape == (2, 384, 3)
+    torch.testing.assert_close(lights[..., 1], torch.full((2, 384), level, dtype=torch.float64))
+    angle = cubemap.exact_solid_angles(8).reshape(-1).numpy() / (4 * np.pi)
+    for channel in (0, 2):
+        a, w = matrix[channel].numpy(), (weight[:, channel] / weight[:, channel].sum()).numpy()
+        gain = (w * a.sum(1) ** 2).sum()
+        for k, strength in enumerate(strengths):
+            pull = np.sqrt(strength * gain * angle)
+            rows = np.concatenate([np.sqrt(w)[:, None] * a, np.diag(pull)])
+            wanted = np.concatenate([np.sqrt(w) * observed[:, channel].numpy(), pull * level])
+            expected = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+            np.testing.assert_allclose(lights[k, :, channel].numpy(), expected, rtol=0, atol=1e-4)
+
+
+def test_where_nothing_is_open_no_light_arrives():
+    gbuffer = gbuffers()[1]
+    table = torch.zeros_like(gbuffer.visibility.vertices.unoccluded)
+    vertices = dataclasses.replace(gbuffer.visibility.vertices, unoccluded=table)
+    closed = dataclasses.replace(gbuffer, visibility=dataclasses.replace(gbuffer.visibility, vertices=vertices))
+    assert float(CoarseTransport.of(closed).matrix.abs().max()) == 0

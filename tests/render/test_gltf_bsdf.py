@@ -111,3 +111,126 @@ def test_a_mapped_normal_turns_the_highlight():
         mirror[name] = np.median(np.arctan2(wo[:, 0], wo[:, 2]))
     assert mirror["flat"] == pytest.approx(0.0, abs=0.01)
     assert mirror["mapped"] == pytest.approx(0.4, abs=0.02)
+
+
+TANGENT = np.array([0.5, -0.7, 0.6])  # in the world, neither of unit length nor in the surface's plane
+AXES = np.array([[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]])  # of the shading frame, in the world
+BASE = np.array([0.9, 0.45, 0.15])
+SURFACES = [  # roughness, metallic, mapped normal with the side of its bitangent; all three bounds of the chance
+    (0.35, 0.0, None), (0.5, 0.6, None), (0.3, 1.0, None), (0.45, 0.3, (0.3, -0.2, 1)), (0.45, 0.3, (0.3, -0.2, -1)),
+    (0.6, 0.1, (-0.8, 0.5, 1)),
+]  # fmt: skip
+
+
+def described(roughness: float, metallic: float, bend: tuple[float, float, int] | None) -> mi.BSDF:
+    """Return the model; `bend`: x and y of the mapped normal, and on which side of the tangent the bitangent is."""
+    description = {
+        "type": "gltf_metallic_roughness", "base_color": texture(*BASE), "orm": texture(0.2, roughness, metallic),
+    }  # fmt: skip
+    if bend is not None:
+        x, y, side = bend
+        description |= {"normal": texture(x, y, math.sqrt(1 - x * x - y * y)), "handedness": texture(side, side, side)}
+        description["tangent"] = texture(*TANGENT)
+    return mi.load_dict(description)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def mapped_normal(bend: tuple[float, float, int] | None, view: np.ndarray) -> np.ndarray:
+    """Return in the shading frame (N, 3) the normal that `view` (N, 3) on its upper side sees."""
+    if bend is None:
+        return np.tile([0.0, 0.0, 1.0], (len(view), 1))
+    x, y, side = bend
+    along = AXES @ TANGENT
+    along = unit(np.array([along[0], along[1], 0.0]))
+    down = side * np.cross([0.0, 0.0, 1.0], along)
+    normal = x * along + y * down + math.sqrt(1 - x * x - y * y) * np.array([0.0, 0.0, 1.0])
+    return unit(normal + np.maximum(0.02 - view @ normal, 0)[:, None] * view)
+
+
+def expected(surface, wi: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return value times cosine (N, 3), density (N,), and the chance (N,) of the specular lobe, as glTF defines f."""
+    roughness, metallic, bend = surface
+    upper = np.sign(wi[:, 2:]) * [[0, 0, 1]] + [[1, 1, 0]]
+    view, light = wi * upper, wo * upper
+    n = mapped_normal(bend, view)
+    h, alpha = unit(view + light), roughness**2
+    nv, nl, nh, vh = ((a * b).sum(1) for a, b in ((n, view), (n, light), (n, h), (view, h)))
+    diffuse, f0 = BASE * (1 - metallic), 0.04 * (1 - metallic) + BASE * metallic
+    fresnel = f0 + (1 - f0) * ((1 - vh) ** 5)[:, None]
+    d = alpha**2 / (math.pi * (nh**2 * (alpha**2 - 1) + 1) ** 2)
+    root_v, root_l = (np.sqrt(alpha**2 + (1 - alpha**2) * c**2) for c in (nv, nl))
+    lobe = d * 0.5 / np.maximum(nl * root_v + nv * root_l, 1e-9)
+    value = ((1 - fresnel) * diffuse / math.pi + fresnel * lobe[:, None]) * nl[:, None]
+    head_on = (f0 + (1 - f0) * ((1 - np.abs(nv)) ** 5)[:, None]).mean(1)
+    chance = np.clip(head_on / (head_on + diffuse.mean() + 1e-4), 0.15, 0.95)
+    visible = 2 * nv / (nv + root_v) * d / (4 * nv)  # of normals seen from the view, in directions reflected by them
+    density = chance * visible + (1 - chance) * nl / math.pi
+    lit = (view[:, 2] > 0) & (light[:, 2] > 0) & (nv > 0) & (nl > 0)
+    return np.where(lit[:, None], value, 0), np.where(lit, density, 0), chance
+
+
+def turned_points(wi: np.ndarray) -> mi.SurfaceInteraction3f:
+    """Return points whose shading frame is `AXES`, seen from `wi` (N, 3) in that frame."""
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.sh_frame = mi.Frame3f(*(mi.Vector3f(*axis) for axis in AXES.tolist()))
+    si.wi = mi.Vector3f(np.float32(wi.T))
+    return si
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_value_and_density_are_gltf_s_in_every_pair_of_directions(surface):
+    """Seen and lit from either side, with a tangent that is neither unit nor at right angles to the normal."""
+    random = np.random.default_rng(3)
+    wi, wo = unit(random.normal(size=(2, 3000, 3)))
+    model, si, context = described(*surface), turned_points(wi), mi.BSDFContext()
+    light = mi.Vector3f(np.float32(wo.T))
+    value, density, _ = expected(surface, wi, wo)
+    assert 0.1 < (density > 0).mean() < 0.6
+    found = np.array(model.eval(context, si, light)).T
+    np.testing.assert_allclose(found, value, rtol=2e-3, atol=1e-5)
+    np.testing.assert_allclose(np.array(model.pdf(context, si, light)), density, rtol=2e-3, atol=1e-5)
+    both = model.eval_pdf(context, si, light)
+    np.testing.assert_array_equal(np.array(both[0]).T, found)
+    np.testing.assert_array_equal(np.array(both[1]), np.array(model.pdf(context, si, light)))
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_a_sample_tells_its_lobe_its_density_and_what_it_weighs(surface):
+    random = np.random.default_rng(4)
+    wi = unit(random.normal(size=(3000, 3)))
+    one, two = random.random(3000), random.random((2, 3000))
+    found, weight = described(*surface).sample(
+        mi.BSDFContext(), turned_points(wi), mi.Float(np.float32(one)), mi.Point2f(np.float32(two))
+    )
+    wo = np.float64(np.array(found.wo).T)
+    np.testing.assert_allclose(np.linalg.norm(wo, axis=1), 1, atol=1e-4)
+    value, density, chance = expected(surface, wi, wo)
+    specular = one < chance
+    clear = np.abs(one - chance) > 1e-4
+    np.testing.assert_array_equal(np.array(found.sampled_component)[clear], specular[clear].astype(int))
+    glossy, diffuse = (int(kind) for kind in (mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.DiffuseReflection))
+    np.testing.assert_array_equal(np.array(found.sampled_type)[clear], np.where(specular, glossy, diffuse)[clear])
+    np.testing.assert_array_equal(np.array(found.eta), 1)
+    plain = (density == 0) | (density > 1e-3)
+    np.testing.assert_allclose(np.array(found.pdf)[plain], density[plain], rtol=1e-2, atol=1e-4)
+    shown = density > 0.01
+    assert shown.mean() > 0.5
+    weights, ratio = np.array(weight).T, value / np.maximum(density, 1e-9)[:, None]
+    np.testing.assert_allclose(weights[shown], ratio[shown], rtol=1e-2, atol=1e-4)
+    np.testing.assert_array_equal(weights[density == 0], 0)
+
+
+def test_the_two_lobes_are_named_to_mitsuba_as_reflections_of_both_sides():
+    material, flags = bsdf(0.5, 0.5, 0.0), mi.BSDFFlags
+    assert material.component_count() == 2
+    for names, found in (
+        ((flags.DiffuseReflection,), material.flags(0)),
+        ((flags.GlossyReflection,), material.flags(1)),
+        ((flags.DiffuseReflection, flags.GlossyReflection), material.flags()),
+    ):
+        every = (*names, flags.FrontSide, flags.BackSide, flags.SpatiallyVarying)
+        assert found == sum(int(name) for name in every)
+    assert str(material) == "GltfBsdf[]"

@@ -1,18 +1,21 @@
 """Path-traced pictures: conventions, energy and normal maps against the project's own renderer."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from lightprobe.core.errors import ConfigError
+from lightprobe.geometry.mesh import Mesh
 from lightprobe.light import prefilter
 from lightprobe.material.textures import Textures
 from lightprobe.render import brdf, path_tracer
 from lightprobe.render.asset import Asset
 from lightprobe.render.path_tracer import PathTracer, check_path_tracer, environment_rows, tamed
 from lightprobe.render.picture import Picture
+from lightprobe.scene.camera import Camera
 from tests.lit_sphere import CPU, glossy_sphere, patch_light
 from tests.shapes import camera_at
 
@@ -121,3 +124,126 @@ def test_without_its_libraries_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mitsuba", None)
     with pytest.raises(ConfigError, match=r"pip install 'lightprobe\[path\]'"):
         PathTracer(glossy_sphere())
+
+
+def counted_rays(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """Return the list to which every bundle of rays adds the pixels that they go through."""
+    bundles: list[np.ndarray] = []
+    original = path_tracer._directions
+
+    def counting(camera: Camera, pixel: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        bundles.append(pixel)
+        return original(camera, pixel, rng)
+
+    monkeypatch.setattr(path_tracer, "_directions", counting)
+    return bundles
+
+
+@pytest.mark.usefixtures("tracer_works")
+@pytest.mark.parametrize(("samples", "rays", "most"), [(20, 20, 170), (1, 4, 100_000), (22, 24, 30)])
+def test_each_pixel_gets_its_rays_in_four_groups_however_many_go_together(monkeypatch, samples, rays, most):
+    bundles = counted_rays(monkeypatch)
+    monkeypatch.setattr(path_tracer, "_RAYS", most)
+    camera = replace(camera_at((3.0, 0.0, 0.0), size=9, focal=120.0), height=8)  # the sphere covers all of it
+    image, cover = PathTracer(glossy_sphere(), samples).render(camera, torch.full((6, 8, 8, 3), 0.5))
+    assert np.bincount(np.concatenate(bundles), minlength=72).tolist() == [rays] * 72
+    assert max(len(bundle) for bundle in bundles) <= most
+    assert len(bundles) == {170: 4 * -(-(rays // 4) // 2), 30: 4 * 3 * (rays // 4), 100_000: 4}[most]
+    assert (image.shape, cover.shape) == ((8, 9, 3), (8, 9))
+    torch.testing.assert_close(cover, torch.ones(8, 9))
+    assert 0.1 < float(image.mean()) < 0.5
+
+
+@pytest.mark.usefixtures("tracer_works")
+def test_another_light_makes_another_picture_and_the_same_one_the_same():
+    tracer, light = PathTracer(glossy_sphere(), 8), 1000 * patch_light((1.0, 0.3, 0.4))
+    camera = camera_at((3.0, 0.0, 0.0), size=9, focal=60.0)
+    first, _ = tracer.render(camera, light)
+    twice, _ = tracer.render(camera, 2 * light)
+    torch.testing.assert_close(twice, 2 * first, rtol=1e-3, atol=1e-2)
+    other, _ = tracer.render(camera, light.flip(-1).contiguous())
+    assert float((other[..., 2] / first[..., 0]).mean()) > 0.4
+    assert not torch.allclose(other, first, rtol=0.1)
+    assert torch.equal(tracer.render(camera, light)[0], first)
+
+
+def shifted(width: int = 10, height: int = 8) -> Camera:
+    """Return a camera at the origin that looks along -z, with x to the right and y up."""
+    return Camera(np.eye(4), 10.0, 20.0, 4.0, 3.0, width, height)
+
+
+def test_rays_go_through_random_points_of_their_pixels():
+    camera, pixel = replace(CAMERA, width=11, cx=4.0), np.repeat(np.arange(11 * 40), 200)
+    direction = path_tracer._directions(camera, pixel, np.random.default_rng(0))
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=1), 1)
+    place = camera.project(camera.position + 2.5 * direction)
+    assert (place[:, 2] > 0).all()
+    within = place[:, :2] - np.stack([pixel % 11, pixel // 11], axis=1)
+    for axis in (0, 1):
+        assert (np.histogram(within[:, axis], 10, (0, 1))[0] / len(pixel)).tolist() == pytest.approx(
+            [0.1] * 10, abs=0.01
+        )
+    assert abs(np.corrcoef(within.T)[0, 1]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("points", "columns", "rows"),
+    [
+        ([(2.3, 1.7, 2.0), (6.2, 4.1, 5.0)], range(2, 7), range(1, 5)),
+        ([(2.0, 1.0, 2.0), (6.0, 4.0, 5.0)], range(2, 6), range(1, 4)),
+        ([(-3.0, 1.7, 2.0), (1.5, 99.0, 5.0)], range(2), range(1, 8)),
+        ([(7.5, -99.0, 2.0), (99.0, 0.5, 5.0)], range(7, 10), range(1)),
+        ([(-3.0, 1.7, 2.0), (-1.5, 2.0, 5.0)], range(0), range(0)),
+        ([(2.3, 1.7, 2.0), (6.2, 4.1, -5.0)], range(10), range(8)),
+    ],
+)
+def test_pixels_are_those_of_the_rectangle_around_the_object(points, columns, rows):
+    """All of them where a part of it is behind the camera. Points are given as x and y in the picture, and depth."""
+    camera = shifted()
+    x, y, depth = np.array(points).T
+    vertices = np.stack([(x - 4) / 10 * depth, (3 - y) / 20 * depth, -depth], axis=1)
+    assert path_tracer._framed(vertices, camera).tolist() == [10 * row + column for row in rows for column in columns]
+
+
+def test_corners_have_positions_normals_coordinates_and_tangents_in_their_order():
+    vertices = torch.tensor([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 3]])
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3]], dtype=torch.int32)
+    uvs = torch.tensor([[0.0, 1], [1, 1], [0, 0], [0.5, 0.25]])
+    uv_faces = torch.tensor([[0, 1, 2], [3, 0, 2]], dtype=torch.int32)
+    split = torch.tensor([[1, 2, 0], [3, 4, 5]], dtype=torch.int32)
+    corners = path_tracer._corners(Mesh(vertices, faces, uvs, uv_faces, split))
+    assert corners["positions"].tolist() == [0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 3]
+    assert corners["normals"].tolist() == [0, 0, 1] * 3 + [1, 0, 0] * 3
+    assert corners["texcoords"].tolist() == [0, 1, 1, 1, 0, 0, 0.5, 0.25, 0, 1, 0, 0]
+    assert corners["tangent"][3:6].tolist() == [1, 0, 0]  # of the only corner that has a texture vertex for itself
+    assert corners["handedness"].tolist() == [1, 1, 1, -1, -1, -1]
+    assert all(values.dtype == np.float32 for values in corners.values())
+
+
+def test_a_tamed_ray_keeps_its_colour_and_coverage_is_left_alone():
+    renders = np.array([[1.0, 0.5, 0.25, 1.0]] * 3 + [[100.0, 50.0, 10.0, 0.0]])
+    assert tamed(renders) == pytest.approx([6.02 / 4, 3.01 / 4, (0.75 + 0.302) / 4, 0.75])
+    for brightness, kept in ((3.01, 3.01), (3.05, 3.02)):
+        renders[3] = brightness, 0.0, 0.0, 1.0
+        assert tamed(renders)[0] == pytest.approx((3 + kept) / 4)
+    assert tamed(np.zeros((4, 5, 4))).tolist() == [[0.0] * 4] * 5
+
+
+@pytest.mark.usefixtures("tracer_works")
+def test_a_texture_is_taken_as_it_is():
+    import drjit as dr
+    import mitsuba as mi
+
+    array = np.linspace(-0.9, 1.7, 48).reshape(4, 4, 3)
+    with mi.scoped_set_variant("llvm_ad_rgb"):
+        texture = mi.load_dict(path_tracer.bitmap(mi, array))
+        si = dr.zeros(mi.SurfaceInteraction3f, 3)
+        si.uv = mi.Point2f([0.375, 0.0, 1.2], [0.125, 0.625, 0.875])
+        found = np.array(texture.eval(si)).T
+    np.testing.assert_allclose(found, [array[0, 1], array[2, 0], array[3, 3]], atol=1e-5)
+
+
+@pytest.mark.parametrize(("code", "works"), [(0, True), (1, False), (-6, False)])
+def test_llvm_is_found_where_a_process_that_uses_it_ends_well(monkeypatch, code, works):
+    monkeypatch.setattr(path_tracer.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=code))
+    assert path_tracer._finds_llvm.__wrapped__() is works

@@ -1,5 +1,6 @@
 """The refit: finds brightness and contrast again, whatever the exposure, and does not mind clipped or stray pixels."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -7,6 +8,7 @@ from lightprobe.light.prefilter import cached
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport
 from tests.gbuffers import R, sky, sphere_gbuffer
+from tests.render.dense import DenseTransport
 
 
 def case(exposure=1.0):
@@ -43,3 +45,57 @@ def test_a_constant_light_keeps_its_colour():
     light = torch.ones(6, R, R, 3) * torch.tensor([0.5, 0.4, 0.3])
     found = refit_contrast(transport, light, 1.5 * transport.apply(light), torch.zeros(300, 3, dtype=torch.bool))
     torch.testing.assert_close(found, 1.5 * light, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(("factor", "most"), [(9.0, 2.0), (0.1, 0.5)])
+def test_a_light_is_at_most_doubled_or_halved(factor, most):
+    transport, light, observed = case()
+    found = refit_contrast(transport, light, factor * observed, torch.zeros_like(observed, dtype=torch.bool))
+    torch.testing.assert_close(found, most * light)
+
+
+def test_channels_have_a_brightness_each_and_one_contrast():
+    transport, light, _ = case()
+    mean = light.mean((0, 1, 2)).expand_as(light)
+    truth = torch.tensor([1.3, 0.8, 1.1]) * mean + 0.9 * (light - mean)
+    nothing = torch.zeros(800, 3, dtype=torch.bool)
+    found = refit_contrast(transport, light, transport.apply(truth), nothing)
+    torch.testing.assert_close(found, truth.clamp(min=0), rtol=2e-3, atol=2e-3)
+
+
+def test_six_rounds_of_reweighted_least_squares_in_displayed_values():
+    """By `numpy.linalg.lstsq` over the four unknowns, on a photo that no brightness and contrast explain."""
+    random = torch.Generator().manual_seed(3)
+    transport = DenseTransport.random(40, 2)
+    light = torch.rand(6, 2, 2, 3, generator=random, dtype=torch.float64) * torch.tensor([0.9, 0.6, 0.4])
+    observed = transport.apply(light) * (0.4 + 1.4 * torch.rand(40, 3, generator=random, dtype=torch.float64))
+    clipped = observed > observed.quantile(0.8)
+    flat = light.mean((0, 1, 2)).expand_as(light)
+    unit = observed.mean() / 0.22
+    mean, both, target = ((x / unit).numpy() for x in (transport.apply(flat), transport.apply(light), observed))
+    varying, a, b = both - mean, np.ones(3), 1.0
+    for _ in range(6):
+        render = np.maximum(a * mean + b * varying, 0)
+        slope = (render + 0.02) ** -0.55
+        weight = slope**2 / (slope * np.abs(render - target) + 0.005)
+        weight[clipped.numpy() & (render > target)] = 0
+        rows = np.concatenate([np.eye(3)[None] * mean[..., None], varying[..., None]], 2) * np.sqrt(weight)[..., None]
+        steady = np.sqrt(1e-4 * (weight * mean**2).sum())  # keeps b at 1 where nothing tells
+        rows = np.concatenate([rows.reshape(-1, 4), [[0, 0, 0, steady]]])
+        wanted = np.append((np.sqrt(weight) * target).ravel(), steady)
+        *a, b = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+        a = np.array(a)
+    assert all(0.55 < x < 1.9 for x in (*a, b))
+    assert clipped.sum() > 10
+    expected = torch.from_numpy(a) * flat + b * (light - flat)
+    torch.testing.assert_close(refit_contrast(transport, light, observed, clipped), expected.clamp(min=0))
+
+
+def test_a_light_of_no_contrast_keeps_the_contrast_that_rounding_leaves_it():
+    """Its b is 1, which a photo of much contrast does not change."""
+    transport = DenseTransport.random(40, 2)
+    light = torch.full((6, 2, 2, 3), 0.5, dtype=torch.float64)
+    observed = transport.apply(light) * torch.rand(40, 1, generator=torch.Generator().manual_seed(4)).double()
+    found = refit_contrast(transport, light, observed, torch.zeros(40, 3, dtype=torch.bool))
+    assert torch.isfinite(found).all()
+    assert float((found - found.mean((0, 1, 2))).abs().max()) < 1e-12

@@ -1,7 +1,13 @@
 """The lobes that stand for the specular reflection: shares, the blend between metal and dielectric, and gradients."""
 
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
 import torch
 
+import lightprobe
 from lightprobe.render import brdf
 from lightprobe.render.specular_lobes import dielectric_part, specular_lobes
 
@@ -50,3 +56,33 @@ def test_gradients():
         return tuple(vars(specular_lobes(brdf.view_taps(cosine, roughness), roughness, dielectric)).values())
 
     assert torch.autograd.gradcheck(lobes, (cosine, roughness, dielectric))
+
+
+def bundled() -> np.ndarray:
+    """Return the fitted parameters: metal and dielectric, by roughness, by the root of n.v; bends, factors, shares."""
+    return np.array(json.loads((Path(lightprobe.__file__).parent / "assets" / "specular_lobes.json").read_text()))
+
+
+@pytest.mark.parametrize("dielectric", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize(("cosine", "roughness", "column", "row"), [(1.0, 1.0, -1, -1), (1.0, 0.0, -1, 0)])
+def test_at_the_table_s_corners_the_lobes_are_the_fitted_ones(cosine, roughness, column, row, dielectric):
+    metal, other = bundled()[:, row, column]
+    expected = (1 - dielectric) * metal + dielectric * other
+    taps = brdf.view_taps(torch.tensor([cosine]), torch.tensor([roughness]))
+    lobes = specular_lobes(taps, torch.tensor([0.5]), torch.tensor([dielectric]))
+    found = torch.cat([lobes.bend[0], lobes.roughness[0], lobes.share[0]])
+    assert found.tolist() == pytest.approx([*expected[:2], *(0.5 * expected[2:4]), *expected[4:]], abs=1e-5)
+
+
+def test_between_fitted_values_the_lobes_are_interpolated_in_roughness_and_in_the_root_of_the_cosine():
+    metal, _ = bundled()
+    cosine, roughness, _ = views(200)
+    lobes = specular_lobes(brdf.view_taps(cosine, roughness), torch.ones(200), torch.zeros(200))
+    found = torch.cat([lobes.bend, lobes.roughness, lobes.share], 1).numpy()
+    y, x = roughness.numpy() * (len(metal) - 1), np.sqrt(cosine.numpy()) * (metal.shape[1] - 1)
+    i, j = np.minimum(y.astype(int), len(metal) - 2), np.minimum(x.astype(int), metal.shape[1] - 2)
+    fy, fx = (y - i)[:, None], (x - j)[:, None]
+    above, below = (metal[k, j] * (1 - fx) + metal[k, j + 1] * fx for k in (i, i + 1))
+    off = np.abs(found - (above * (1 - fy) + below * fy))
+    assert off.max() < 0.12  # the look-up's own grid has other nodes
+    assert off.mean() < 0.005

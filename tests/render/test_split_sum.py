@@ -3,9 +3,11 @@ from dataclasses import replace
 import pytest
 import torch
 
+from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
 from lightprobe.render.brdf import base_reflectance, diffuse_fresnel, environment_brdf
-from lightprobe.render.split_sum import Shading, reflectance, shade, specular_taps
+from lightprobe.render.split_sum import Shading, furnace, occlude, reflectance, shade, specular_taps
+from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import R, any_gbuffer, brute_force, sky, sphere_gbuffer
 
 
@@ -72,3 +74,54 @@ def test_shading_kept_for_many_lights_is_shading():
     for light in (sky(R), sky(R).flip(1)):
         levels = operator.apply(light)
         torch.testing.assert_close(shading.apply(levels), shade(gbuffer, operator, levels), rtol=1e-5, atol=1e-6)
+
+
+def test_the_mirror_direction_has_the_view_s_angle_on_the_other_side():
+    gbuffer = sphere_gbuffer(2)
+    normal, view = torch.tensor([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]]), torch.tensor([[0.0, 0.6, 0.8], [0.8, -0.6, 0.0]])
+    found = reflectance(replace(gbuffer, normal=normal, view=view)).mirror
+    expected = [[2 * 0.64 * 0.6, -0.6, 2 * 0.64 * 0.8 - 0.8], [-0.8, -0.6, 0.0]]  # the second is seen from behind
+    torch.testing.assert_close(found, torch.tensor(expected))
+
+
+def half_open(gbuffer, opened: int, color=(0.9, 0.5, 0.1)):
+    """Return the pixels, each open by the same share of 255 in all directions, between surfaces of one colour."""
+    count = len(gbuffer.pixel)
+    seen = VertexVisibility(torch.full((1, 384), opened, dtype=torch.uint8), torch.tensor([color]))
+    return replace(gbuffer, visibility=PointVisibility(seen, torch.zeros(count, 1).long(), torch.ones(count, 1)))
+
+
+def test_a_lobe_is_as_open_as_its_axis_when_sharp_and_as_its_hemisphere_when_matte():
+    gbuffer = half_open(replace(any_gbuffer(3), roughness=torch.tensor([0.0, 0.5, 1.0])), 51)
+    r, opened = reflectance(gbuffer), torch.tensor([0.7, 0.7, 0.7])
+    lobe, bounce = occlude(gbuffer, r, opened)
+    torch.testing.assert_close(lobe[:, 0], torch.tensor([0.2, 0.2 + 0.25 * 0.5, 0.7]))
+    blocked = 0.3 * r.diffuse + r.specular * r.share * (1 - torch.tensor([[0.2], [0.325], [0.7]]))
+    torch.testing.assert_close(bounce, blocked * torch.tensor([0.9, 0.5, 0.1]))
+    with pytest.raises(ValueError, match="no visibility"):
+        occlude(replace(gbuffer, visibility=None), r, opened)
+
+
+def test_a_constant_light_reaches_an_open_share_directly_and_the_rest_by_a_bounce():
+    plain, operator, color = any_gbuffer(300), cached(R), torch.tensor([0.9, 0.5, 0.1])
+    gbuffer, levels = half_open(plain, 102), torch.full((operator.total, 3), 3.0)
+    expected = 3.0 * furnace(plain) * (0.4 + 0.6 * color)
+    torch.testing.assert_close(shade(gbuffer, operator, levels), expected, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(Shading.of(gbuffer, operator).apply(levels), expected, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(3.0 * furnace(gbuffer), expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_matte_white_surface_shows_the_mean_light_around_its_normal():
+    """In absolute radiance, the light of each channel its own: a dielectric keeps base (1 - F0) (1 - C) of it."""
+    normal = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8], [-0.7, 0.2, 0.1]]), dim=1)
+    white, black = (
+        replace(sphere_gbuffer(2, roughness=1.0, base=(base, base / 2, base / 4)), normal=normal, view=normal)
+        for base in (0.8, 0.0)
+    )
+    operator, light = cached(R), sky(R)
+    levels = operator.apply(light)
+    found = shade(white, operator, levels) - shade(black, operator, levels)
+    d, angle = cubemap.directions(R).reshape(-1, 3), cubemap.solid_angles(R).reshape(-1)
+    weight = (normal @ d.T).clamp(min=0) * angle / torch.pi
+    kept = torch.tensor([0.8, 0.4, 0.2]) * 0.96 * (1 - float(diffuse_fresnel(torch.ones(1))))
+    torch.testing.assert_close(found, kept * (weight @ light.reshape(-1, 3)), rtol=0.01, atol=1e-3)

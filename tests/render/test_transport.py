@@ -13,6 +13,7 @@ from lightprobe.render.taps import GatheredTaps, SparseTaps
 from lightprobe.render.transport import Transport, solve_light
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import R, sky, sphere_gbuffer
+from tests.render.dense import DenseTransport
 
 
 @pytest.mark.parametrize("taps", [SparseTaps, GatheredTaps])  # a CPU's and a GPU's
@@ -132,3 +133,82 @@ def test_a_coloured_metal_cannot_imitate_paint_where_channels_hold_together():
     assert errors["paint", 1.0] < 1.1 * errors["paint", 0.0]  # a grey light loses nothing
     assert errors["metal", 1.0] > 2 * errors["metal", 0.0]
     assert errors["metal", 1.0] > 4 * errors["paint", 1.0]
+
+
+class Case:
+    """A small problem of `solve_light`, in float64, and its objective as the docstring has it."""
+
+    def __init__(self, chroma: float, faint: float = 0.4):
+        random = torch.Generator().manual_seed(7)
+        self.transport, self.share, self.chroma = DenseTransport.random(60, 4), 0.05, chroma
+        self.prior = torch.rand(6, 4, 4, 3, generator=random, dtype=torch.float64) * torch.tensor([0.9, 0.6, faint])
+        self.start = 2 * torch.rand(6, 4, 4, 3, generator=random, dtype=torch.float64)
+        truth = torch.rand(6, 4, 4, 3, generator=random, dtype=torch.float64) ** 4 * 6
+        self.observed = self.transport.apply(truth) * (0.5 + torch.rand(60, 3, generator=random, dtype=torch.float64))
+        self.weight = torch.rand(60, generator=random, dtype=torch.float64) * (torch.arange(60) % 5 > 0)
+        self.clipped = self.observed > self.observed.quantile(0.7)
+
+    def solved(self, iterations: int) -> torch.Tensor:
+        return solve_light(
+            self.transport, self.observed, self.weight, self.clipped, self.prior, self.share, iterations, self.start,
+            chroma=self.chroma,
+        )  # fmt: skip
+
+    def objective(self, light: torch.Tensor) -> torch.Tensor:
+        weight = (self.weight / self.weight.sum())[:, None]
+        gain = (weight * self.transport.apply(torch.ones_like(self.prior)) ** 2).sum(0).mean()
+        angle = (cubemap.exact_solid_angles(4) / (4 * torch.pi))[..., None]
+        error = self.transport.apply(light) - self.observed
+        error = torch.where(self.clipped & (error > 0), 0.0, error)
+        mean = self.prior.mean((0, 1, 2))
+        grey = mean.mean()
+        floor = mean.clamp(min=0.05 * float(grey))
+        relative, usual = light / floor, (self.start / floor).mean(-1, keepdim=True)
+        cast = grey**2 * (relative - relative.mean(-1, keepdim=True)) ** 2 / (1 + usual)
+        prices = self.share * (light - self.prior) ** 2 + self.chroma * cast
+        return (weight * error**2).sum() + gain * (angle * prices).sum()
+
+    def slope(self, light: torch.Tensor) -> torch.Tensor:
+        light = light.clone().requires_grad_()
+        return torch.autograd.grad(self.objective(light), light)[0]
+
+
+@pytest.mark.parametrize(("chroma", "faint"), [(0.0, 0.4), (0.3, 0.4), (0.01, 0.01)])
+def test_among_clipped_pixels_and_from_a_start_of_its_own_the_light_is_the_objective_s_minimum(chroma, faint):
+    """In the end the slope vanishes where the light is free and is not negative where it is 0."""
+    case = Case(chroma, faint)
+    light = case.solved(100)
+    slope, before = case.slope(light), case.slope(case.start).abs().max()
+    rendered = case.transport.apply(light)
+    assert (case.clipped & (rendered > case.observed)).any()
+    assert (case.clipped & (rendered < case.observed)).any()
+    free = light > 1e-4
+    assert 0.3 * light.numel() < free.sum() < light.numel() - 5
+    assert float(slope[free].abs().max()) < 1e-5 * float(before)
+    assert float(slope[~free].min()) > -1e-5 * float(before)
+
+
+@pytest.mark.parametrize("chroma", [0.0, 0.3])
+def test_one_iteration_goes_to_the_lowest_point_on_its_way(chroma):
+    case = Case(chroma)
+    case.clipped[:] = False  # so that the objective is a parabola
+    light = case.solved(1)
+    way = light - case.start
+    slope = case.slope(case.start)
+    assert float((slope * way).sum()) < 0
+    assert abs(float((case.slope(light) * way).sum())) < 1e-5 * abs(float((slope * way).sum()))
+
+
+def test_a_solve_does_not_depend_on_exposure_or_on_the_sum_of_weights():
+    case = Case(0.3)
+    usual = case.solved(20)
+    case.weight = case.weight / 9
+    case.observed, case.prior, case.start = 50 * case.observed, 50 * case.prior, 50 * case.start
+    torch.testing.assert_close(case.solved(20), 50 * usual, rtol=1e-4, atol=1e-4)
+
+
+def test_pixels_of_no_weight_leave_the_light_as_it_was_but_for_what_is_negative():
+    case = Case(0.3)
+    case.weight = torch.zeros(60)
+    case.start[2, 1, 1] = -1.0
+    torch.testing.assert_close(case.solved(5), case.start.clamp(min=0))

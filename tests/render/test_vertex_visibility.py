@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from lightprobe.render.vertex_visibility import vertex_visibility
+from lightprobe.light import cubemap
+from lightprobe.render.vertex_visibility import point_visibility, vertex_visibility
 from lightprobe.render.visibility import ambient_occlusion
 from tests.shapes import ball_over_floor, sphere
 
@@ -58,3 +59,53 @@ def test_the_colour_seen_is_that_of_the_other_ball():
     seen = vertex_visibility(vertices, faces, torch.where((faces < count)[:, :1], red, blue))
     nearest = int((vertices[:count] - vertices[count:].mean(0)).norm(dim=1).argmin())
     torch.testing.assert_close(seen.occluder_color[nearest], blue, atol=0.05, rtol=0)
+
+
+DIRECTIONS, ANGLES = cubemap.directions(8).reshape(-1, 3), cubemap.solid_angles(8).reshape(-1)
+COLORS = torch.tensor([[0.9, 0.2, 0.1], [0.1, 0.3, 0.8]])
+LEVEL = 0.5  # of the sheet
+
+
+def sheet() -> tuple[torch.Tensor, torch.Tensor]:
+    """Return a sheet of two triangles over the origin, 1.4 by 1 in size and off its middle."""
+    corners = [(-0.4, -0.3), (1.0, -0.3), (1.0, 0.7), (-0.4, 0.7)]
+    return torch.tensor([(x, y, LEVEL) for x, y in corners]), torch.tensor([[0, 1, 2], [0, 2, 3]], dtype=torch.int32)
+
+
+def before(margin: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return which directions from the origin (384,) hit the sheet made wider by a margin, and which triangle."""
+    x, y = (LEVEL * DIRECTIONS[:, axis] / DIRECTIONS[:, 2].clamp(min=1e-6) for axis in (0, 1))
+    hit = (DIRECTIONS[:, 2] > 0) & (x > -0.4 - margin) & (x < 1.0 + margin) & (y > -0.3 - margin) & (y < 0.7 + margin)
+    return hit, ((y + 0.3) * 1.4 > (x + 0.4) * 1.0).long()
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8), (0.8, 0.0, -0.6)])
+def test_a_point_sees_all_above_its_horizon_but_what_the_sheet_hides(normal):
+    """And a little below, as the horizon of a vertex is not that of the faces around it."""
+    up = torch.tensor([normal])
+    seen = point_visibility(*sheet(), COLORS, torch.zeros(1, 3), up)
+    cosine = DIRECTIONS @ up[0]
+    (surely, triangle), (maybe, _) = before(-0.05), before(0.05)
+    table = seen.unoccluded[0]
+    assert surely.sum() > 30
+    assert (table[surely | (cosine <= -0.2)] == 0).all()
+    assert (table[~maybe & (cosine > -0.2)] == 255).all()
+    assert ((cosine > -0.2) & (cosine < 0) & ~maybe).any()
+    assert ((cosine <= -0.2) & (cosine > -0.28)).any()
+    hidden = (1 - table / 255.0) * cosine.clamp(min=0) * ANGLES * maybe
+    if float(hidden.sum()) > 0.1:
+        mean = (hidden[:, None] * COLORS[triangle]).sum(0) / hidden.sum()
+        torch.testing.assert_close(seen.occluder_color[0], mean, rtol=0, atol=0.03)
+
+
+def test_directions_that_nobody_asks_for_are_open_down_to_the_horizon():
+    up, (surely, _) = torch.tensor([[0.0, 0.6, 0.8]]), before(-0.05)
+    vertices, faces = sheet()
+    asked = torch.zeros(384, dtype=torch.bool)
+    seen = point_visibility(vertices, faces, COLORS, torch.zeros(1, 3), up, asked=asked)
+    expected = torch.where(DIRECTIONS @ up[0] > -0.2, 255, 0)
+    assert torch.equal(seen.unoccluded[0].long(), expected)
+    torch.testing.assert_close(seen.occluder_color[0], torch.tensor([0.5, 0.25, 0.45]))  # none: the mean of all
+    asked[surely.nonzero()[:5, 0]] = True
+    seen = point_visibility(vertices, faces, COLORS, torch.zeros(1, 3), up, asked=asked)
+    assert torch.equal(seen.unoccluded[0].long(), torch.where(asked, 0, expected))

@@ -103,9 +103,7 @@ def relight_scores(
     if not pairs:
         return {}
     inside = [(image[mask], true[mask]) for image, true, mask in pairs]
-    # Scores look at displayed values, so the scale does too: in linear light one highlight would decide it.
-    mine, theirs = (torch.cat(parts).clamp(0, 1) for parts in zip(*inside, strict=True))
-    scale = channel_scale(mine, theirs)
+    scale = channel_scale(*(torch.cat(parts) for parts in zip(*inside, strict=True)))
     scores: Scores = {}
     for suffix, factor in (("", torch.ones_like(scale)), ("_scaled", scale)):
         each = [_relit_scores(image * factor, true, mask) for image, true, mask in pairs]

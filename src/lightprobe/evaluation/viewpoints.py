@@ -45,8 +45,10 @@ def turntable(photos: list[Camera], center: np.ndarray, frames: int, side: int) 
     offsets = np.array([camera.position - center for camera in photos])
     distance = float(np.median(np.linalg.norm(offsets, axis=1)))
     elevation = float(np.clip(np.median(offsets @ up / np.linalg.norm(offsets, axis=1)), -0.9, 0.9))
-    start = offsets[0] - (offsets[0] @ up) * up
-    start = start / max(np.linalg.norm(start), 1e-9)
+    sideways = offsets - (offsets @ up)[:, None] * up
+    beside = np.linalg.norm(sideways, axis=1)
+    first = int(np.argmax(beside > 1e-3 * distance))  # a camera right above the object shows no way to begin
+    start = sideways[first] / beside[first] if beside[first] > 0 else look_at(up, np.zeros(3), up)[:3, 0]
     across = np.cross(up, start)
     focal = side * float(np.median([camera.fx / max(camera.width, camera.height) for camera in photos]))
     cameras = []
