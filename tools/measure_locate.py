@@ -1,16 +1,18 @@
 """How well new photos are located: poses, light, and photos without the object.
 
     python tools/measure_locate.py --data DATA --runs RUNS --scenes spot chair [--tables poses free light wrong]
+        [--others vase cape]
 
-DATA holds scene folders, RUNS a trained run of the same name for each. Test photos with a true environment are laid
-over it (`composed_photos`), others are taken as they are; neither camera nor mask is given. Tables:
+DATA holds scene folders, RUNS a trained run of the same name for each of --scenes. Test photos with a true environment
+are laid over it (`composed_photos`), others are taken as they are; neither camera nor mask is given. Tables:
 
     poses   the focal length is known: mean distance, in pixels of a photo with 320 on its longer side, between where
             the found and the given camera see the mesh's vertices that the given camera sees
     free    the same with the focal length unknown
     light   maps of located photos beside maps with the given camera and mask: the three spheres' errors against the
             true light, and the PSNR of another view rendered under both lights, against the true one
-    wrong   photos without the object: other scenes' composed photos, backgrounds alone, noise
+    wrong   photos without the object: composed photos of the other scenes and of --others, which need no run,
+            backgrounds alone, noise
 
 A wrong pose is one that is off by more than 3 pixels; it is silent when its verdict is good.
 """
@@ -18,7 +20,7 @@ A wrong pose is one that is off by more than 3 pixels; it is silent when its ver
 import argparse
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +38,7 @@ from lightprobe.light.environment import Environment
 from lightprobe.localization import Located, Locator, PoseStatus, stored_views
 from lightprobe.prediction import Predictor
 from lightprobe.render.surface import View, visible_surface
+from lightprobe.runs.bench import find_scene
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Scene
@@ -58,11 +61,18 @@ class Subject:
     @staticmethod
     def of(name: str, data: Path, runs: Path, folder: Path) -> "Subject":
         """Load a scene and its run, and write its photos into `folder`."""
-        root = next(path for path in (data / name, *sorted(data.glob(f"*/{name}"))) if path.is_dir())
-        scene, run = load_scene(root), RunFolder.open(runs / name)
+        scene, run = scene_of(name, data), RunFolder.open(runs / name)
         predictor = Predictor.load(run.path)
         locator = Locator(predictor.decomposition, stored_views(run, predictor.decomposition))
         return Subject(name, scene, predictor, locator, dict(photo_files(name, scene, folder)))
+
+
+def scene_of(name: str, data: Path) -> Scene:
+    """Load the scene of a name in `data` or one folder down."""
+    folder = find_scene(data, name)
+    if folder is None:
+        raise SystemExit(f"There is no scene {name} in {data}.")
+    return load_scene(folder)
 
 
 def photo_files(name: str, scene: Scene, folder: Path) -> Iterator[tuple[str, Path]]:
@@ -165,11 +175,11 @@ def _shown(subject: Subject, environment: Environment, view: Camera) -> torch.Te
     return srgb_encode(image.clamp(0, 1))
 
 
-def wrong_files(subject: Subject, others: Sequence[Subject], folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yield kind and file of photos without the subject's object."""
-    for other in others:
-        if other.name != subject.name:
-            yield from ((other.name, file) for file in list(other.files.values())[:_OTHERS])
+def wrong_files(subject: Subject, others: Mapping[str, Mapping[str, Path]], folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield kind and file of photos without the subject's object; others: photo files of scenes, by names."""
+    for name, files in others.items():
+        if name != subject.name:
+            yield from ((name, file) for file in list(files.values())[:_OTHERS])
     lit = [photo for photo in subject.scene.test if photo.truth.environment is not None]
     for index, photo in enumerate(lit[:_BACKGROUNDS]):
         file = folder / "backgrounds" / f"{subject.name}_{index}.png"
@@ -190,7 +200,7 @@ def _background(photo: Photo) -> np.ndarray:
     return background(read_hdr(photo.truth.environment), photo.camera)
 
 
-def wrong_row(subject: Subject, others: Sequence[Subject], folder: Path) -> str:
+def wrong_row(subject: Subject, others: Mapping[str, Mapping[str, Path]], folder: Path) -> str:
     """Return the table's row of photos without the object, and print those that are not refused."""
     counts = dict.fromkeys(PoseStatus, 0)
     for kind, file in wrong_files(subject, others, folder):
@@ -216,18 +226,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--scenes", nargs="+", required=True)
+    parser.add_argument("--others", nargs="*", default=[], help="more scenes for the table `wrong`; they need no run")
     parser.add_argument("--tables", nargs="+", choices=list(HEADS), default=list(HEADS))
     given = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
         subjects = [Subject.of(scene, given.data, given.runs, folder) for scene in given.scenes]
+        photos = {subject.name: subject.files for subject in subjects}
+        for name in given.others:
+            photos[name] = dict(photo_files(name, scene_of(name, given.data), folder))
         for table in given.tables:
             print(f"\n{table}\n| {HEADS[table]} |\n|{' --- |' * HEADS[table].count('|')} --- |")
             for subject in subjects:
                 if table == "light":
                     row = light_row(subject)
                 elif table == "wrong":
-                    row = wrong_row(subject, subjects, folder)
+                    row = wrong_row(subject, photos, folder)
                 else:
                     row = pose_row(subject, known=table == "poses")
                 print(row, flush=True)

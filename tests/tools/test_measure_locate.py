@@ -56,7 +56,16 @@ def test_rows_count_right_wrong_and_doubted(scene, monkeypatch, capsys):
 
 
 def test_photos_without_the_object(scene, tmp_path):
-    subject = measure_locate.Subject("known", scene, None, None, {})
-    kinds = [kind for kind, file in measure_locate.wrong_files(subject, [subject], tmp_path) if file.is_file()]
+    subject = measure_locate.Subject("known", scene, None, None, {"own": tmp_path / "own.png"})
+    others = {"known": subject.files, "vase": {str(k): tmp_path / f"{k}.png" for k in range(9)}}
+    found = list(measure_locate.wrong_files(subject, others, tmp_path))
+    kinds = [kind for kind, file in found if file.is_file()]
     assert kinds.count("background") == 2
     assert kinds.count("noise") == 4
+    assert [file.stem for kind, file in found if kind == "vase"] == ["0", "1", "2", "3"]
+    assert "known" not in [kind for kind, _ in found]
+
+
+def test_a_scene_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(SystemExit, match="no scene vase in"):
+        measure_locate.scene_of("vase", tmp_path)
