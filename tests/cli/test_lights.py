@@ -19,6 +19,7 @@ KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_predict_writes_a_map_of_the_size_that_is_asked_for_and_what_else_is_known(trained, tmp_path):
     scene, run = trained
     image, out = scene / "test/test_00.png", tmp_path / "light.hdr"

@@ -28,6 +28,7 @@ def test_a_value_that_is_no_size_and_a_command_of_many_processes_are_refused(tmp
         limit_among("serve", ["runs", "--max-memory", "2GB"])
 
 
+@pytest.mark.slow
 def test_a_large_jpeg_is_reduced_and_the_limit_is_held(tmp_path):
     """Of 64 megapixels, which take 256 MB decoded: without a limit `inspect` takes 0.66 GB."""
     ramp = np.linspace(0, 255, 8000).astype(np.uint8)

@@ -73,6 +73,7 @@ def test_the_background_is_used_unless_told_otherwise(trained, opaque, tmp_path,
     assert "; background " not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_video_gives_a_map_for_every_few_frames_or_one_for_all(trained, opaque, tmp_path, capsys):
     clip = tmp_path / "clip.mp4"
     write_clip(clip, opaque[0][0], frames=7)

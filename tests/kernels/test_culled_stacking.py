@@ -16,6 +16,7 @@ from lightprobe.light.culled_stacking import tile_tree
 from tests.stacking import pixels
 
 
+@pytest.mark.slow
 def test_matches_the_reference():
     case, tree = pixels(torch.linspace(0.08, 1, 60)), tile_tree(64)
     exact = reference.stack(*(x.double() for x in case), tree)

@@ -87,6 +87,7 @@ def test_a_block_stays_solid(monkeypatch):
     assert best_opening(solid, targets, lights, 1.0, 0) is None
 
 
+@pytest.mark.slow
 def test_what_is_explained_as_well_as_the_rest_is_not_suspect():
     solid = model_of(inner=None)
     surface = cavity_trials._surface(solid)
@@ -123,6 +124,7 @@ def task_of(model: LatticeModel) -> ImageTask:
     return ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0)
 
 
+@pytest.mark.slow
 def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
     model = model_of(inner=None)
     task, opened = task_of(model), vessel(inner=0.64).distance

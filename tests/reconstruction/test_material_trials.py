@@ -128,6 +128,7 @@ def test_lights_of_eight_photos_are_judged():
     assert Trial(material_of(0.3), samples[:7], lights, 1.0, 0).surprise() == 0
 
 
+@pytest.mark.slow
 def test_the_same_call_gives_the_same_bits():
     samples, lights, _ = photos(0.1, 2)
     errors = []

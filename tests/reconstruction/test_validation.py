@@ -71,6 +71,7 @@ def test_a_photo_that_shows_nothing_leaves_the_light_as_it_was(start):
     torch.testing.assert_close(light, torch.full((6, 16, 16, 3), start or 0.5))
 
 
+@pytest.mark.slow
 def test_parts_of_the_true_asset_agree_about_the_light_better_than_those_of_a_wrong_one():
     true = glossy_sphere()
     photos, color = targets(true), true.textures.base_color

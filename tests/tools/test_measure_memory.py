@@ -12,6 +12,7 @@ from lightprobe.scene import load_scene
 HOLD = "import numpy; held = numpy.ones(2**24); print(1)"  # 128 MiB
 
 
+@pytest.mark.slow
 def test_a_peak_is_the_commands_own():
     held = np.ones(2**27)  # 1 GiB here is none of the command's
     less = measure_memory.peak([sys.executable, "-c", "import numpy"])
