@@ -30,7 +30,7 @@ class Plan:
 
 def page(plan: Plan) -> str:
     """Measure everything and return the page."""
-    # First of all, because a child process inherits the most memory that its parent had.
+    # First of all: except on Linux a child process inherits the most memory that its parent had.
     target = None if plan.run is None else measure(plan.run, plan.scene, plan.repeats)
     limits = measure_limits(3 if plan.quick else 10)
     size = training.small() if plan.quick else training.usual()

@@ -2,8 +2,9 @@
 
     python tools/speed/target.py RUN SCENE REPEATS      prints JSON: seconds of each part, and memory in GiB
 
-A process tells the most memory it ever had, and inherits that number from the one that starts it; so `measure` is to be
-called before the caller has grown. Memory is that of the whole process: libraries, model, asset, photo, prefilter.
+A process tells the most memory it ever had, and except on Linux inherits that number from the one that starts it; so
+`measure` is to be called before the caller has grown. Memory is that of the whole process: libraries, model, asset,
+photo, prefilter.
 """
 
 import json

@@ -10,18 +10,30 @@ import numpy as np
 import torch
 
 _PAGE_TABLE = "/proc/{}/statm"  # Linux: sizes in pages, the second is what is in memory
+_STATUS = Path("/proc/self/status")  # Linux: VmHWM is the most that was in memory since the program started, in kB
 _PAGE = 4096  # bytes, on all systems that Linux' wheels of PyTorch are built for, unless the system says otherwise
 _NO_PARTS = (types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType)
 
 
 def peak_memory() -> float | None:
     """Return the largest resident size of this process so far in GiB, or None on systems that do not count it."""
+    held = _high_water_mark()
+    return None if held is None else held / 2**30
+
+
+def _high_water_mark() -> int | None:
+    """Return it in bytes. Linux' count of resources holds the peak of whoever started the process, too."""
+    try:
+        status = _STATUS.read_text()
+        return 1024 * int(status.partition("VmHWM:")[2].split(maxsplit=1)[0])
+    except (OSError, ValueError, IndexError):
+        pass
     try:
         import resource
     except ImportError:  # Windows
         return None
     unit = 1 if sys.platform == "darwin" else 1024  # bytes there, KiB elsewhere
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def resident_bytes(pid: int) -> int | None:
