@@ -22,18 +22,20 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("python3.11", "python3.12", "python3.13")
-_USE = """
+WITH_EXTRAS = (  # packages and modules that cannot be imported without an extra
+    "lightprobe.view", "lightprobe.service", "lightprobe.fleet", "lightprobe.render.gltf_bsdf",
+)  # fmt: skip
+_USE = f"""
 import importlib, pkgutil, sys
 import lightprobe
 failed = []
-extras = ("lightprobe.view", "lightprobe.service", "lightprobe.fleet")  # packages that need one
 for module in pkgutil.walk_packages(lightprobe.__path__, "lightprobe."):
-    if module.name.startswith(extras) or "triton" in module.name or "blender" in module.name:
+    if module.name.startswith({WITH_EXTRAS}) or "triton" in module.name or "blender" in module.name:
         continue
     try:
         importlib.import_module(module.name)
     except Exception as error:
-        failed.append(f"{module.name}: {error!r}")
+        failed.append(module.name + ": " + repr(error))
 assert not failed, failed
 assert "site-packages" in lightprobe.__file__, lightprobe.__file__
 import numpy

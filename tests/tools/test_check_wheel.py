@@ -1,7 +1,9 @@
 """What a wheel lacks, or holds too much, is named; so is a Python that is not here."""
 
+import ast
 import sys
 import zipfile
+from pathlib import Path
 
 import pytest
 
@@ -46,3 +48,30 @@ def test_a_python_is_there_when_it_runs():
     assert is_there(sys.executable)
     assert not is_there("python9.9")
     assert not is_there("false")
+
+
+def test_modules_that_import_an_extra_at_their_head_are_named_as_such():
+    source = Path(check_wheel.__file__).parents[1] / "src"
+    extras = {
+        "av",
+        "drjit",
+        "fastapi",
+        "fsspec",
+        "mitsuba",
+        "pillow_heif",
+        "pxr",
+        "pyarrow",
+        "pycolmap",
+        "ray",
+        "rawpy",
+    }
+    unnamed = []
+    for path in source.rglob("*.py"):
+        module = ".".join(path.relative_to(source).with_suffix("").parts)
+        if module.startswith(check_wheel.WITH_EXTRAS):
+            continue
+        for statement in ast.parse(path.read_text()).body:
+            names = [alias.name for alias in statement.names] if isinstance(statement, ast.Import) else []
+            names += [statement.module or ""] if isinstance(statement, ast.ImportFrom) else []
+            unnamed += [f"{module} imports {name}" for name in names if name.partition(".")[0] in extras]
+    assert unnamed == []
