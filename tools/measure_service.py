@@ -280,17 +280,8 @@ def service(run: Path, options: argparse.Namespace) -> Iterator[tuple[str, int]]
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "runs" / _OBJECT
         shutil.copytree(run, target, ignore=shutil.ignore_patterns("checkpoints", "report", "oracle", "predictions"))
-        command = [
-            sys.executable,
-            "-m",
-            "lightprobe",
-            "serve",
-            str(target.parent),
-            "--port",
-            "0",
-            "--log-level",
-            "warning",
-        ]
+        command = [sys.executable, "-m", "lightprobe", "serve", str(target.parent), "--port", "0"]
+        command += ["--log-level", "warning"]
         command += ["--workers", str(options.workers), "--deadline", str(options.deadline)]
         with open(options.log, "w") as log:
             process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
