@@ -1,9 +1,13 @@
 """The names of the package itself, in whatever order parts of it were imported before."""
 
+import importlib
+import pkgutil
 import subprocess
 import sys
 
 import pytest
+
+import lightprobe
 
 
 def python(code: str) -> None:
@@ -43,6 +47,14 @@ def test_the_face_of_the_package_is_functions(first):
         "except TypeError as error: assert 'scene' in str(error)\n"
         "else: raise SystemExit('decompose() needs a scene')"
     )
+
+
+def test_every_name_of_a_package_is_there():
+    packages = [lightprobe, *pkgutil.iter_modules(lightprobe.__path__, "lightprobe.")]
+    for package in packages:
+        module = package if package is lightprobe else importlib.import_module(package.name)
+        for name in getattr(module, "__all__", ()):
+            assert hasattr(module, name), f"{module.__name__}.{name}"
 
 
 def test_unknown_names_are_refused():

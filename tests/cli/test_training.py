@@ -1,4 +1,4 @@
-"""That the command line which a run's report gives makes the same training again."""
+"""That a training's settings come from where the user expects them."""
 
 import dataclasses
 import shlex
@@ -8,6 +8,7 @@ from lightprobe.cli.main import main
 from lightprobe.core.config import distillation, reconstruction
 from lightprobe.core.run import RunFolder
 from lightprobe.report.run_info import read_phases, training_commands
+from tests.cli.commands import fails, succeed
 
 
 def test_the_command_of_a_training_gives_its_settings_again(tmp_path, monkeypatch):
@@ -25,3 +26,16 @@ def test_the_command_of_a_training_gives_its_settings_again(tmp_path, monkeypatc
     assert main(shlex.split(command)[1:]) == 0
     assert given[0]["seed"] == 5
     assert (given[0]["decompose"], given[0]["distill"]) == (first, second)
+
+
+def test_phase_two_asks_for_the_preset_of_phase_one(tmp_path, monkeypatch, capsys):
+    run = RunFolder.create(tmp_path / "run")
+    first = dataclasses.replace(reconstruction.paper(), pass1_iterations=7)
+    run.record_config("decompose", {"seed": 0, **dataclasses.asdict(first)})
+    given = []
+    monkeypatch.setattr(training, "distill_run", lambda folder, **options: given.append(options) or run)
+    assert fails(["distill", run.path], capsys, ["--preset paper"]) == 3
+    assert given == []
+    succeed("distill", run.path, "--preset", "paper")
+    succeed("distill", run.path, "--preset", "quick")
+    assert [options["distill"] for options in given] == [distillation.paper(), distillation.quick()]

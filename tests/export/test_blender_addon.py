@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.export import write_mesh
+from lightprobe.export import SceneLight, export, write_mesh
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
+from lightprobe.light.sources import LightSource
 from lightprobe.material.textures import Textures
+from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from tests.marked_light import SIMILARITY, marked_cubemap
 from tests.shapes import sphere_mesh
@@ -112,6 +114,19 @@ def test_lamps_shine_from_where_the_file_says_as_bright_as_it_says(exported):
     assert lamp["angle"] == pytest.approx(math.radians(1))
     assert np.multiply(lamp["energy"], lamp["color"]) == pytest.approx([2, 1, 0.5])
     assert_lambert(found["pixels"]["above"], np.array([2, 1, 0.5]))
+
+
+def test_lamps_that_the_glb_has_too_shine_once(tmp_path):
+    one, lamp = torch.ones(8, 8), LightSource((0.0, 0.6, 0.8), math.radians(3), (2.0, 1.0, 0.5))
+    asset = Asset(
+        sphere_mesh(3), Textures(torch.ones(8, 8, 3), one, 0 * one, torch.tensor([0.0, 0, 1]).expand(8, 8, 3))
+    )
+    decomposition = Decomposition(asset, {}, SIMILARITY)
+    export(decomposition, tmp_path, {}, light=SceneLight(np.ones((64, 128, 3), np.float32), (lamp,)))
+    (found,) = in_blender(tmp_path, "scene.glb")["lamps"]
+    assert found["towards"] == pytest.approx(lamp.direction, abs=1e-5)
+    assert found["angle"] == pytest.approx(math.radians(6), abs=1e-5)
+    assert np.multiply(found["energy"], found["color"]) == pytest.approx(lamp.irradiance)
 
 
 def test_what_is_in_the_map_is_not_lit_twice_and_a_bad_file_says_so(exported):

@@ -18,11 +18,17 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.processes import joined
 from lightprobe.core.run import RunFolder
 from lightprobe.models import ObjectVerdict
+from lightprobe.report.run_info import fitted_preset
 from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
 from lightprobe.runs.training import distill_run, fit_run, train_run
 
 PresetArg = Annotated[
     Preset, option(help="quick: two CPU cores, minutes; standard: a GPU; paper: the paper's settings.")
+]
+
+_SamePresetArg = Annotated[
+    Preset | None,
+    option(metavar="quick|standard|paper", help="Phase I's; it has to be given again unless it was quick."),
 ]
 
 # `with_preset` puts the chosen preset's in their place
@@ -49,7 +55,8 @@ def fit(
         run = fit_run(
             scene, output, decompose=decompose, device=device, seed=seed, restart=restart, on_progress=meter.update
         )
-    _tell(run, f"lightprobe distill {output}")
+    preset = fitted_preset(run)
+    _tell(run, f"lightprobe distill {output}{'' if preset is Preset.QUICK else f' --preset {preset.value}'}")
 
 
 def train(
@@ -76,7 +83,7 @@ def train(
 
 
 def distill(
-    run: RunArg, *, preset: PresetArg = Preset.QUICK, device: Device = "auto", seed: Seed = 0,
+    run: RunArg, *, preset: _SamePresetArg = None, device: Device = "auto", seed: Seed = 0,
     restart: Restart = False, scene: MovedScene = None, hdri: Hdri = None, distill: DistillConfig = _SECOND,
     predict: PredictConfig = _THIRD,
 ) -> None:  # fmt: skip
@@ -88,6 +95,7 @@ def distill(
       lightprobe distill runs/cup --restart --distill.lessons teacher
       torchrun --nproc-per-node 2 -m lightprobe distill runs/cup
     """
+    _require_preset(run, preset)
     with joined(device) as processes, Meter() as meter:
         folder = distill_run(
             run, distill=distill, predict=predict, device=processes.device, seed=seed, scene_folder=scene, hdri=hdri,
@@ -126,6 +134,16 @@ def _require_one_process() -> None:
         )
 
 
+def _require_preset(run: Path, given: Preset | None) -> None:
+    """Raise `ConfigError` where Phase I had another preset than the one whose settings Phase II would silently get."""
+    fitted = fitted_preset(RunFolder.open(run))
+    if given is None and fitted is not Preset.QUICK:
+        raise ConfigError(
+            f"Phase I of {run} was run with --preset {fitted.value}: give it here, too, or --preset quick for Phase II "
+            "alone."
+        )
+
+
 def _tell(run: RunFolder, following: str | None = None) -> None:
     """Print where a training's results are, and the command that follows."""
     mesh, environments = run.mesh_folder / "object.glb", run.environment_folder
@@ -140,11 +158,14 @@ def _tell(run: RunFolder, following: str | None = None) -> None:
 def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:
     """Return the command with a preset's configuration as defaults, which its --help then shows.
 
-    A name that is no preset is left to the argument parser to refuse.
+    A name that is no preset is left to the argument parser to refuse. Where the command has to be told, the preset
+    itself has no default.
     """
     preset = Preset(name) if name in list(Preset) else Preset.QUICK
     values = {
         "preset": preset, **vars(settings(preset)),
     }  # fmt: skip
     known = inspect.signature(command).parameters
-    return functools.partial(command, **{name: value for name, value in values.items() if name in known})
+    return functools.partial(command, **{
+        name: value for name, value in values.items() if name in known and known[name].default is not None
+    })  # fmt: skip

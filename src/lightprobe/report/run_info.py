@@ -71,6 +71,12 @@ def read_phases(run: RunFolder) -> list[Phase]:
     return phases
 
 
+def fitted_preset(run: RunFolder) -> Preset:
+    """Return the preset that Phase I was run with, up to single settings; quick where its settings do not tell."""
+    phases = read_phases(run)
+    return Preset(phases[0].nearest()) if phases else Preset.QUICK
+
+
 def training_facts(phases: list[Phase]) -> dict[str, str]:
     """Return the preset, or the steps where they are no preset's, and the seed by heading."""
     if not phases:

@@ -11,31 +11,42 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lightprobe.runs.bench import BenchOptions, run_bench, write_pages
+    from lightprobe.runs.calibration import (
+        Point,
+        calibrate_by_albedo,
+        calibrate_by_light,
+        calibrate_by_meter,
+        reset_calibration,
+    )
     from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
     from lightprobe.runs.insertion import InsertedObject, insert_object
     from lightprobe.runs.locations import LocationFiles, locate_photos
     from lightprobe.runs.outputs import export_run, relight_run, render_run
+    from lightprobe.runs.pages import compare_runs, write_gallery
     from lightprobe.runs.predictions import PredictionFiles, predict_one_light, predict_photos
     from lightprobe.runs.preparing import prepare_scene
     from lightprobe.runs.progress import OnProgress
     from lightprobe.runs.training import distill_run, fit_run, train_run
-    from lightprobe.runs.videos import predict_video
+    from lightprobe.runs.videos import predict_video, predict_video_light
 
 __all__ = [
-    "BenchOptions", "EvaluatedRun", "EvaluationOptions", "InsertedObject", "LocationFiles", "OnProgress",
-    "PredictionFiles", "distill_run", "evaluate_run", "export_run", "fit_run", "insert_object", "locate_photos",
-    "predict_one_light", "predict_photos", "predict_video", "prepare_scene", "relight_run", "render_run", "run_bench",
-    "train_run", "write_pages",
+    "BenchOptions", "EvaluatedRun", "EvaluationOptions", "InsertedObject", "LocationFiles", "OnProgress", "Point",
+    "PredictionFiles", "calibrate_by_albedo", "calibrate_by_light", "calibrate_by_meter", "compare_runs",
+    "distill_run", "evaluate_run", "export_run", "fit_run", "insert_object", "locate_photos", "predict_one_light",
+    "predict_photos", "predict_video", "predict_video_light", "prepare_scene", "relight_run", "render_run",
+    "reset_calibration", "run_bench", "train_run", "write_gallery", "write_pages",
 ]  # fmt: skip
 
 _HOME = {
     "BenchOptions": "bench", "EvaluatedRun": "evaluation", "EvaluationOptions": "evaluation",
-    "InsertedObject": "insertion", "LocationFiles": "locations", "OnProgress": "progress",
-    "PredictionFiles": "predictions",
-    "distill_run": "training", "evaluate_run": "evaluation", "export_run": "outputs", "fit_run": "training",
+    "InsertedObject": "insertion", "LocationFiles": "locations", "OnProgress": "progress", "Point": "calibration",
+    "PredictionFiles": "predictions", "calibrate_by_albedo": "calibration", "calibrate_by_light": "calibration",
+    "calibrate_by_meter": "calibration", "compare_runs": "pages", "distill_run": "training",
+    "evaluate_run": "evaluation", "export_run": "outputs", "fit_run": "training", "insert_object": "insertion",
     "locate_photos": "locations", "predict_one_light": "predictions", "predict_photos": "predictions",
-    "predict_video": "videos", "prepare_scene": "preparing", "relight_run": "outputs", "render_run": "outputs",
-    "run_bench": "bench", "train_run": "training", "write_pages": "bench",
+    "predict_video": "videos", "predict_video_light": "videos", "prepare_scene": "preparing",
+    "relight_run": "outputs", "render_run": "outputs", "reset_calibration": "calibration", "run_bench": "bench",
+    "train_run": "training", "write_gallery": "pages", "write_pages": "bench",
 }  # fmt: skip
 
 

@@ -27,11 +27,11 @@ from lightprobe.evaluation import relight
 from lightprobe.export.light_file import candela_per_unit
 from lightprobe.imaging import LUMA
 from lightprobe.light import cubemap
-from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.calibration import Calibration, is_plausible
 from lightprobe.prediction import Predictor
 from lightprobe.render.asset import rasterize_asset
+from lightprobe.runs.light_files import whole_light
 from lightprobe.runs.locations import LocationFiles, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles, load_locator
 from lightprobe.scene.camera import Camera
@@ -60,7 +60,7 @@ def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Pat
     Raises `InputError` for files that cannot be used, and when the light cannot be this photo's.
     """
     opened = _Opened.of(run, photo, camera, mask, device)
-    light = Environment.load(environment, opened.device)
+    light = whole_light(environment, opened.device)
     factor = torch.ones(3)
     decomposition, seen = opened.decomposition, opened.photo
     for _ in range(_ROUNDS):

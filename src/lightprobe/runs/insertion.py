@@ -12,7 +12,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import check_room
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
-from lightprobe.light.environment import Environment
+from lightprobe.runs.light_files import whole_light
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
@@ -56,7 +56,7 @@ def insert_object(
     wish = Wish(at, scale, turn)
     wish.check()
     found, folder, where = load_thing(Path(thing)), RunFolder.open(Path(run)), resolve_device(device)
-    light = None if env is None else Environment.load(Path(env), where)
+    light = None if env is None else whole_light(Path(env), where)
     if camera is None:
         read_record(folder)  # it has the cameras
     given = photo_mask(image, None if mask is None else Path(mask))

@@ -1,4 +1,4 @@
-"""Maps from anywhere, as a light to export with: with their suns and lamps inside or apart."""
+"""Maps from anywhere, as a light to render or to export with: their suns and lamps inside or apart."""
 
 from pathlib import Path
 
@@ -15,6 +15,21 @@ from lightprobe.light.sources import split_light
 
 _RESOLUTION = 64  # texels along a cubemap edge at which sources are told from the rest
 _TINY = 1e-12  # of radiance: black is black without its sources
+
+
+def whole_light(path: Path, device: torch.device | None = None) -> Environment:
+    """Return a map's light with its suns and lamps, onto the CPU without `device`.
+
+    A map that was written without them has them in its .light.json, from which they are put back.
+    Raises `InputError` for a map or .light.json that cannot be used.
+    """
+    light, known = Environment.load(path, device), read_sources(path)
+    if known is None or known[1] is Sun.INSIDE:
+        return light
+    texels = light.texels.clone()
+    for source in known[0]:
+        texels += source.texels(light.resolution, light.device)
+    return Environment(texels)
 
 
 def scene_light(path: Path, sun: Sun) -> SceneLight:

@@ -15,9 +15,8 @@ from lightprobe.evaluation import Relighter, relight, turntable
 from lightprobe.export import export, write_picture
 from lightprobe.export.blender import write_addon
 from lightprobe.export.usd import check_usd
-from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
-from lightprobe.runs.light_files import scene_light
+from lightprobe.runs.light_files import scene_light, whole_light
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import read_camera
 from lightprobe.scene.record import read_record
@@ -32,6 +31,7 @@ def render_run(
     """Write a picture of a run's object under an equirectangular map: .png (sRGB) or .exr (linear).
 
     camera: a file with the camera, or with many, of which `frame` names the photo whose camera is meant.
+    A map without its suns and lamps has them from its .light.json.
     Raises `InputError` for a run, map or camera that cannot be used, `ConfigError` for a name of another suffix
     and for a path tracer that is not installed.
     """
@@ -39,7 +39,7 @@ def render_run(
         raise ConfigError(f"Cannot write '{output.suffix}' pictures: name the output .png or .exr.")
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     view = read_camera(camera, None if frame is None else Path(frame))
-    image, cover = relight(Decomposition.load(run, where), Environment.load(environment, where), view, config)
+    image, cover = relight(Decomposition.load(run, where), whole_light(environment, where), view, config)
     write_picture(output, image, cover)
 
 
@@ -49,15 +49,15 @@ def relight_run(
 ) -> None:  # fmt: skip
     """Write a turntable of `frames` pictures of `side` pixels, and the test views, under an equirectangular map.
 
-    output: a new or empty folder, filled at once at the end.
-    Raises `InputError` for a run or map that cannot be used, `ConfigError` for sizes and folders that cannot
-    and for a path tracer that is not installed.
+    output: a new or empty folder, filled at once at the end. A map without its suns and lamps has them from its
+    .light.json. Raises `InputError` for a run or map that cannot be used, `ConfigError` for sizes and folders that
+    cannot and for a path tracer that is not installed.
     """
     if frames < 1 or not 8 <= side <= _LARGEST_SIDE:
         raise ConfigError(f"A turntable needs --frames of at least 1 and --side from 8 to {_LARGEST_SIDE}.")
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
-    decomposition, light = Decomposition.load(run, where), Environment.load(environment, where)
+    decomposition, light = Decomposition.load(run, where), whole_light(environment, where)
     cameras = read_record(run).cameras
     circle = turntable(list(cameras["train"].values()), decomposition.similarity.center, frames, side)
     views = {Path("turntable") / f"{i:03d}.png": camera for i, camera in enumerate(circle)}

@@ -12,6 +12,7 @@ from lightprobe.core.failures import reporting_errors, writing
 from lightprobe.core.processes import ALONE, Processes
 from lightprobe.core.run import RunFolder
 from lightprobe.models import Decomposition
+from lightprobe.report.run_info import fitted_preset
 from lightprobe.runs.preparing import prepared_in
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.runs.stages import (
@@ -77,23 +78,25 @@ def fit_run(
 
 
 def distill_run(
-    run_folder: Path | str, *, preset: Preset = Preset.QUICK, distill: DistillConfig | None = None,
+    run_folder: Path | str, *, preset: Preset | None = None, distill: DistillConfig | None = None,
     predict: PredictConfig | None = None, device: str | torch.device = "auto", seed: int = 0,
     scene_folder: Path | None = None, hdri: Path | None = None, restart: bool = False,
     on_progress: OnProgress = silent, processes: Processes = ALONE,
 ) -> RunFolder:  # fmt: skip
     """Train Phase II of a run whose Phase I is finished; the rest as in `train_run`.
 
-    scene_folder: where the run's scene is now, if it has moved. restart: throw away the run's Phase II and evaluation.
+    preset: by default that of Phase I. scene_folder: where the run's scene is now, if it has moved.
+    restart: throw away the run's Phase II and evaluation.
     processes: those of `core.processes.joined`, which train together; the first one alone writes the run.
     """
-    second = distill or settings(preset).distill
-    where, run, maps = resolve_device(device), RunFolder.open(Path(run_folder)), UserMaps.read(hdri, second)
+    where, run = resolve_device(device), RunFolder.open(Path(run_folder))
+    usual = settings(preset or fitted_preset(run))
+    second, prediction = distill or usual.distill, predict or usual.predict
+    maps = UserMaps.read(hdri, second)
     with _held(run, processes):
         if restart and processes.first:
             restart_distill(run)
         found = Decomposition.load(run, where, calibrated=False)
-        prediction = predict or settings(preset).predict
         run_distill(
             run, found, lambda: open_scene(run, scene_folder), second, where, seed,
             on_progress if processes.first else silent, maps, prediction, processes,

@@ -182,13 +182,13 @@ class LIGHTPROBE_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 (as 
             self.report({"ERROR"}, "Choose a .glb file, an .exr or .hdr map, or both")
             return {"CANCELLED"}
         try:
-            for path in meshes:
-                import_object(path)
-            for path in maps[:1]:
-                import_light(path)
+            objects = [item for path in meshes for item in import_object(path)]
+            lamps = [lamp for path in maps[:1] for lamp in import_light(path)]
         except (LightFileError, RuntimeError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        if lamps:  # scene.glb has the same ones, in glTF's form, which knows no size
+            bpy.data.batch_remove([item for item in objects if item.type == "LIGHT"])
         if self.plain_colors:
             set_plain_colors()
         return {"FINISHED"}

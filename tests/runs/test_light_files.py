@@ -1,0 +1,54 @@
+"""Lights that runs are rendered under, from maps with and without their suns and lamps."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from lightprobe.core.config.prediction import Sun
+from lightprobe.core.errors import InputError
+from lightprobe.export.light_file import write_sources
+from lightprobe.light import cubemap
+from lightprobe.light.environment import Environment
+from lightprobe.light.sources import LightSource
+from lightprobe.runs.light_files import whole_light
+
+LAMPS = (
+    LightSource((0.48, 0.6, 0.64), math.radians(6), (3.0, 2.4, 1.5)),
+    LightSource((0.0, 0.0, -1.0), math.radians(20), (0.1, 0.2, 0.4)),
+)
+
+
+@pytest.fixture
+def sky(tmp_path):
+    path = tmp_path / "light.exr"
+    Environment(torch.full((6, 32, 32, 3), 0.5)).save(path)
+    return path
+
+
+def irradiance(light: Environment, towards: tuple[float, float, float]) -> np.ndarray:
+    """What a surface that faces one way receives, (3,)."""
+    cosine = (cubemap.directions(light.resolution) @ torch.tensor(towards)).clamp(min=0)
+    return (light.texels * (cosine * light.solid_angles())[..., None]).sum((0, 1, 2)).numpy()
+
+
+def test_lamps_that_a_map_was_written_without_are_put_back(sky):
+    bare = whole_light(sky)
+    write_sources(sky, 64, LAMPS, Sun.SEPARATE)
+    whole = whole_light(sky)
+    for lamp in LAMPS:
+        added = irradiance(whole, lamp.direction) - irradiance(bare, lamp.direction)
+        assert added == pytest.approx(lamp.irradiance, rel=1e-3)
+
+
+def test_lamps_that_are_in_the_map_are_not_added_again(sky):
+    bare = whole_light(sky)
+    write_sources(sky, 64, LAMPS, Sun.INSIDE)
+    assert torch.equal(whole_light(sky).texels, bare.texels)
+
+
+def test_a_light_file_of_something_else_is_named(sky):
+    (sky.parent / "light.light.json").write_text("{}")
+    with pytest.raises(InputError, match=r"light\.light\.json is no light file"):
+        whole_light(sky)
