@@ -24,7 +24,7 @@ def limit_among(name: str, arguments: Sequence[str]) -> tuple[list[str], int | N
             kept.append(word)
     if size is not None and name in _ELSEWHERE:
         raise ConfigError(
-            f"{OPTION} holds one process, and {name} works in several; limit the size of photos with --max-pixels of "
-            "serve, or the memory of all with your system (containers, systemd-run)."
+            f"{OPTION} holds one process, and {name} works in several; limit the size of photos with "
+            "--max-megapixels of serve, or the memory of all with your system (containers, systemd-run)."
         )
     return kept, None if size is None else parse_size(size)
