@@ -96,8 +96,8 @@ def usage(group: str = "") -> str:
             "Commands:",
             *lines,
             "\nEvery command takes --json: its answer is then one JSON object on standard output.",
-            "With --max-memory 4GB a command takes no more, if it works in one process: large photos are reduced, with a "
-            "warning, or refused.\n",
+            "With --max-memory 4GB a command takes no more, if it works in one process: large photos are reduced, with "
+            "a warning, or refused.\n",
             _EXAMPLES,
         ]
     )
