@@ -1,13 +1,16 @@
 """Photos of a synthetic scene's object in front of the environment that lights it, as a camera would have taken them.
 
     python tools/composed_photos.py SCENE FOLDER
+    python tools/composed_photos.py SCENE FOLDER --train
 
 The scene's test photos have no background. Here each is laid over its own true environment, infinitely far away, in
 linear light, and written as an opaque PNG of the same name: FOLDER/r_NNN.png. Photos without a true environment are
-left out.
+left out. With --train FOLDER becomes a copy of the scene instead, whose training photos are opaque so, with their masks
+in FOLDER/masks.
 """
 
 import argparse
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -52,12 +55,32 @@ def write_composed(photos: Sequence[Photo], folder: Path) -> list[Path]:
     return files
 
 
+def write_opaque_scene(scene: Path, folder: Path) -> list[Path]:
+    """Copy a synthetic scene to a new `folder`, make its training photos opaque, and return these photos' files."""
+    photos = load_scene(scene).train
+    shutil.copytree(scene, folder)
+    files = []
+    for photo in photos:
+        alpha = read_ldr(photo.image_path)[1]
+        if photo.truth.environment is None or alpha is None:
+            raise ValueError(f"{photo.name} has no true environment or no alpha channel.")
+        place = photo.image_path.relative_to(scene)
+        write_png(folder / "masks" / place, np.repeat(alpha[..., None], 3, 2), srgb=False)
+        write_png(folder / place, composed(photo))
+        files.append(folder / place)
+    return files
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line and write the photos."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("scene", type=Path, metavar="SCENE")
     parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--train", action="store_true", help="copy the scene, its training photos opaque")
     given = parser.parse_args(arguments)
+    if given.train:
+        print(f"{len(write_opaque_scene(given.scene, given.folder))} opaque training photos in {given.folder}")
+        return
     print(f"{len(write_composed(load_scene(given.scene).test, given.folder))} photos in {given.folder}")
 
 

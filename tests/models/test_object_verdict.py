@@ -35,10 +35,21 @@ def test_lights_that_know_where_the_camera_stands_make_an_object_doubtful(bias, 
     assert ObjectVerdict(0.09, 5, bias, 9.0).trust is Trust.POOR
 
 
+@pytest.mark.parametrize(("excess", "told"), [
+    (-1.5, "dimmer than what its photos show around it, so it is probably taken for too bright"),
+    (1.5, "brighter than what its photos show around it, so it is probably taken for too dark"),
+])  # fmt: skip
+def test_lights_that_do_not_fit_what_photos_show_make_an_object_doubtful(excess, told):
+    verdict = ObjectVerdict(0.03, 5, 0.1, 0.5, excess, 4.5)
+    assert verdict.trust is Trust.DOUBTFUL
+    assert told in verdict.sentence
+    assert ObjectVerdict(0.03, 5, 0.1, 0.5, excess / 3, 0.5).trust is Trust.GOOD
+
+
 def test_a_verdict_comes_back_from_its_file(tmp_path):
     path = tmp_path / "verdict.json"
     assert ObjectVerdict.load(path) is None
-    verdict = ObjectVerdict(0.0612, 5, -0.2, 3.1)
+    verdict = ObjectVerdict(0.0612, 5, -0.2, 3.1, -0.4, 0.3)
     verdict.save(path)
     assert ObjectVerdict.load(path) == verdict
     path.write_text(json.dumps({"disagreement": 0.05, "photos": 5}))  # as runs of before have it
@@ -56,6 +67,8 @@ def test_a_verdict_comes_back_from_its_file(tmp_path):
         {"disagreement": 0.1, "photos": 1.5},
         {"disagreement": 0.1, "photos": 5, "front_bias": "much"},
         {"disagreement": 0.1, "photos": 5, "surprise": -1},
+        {"disagreement": 0.1, "photos": 5, "excess": None},
+        {"disagreement": 0.1, "photos": 5, "excess_surprise": -0.1},
     ],
 )
 def test_a_file_that_holds_none_is_refused(tmp_path, value):

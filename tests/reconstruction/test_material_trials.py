@@ -13,6 +13,7 @@ from lightprobe.reconstruction import material_trials
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import STARTS, Sample, Trial, best_new, best_rescaled
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.reconstruction.surroundings import light_level
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 
@@ -126,6 +127,14 @@ def test_lights_of_eight_photos_are_judged():
     trial.lights = dict.fromkeys(trial.lights, behind)
     assert trial.surprise() > 0.2  # though only as much as one photo tells
     assert Trial(material_of(0.3), samples[:7], lights, 1.0, 0).surprise() == 0
+
+
+def test_lights_are_compared_with_what_the_photos_show():
+    samples, lights, _ = photos(0.25, 8)
+    level = light_level(lights.maps[0])
+    bright, usual = ([replace(s, shown=level + more) for s in samples] for more in (2.0, -0.5))
+    assert Trial(material_of(0.3), bright, lights, 1.0, 0).surprise() > 5
+    assert Trial(material_of(0.3), usual, lights, 1.0, 0).surprise() == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.surroundings import Surroundings
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.surface import View
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
@@ -76,17 +77,19 @@ def test_parts_of_the_true_asset_agree_about_the_light_better_than_those_of_a_wr
     true = glossy_sphere()
     photos, color = targets(true), true.textures.base_color
     wrong = recolored(true, color.flip(1))
-    best, other = (judge_object(asset, photos, None, CONFIG, 0) for asset in (true, wrong))
+    best, other = (judge_object(asset, photos, None, None, CONFIG, 0) for asset in (true, wrong))
     assert best.photos == other.photos == 2
     assert best.disagreement < 0.5 * other.disagreement
-    assert best == judge_object(true, photos, None, CONFIG, 0)
-    told = judge_object(true, photos, FrontBias(-0.3, 0.1), CONFIG, 0)
+    assert best == judge_object(true, photos, None, None, CONFIG, 0)
+    told = judge_object(true, photos, FrontBias(-0.3, 0.1), None, CONFIG, 0)
     assert (told.disagreement, told.front_bias) == (best.disagreement, -0.3)
     assert told.surprise == pytest.approx(4.5)
+    told = judge_object(true, photos, None, Surroundings(-1.0), CONFIG, 0)
+    assert (told.disagreement, told.excess, told.excess_surprise) == (best.disagreement, -1.0, pytest.approx(2.0))
 
 
 def test_photos_that_do_not_show_the_object_give_no_verdict():
     (photo,) = targets(glossy_sphere(), 1)
     hidden = replace(photo, alpha=torch.zeros_like(photo.alpha))
-    assert judge_object(glossy_sphere(), [hidden], None, CONFIG, 0) is None
-    assert judge_object(glossy_sphere(), [], None, CONFIG, 0) is None
+    assert judge_object(glossy_sphere(), [hidden], None, None, CONFIG, 0) is None
+    assert judge_object(glossy_sphere(), [], None, None, CONFIG, 0) is None

@@ -8,8 +8,9 @@ relighting turned out to be on objects with known materials tells what to expect
 
 It hardly sees how bright the whole object is, as light and base colour share a factor. Of that the photos' lights tell
 a little: where more of it comes from behind the object than from the camera's side, photo after photo, the object is
-taken for too bright, and where less, for too dark (`reconstruction.front_bias`). `lightprobe calibrate` settles the
-factor from one known patch or lamp.
+taken for too bright, and where less, for too dark (`reconstruction.front_bias`). Photos that are not cut out tell more:
+their lights are about as bright as what they show around the object (`reconstruction.surroundings`). `lightprobe
+calibrate` settles the factor from one known patch or lamp.
 """
 
 import math
@@ -27,7 +28,8 @@ _REMEDY = "make it anew with: lightprobe train SCENE -o RUN --restart"
 # _AT_TENTH dB where the disagreement is .1, and _PER_DECADE dB more for each tenth of that.
 _AT_TENTH, _PER_DECADE = 17.0, 20.0
 _GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
-_UNLIKELY = 3.0  # bias of the photos' lights, in ln probability, from which the object is doubtful
+_UNLIKELY = 3.0  # what is unlikely about the photos' lights, in ln probability, from which the object is doubtful
+_OF_LIGHTS = ("front_bias", "surprise", "excess", "excess_surprise")
 _DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
 
 
@@ -47,6 +49,8 @@ class ObjectVerdict:
     photos: int  # that it is the mean over
     front_bias: float = 0.0  # how much more light comes from the camera's side than from behind; `FrontBias.mean`
     surprise: float = 0.0  # how unlikely that is, in ln probability
+    excess: float = 0.0  # by how much lights are brighter than what photos show, in ln radiance; `Surroundings.excess`
+    excess_surprise: float = 0.0  # how unlikely that is, in ln probability
 
     @property
     def trust(self) -> Trust:
@@ -57,7 +61,7 @@ class ObjectVerdict:
 
     @property
     def _brightness_is_wrong(self) -> bool:
-        return self.surprise > _UNLIKELY
+        return self.surprise + self.excess_surprise > _UNLIKELY
 
     @property
     def expected_psnr(self) -> float:
@@ -84,11 +88,13 @@ class ObjectVerdict:
         """A sentence on the object's brightness where it is probably wrong, else nothing."""
         if not self._brightness_is_wrong:
             return ""
-        side, wrong = ("from behind", "bright") if self.front_bias < 0 else ("from the camera's side", "dark")
-        return (
-            f" Its lights come {side} more often than chance allows, so it is probably taken for too {wrong}; "
-            "lightprobe calibrate mends that."
-        )
+        if self.excess_surprise > self.surprise:
+            than, wrong = ("dimmer", "bright") if self.excess < 0 else ("brighter", "dark")
+            told = f"are {than} than what its photos show around it"
+        else:
+            side, wrong = ("from behind", "bright") if self.front_bias < 0 else ("from the camera's side", "dark")
+            told = f"come {side} more often than chance allows"
+        return f" Its lights {told}, so it is probably taken for too {wrong}; lightprobe calibrate mends that."
 
     @property
     def doubt(self) -> float:
@@ -114,7 +120,9 @@ class ObjectVerdict:
         error, photos = value.get("disagreement"), value.get("photos")
         if not isinstance(error, (int, float)) or not 0 <= error <= 1 or not isinstance(photos, int) or photos < 1:
             raise damaged(path, "'disagreement' is not from 0 to 1, or 'photos' is no count", _REMEDY)
-        bias, surprise = (value.get(name, 0.0) for name in ("front_bias", "surprise"))  # older runs have neither
-        if not all(isinstance(x, (int, float)) and math.isfinite(x) for x in (bias, surprise)) or surprise < 0:
-            raise damaged(path, "'front_bias' is no number, or 'surprise' is none from 0", _REMEDY)
-        return ObjectVerdict(float(error), photos, float(bias), float(surprise))
+        lights = {name: value.get(name, 0.0) for name in _OF_LIGHTS}  # which older runs lack
+        if not all(isinstance(x, (int, float)) and math.isfinite(x) for x in lights.values()):
+            raise damaged(path, f"one of {', '.join(_OF_LIGHTS)} is no number", _REMEDY)
+        if lights["surprise"] < 0 or lights["excess_surprise"] < 0:
+            raise damaged(path, "a surprise is below 0", _REMEDY)
+        return ObjectVerdict(float(error), photos, **{name: float(x) for name, x in lights.items()})

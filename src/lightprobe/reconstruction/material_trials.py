@@ -8,7 +8,8 @@ and fitted on, as what it has learnt tells brightnesses apart better than a mate
 needs to be clearly better: errors of shape, as between a chair's bars, favour a wrong brightness by a little.
 
 Parts of an object whose reflections all take the surface's colour agree at any brightness. Then the lights of all
-photos tell: they must not know where the camera stands (`reconstruction.front_bias`).
+photos tell: they must not know where the camera stands (`reconstruction.front_bias`), and be about as bright as what
+photos show around the object (`reconstruction.surroundings`).
 
 A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a material
 fitted to the same pixels turns into a mirror. So each step solves the light from one half of a photo's pixels, drawn at
@@ -30,6 +31,7 @@ from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
+from lightprobe.reconstruction.surroundings import Surroundings
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.training import Descent, ParameterGroup
 
@@ -55,6 +57,7 @@ class Sample:
     color: Tensor  # (P, 3) linear
     clipped: Tensor  # (P, 3) bool
     covered: float  # share of the photo that the object covers
+    shown: float | None = None  # as `Target.shown`
 
     @staticmethod
     def of(target: Target, gbuffer: GBuffer, seed: int) -> "Sample":
@@ -63,7 +66,8 @@ class Sample:
         rows = draw_rows(inside, _PIXELS, generator(seed, f"trial/{target.name}"))
         pixels = gbuffer.select(rows)
         covered = len(gbuffer.pixel) / (gbuffer.height * gbuffer.width)
-        return Sample(target.name, pixels, target.color[pixels.pixel], target.clipped[pixels.pixel], covered)
+        color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
+        return Sample(target.name, pixels, color, clipped, covered, target.shown)
 
     def of_material(self, material: Tensor) -> GBuffer:
         """Return the pixels with a material (P, 8), its normal offsets left out."""
@@ -116,10 +120,11 @@ class Trial:
         return errors
 
     def surprise(self) -> float:
-        """Return how unlikely it is that lights lie with the cameras as these do, in ln probability; 0 is likely."""
-        towards = [sample.pixels.view.mean(0) for sample in self.samples]
-        bias = FrontBias.of([self.lights[sample.name] for sample in self.samples], towards)
-        return 0.0 if bias is None else bias.surprise
+        """Return how unlikely such lights are with these cameras and surroundings, in ln probability; 0 is likely."""
+        lights = [self.lights[sample.name] for sample in self.samples]
+        bias = FrontBias.of(lights, [sample.pixels.view.mean(0) for sample in self.samples])
+        around = Surroundings.of(lights, [sample.shown for sample in self.samples])
+        return sum(evidence.surprise for evidence in (bias, around) if evidence is not None)
 
 
 def best_new(

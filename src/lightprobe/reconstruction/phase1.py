@@ -1,5 +1,6 @@
 """Phase I from start to end: visual hull, first pass, bake, second and third pass with their guards, final lights."""
 
+import functools
 import statistics
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target, load_targets
 from lightprobe.reconstruction.start import BOX, Start, start_from_box, start_from_hull
 from lightprobe.reconstruction.surface_model import SurfaceModel
+from lightprobe.reconstruction.surroundings import Surroundings, shown_level
 from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.asset import Asset
@@ -47,6 +49,11 @@ class Job:
     def targets(self, photos: list[Photo], side: int) -> list[Target]:
         """Return photos as tensors of at most `side` pixels."""
         return load_targets(self.scene, photos, side, self.device)
+
+    @functools.cached_property
+    def shown(self) -> dict[str, float | None]:
+        """The level of what each training photo shows around the object, by name."""
+        return {photo.name: shown_level(photo) for photo in self.scene.train}
 
 
 @dataclass(frozen=True)
@@ -111,8 +118,10 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
         training.begin(third, start.tensors())
     end = _third_pass(job, fitted, held_out, start, resumed)
     lights = _final_lights(job, end.asset, _lights(job, fitted, end.lights))
-    bias = FrontBias.of([lights[photo.name] for photo in scene.train], [_towards(p, scene) for p in scene.train])
-    verdict = judge_object(end.asset, job.targets(held_out, config.pass1_side), bias, config, seed)
+    every = [lights[photo.name] for photo in scene.train]
+    bias = FrontBias.of(every, [_towards(photo, scene) for photo in scene.train])
+    around = Surroundings.of(every, [job.shown[photo.name] for photo in scene.train])
+    verdict = judge_object(end.asset, job.targets(held_out, config.pass1_side), bias, around, config, seed)
     if verdict is not None:
         job.tell(verdict.sentence)
     environments = {name: Environment(light) for name, light in lights.items()}
@@ -143,7 +152,7 @@ def _lights(job: Job, photos: list[Photo], stacked: Tensor | None = None) -> Lig
 def _first_pass(job: Job, photos: list[Photo], resumed: Resumed | None) -> Handover:
     """Fit lattice and field, bake them, and return what the second pass starts from."""
     config, stage = job.config, job.training.stages[0]
-    targets = job.targets(photos, config.pass1_side)
+    targets = [replace(t, shown=job.shown[t.name]) for t in job.targets(photos, config.pass1_side)]
     start = start_shape(job.scene, config, job.seed, photos, targets)
     model = LatticeModel(start, config, job.device, job.seed)
     lights = _lights(job, photos)

@@ -20,6 +20,7 @@ class Target:
     color: Tensor  # (N, 3) linear, premultiplied
     alpha: Tensor  # (N,)
     clipped: Tensor  # (N, 3) bool: the pixel is at least as bright as its colour
+    shown: float | None = None  # level of what it shows around the object (`reconstruction.surroundings`), if known
 
 
 def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch.device) -> list[Target]:

@@ -1,5 +1,7 @@
 """How well an asset explains photos it was not fitted to: the passes' guard, the final lights, and the verdict."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -13,6 +15,7 @@ from lightprobe.reconstruction.agreement import disagreement
 from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.surroundings import Surroundings
 from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
@@ -64,11 +67,12 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
 
 @torch.no_grad()
 def judge_object(
-    asset: Asset, targets: list[Target], bias: FrontBias | None, config: DecomposeConfig, seed: int
-) -> ObjectVerdict | None:
+    asset: Asset, targets: list[Target], bias: FrontBias | None, around: Surroundings | None, config: DecomposeConfig,
+    seed: int,
+) -> ObjectVerdict | None:  # fmt: skip
     """Return the verdict on an asset from photos it was not fitted to; None when they show too little.
 
-    bias: of the lights of all training photos, where there are enough of them.
+    bias, around: of the lights of all training photos, where there are enough of them.
     """
     errors = []
     for target in targets:
@@ -81,5 +85,9 @@ def judge_object(
             errors.append(float(halves[0]))  # of the darker and the brighter surfaces
     if not errors:
         return None
-    mean, count = sum(errors) / len(errors), len(errors)
-    return ObjectVerdict(mean, count) if bias is None else ObjectVerdict(mean, count, bias.mean, bias.surprise)
+    verdict = ObjectVerdict(sum(errors) / len(errors), len(errors))
+    if bias is not None:
+        verdict = replace(verdict, front_bias=bias.mean, surprise=bias.surprise)
+    if around is not None:
+        verdict = replace(verdict, excess=around.excess, excess_surprise=around.surprise)
+    return verdict
