@@ -93,9 +93,8 @@ def test_export_writes_every_environment_twice(trained, tmp_path):
 @pytest.mark.slow
 def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
     scene, run = trained
-    (tmp_path / "photos").mkdir()
     (tmp_path / "runs").mkdir()
-    shutil.copytree(scene, tmp_path / "photos" / "cup")
+    shutil.copytree(scene, tmp_path / "scenes" / "cup")
     shutil.copytree(run.path, tmp_path / "runs" / "cup")
     color, alpha = read_ldr(scene / "test" / "test_00.png")
     Image.fromarray((255 * srgb_encode(torch.from_numpy(color)).numpy()).astype(np.uint8)).save(tmp_path / "new.jpg")
