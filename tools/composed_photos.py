@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from lightprobe.imaging import read_hdr, read_ldr, write_png
+from lightprobe.imaging import read_hdr, read_ldr, write_mask, write_png
 from lightprobe.light import equirect
 from lightprobe.render.surface import View
 from lightprobe.scene import load_scene
@@ -57,17 +57,15 @@ def write_composed(photos: Sequence[Photo], folder: Path) -> list[Path]:
 
 def write_opaque_scene(scene: Path, folder: Path) -> list[Path]:
     """Copy a synthetic scene to a new `folder`, make its training photos opaque, and return these photos' files."""
-    photos = load_scene(scene).train
     shutil.copytree(scene, folder)
     files = []
-    for photo in photos:
+    for photo in load_scene(folder).train:
         alpha = read_ldr(photo.image_path)[1]
-        if photo.truth.environment is None or alpha is None:
-            raise ValueError(f"{photo.name} has no true environment or no alpha channel.")
-        place = photo.image_path.relative_to(scene)
-        write_png(folder / "masks" / place, np.repeat(alpha[..., None], 3, 2), srgb=False)
-        write_png(folder / place, composed(photo))
-        files.append(folder / place)
+        picture = composed(photo)  # which refuses a photo without an alpha channel
+        assert alpha is not None
+        write_mask(folder / "masks" / photo.image_path.relative_to(folder), alpha)
+        write_png(photo.image_path, picture)
+        files.append(photo.image_path)
     return files
 
 

@@ -10,7 +10,7 @@ solved anew (preset quick), over what these photos would show of their true envi
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ from lightprobe.reconstruction.surroundings import light_level, pixels_level
 from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import visible_surface
+from lightprobe.report.markdown import markdown_table
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Scene
@@ -66,9 +67,8 @@ def photo_excess(asset: Asset, scene: Scene, photo: Photo, config: DecomposeConf
     """Return the levels of lights solved for a photo over that of what it would show, one for each factor."""
     (target,) = load_targets(scene, [photo], _SIDE, _CPU)
     assert photo.truth.environment is not None
-    seen = background(
-        read_hdr(photo.truth.environment), photo.camera.resized(target.view.width, target.view.height)
-    )  # fmt: skip
+    camera = photo.camera.resized(target.view.width, target.view.height)
+    seen = background(read_hdr(photo.truth.environment), camera)
     shown = pixels_level(torch.from_numpy(seen).reshape(-1, 3)[target.alpha == 0])
     surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
     gbuffer = asset_gbuffer(asset, surface, target.view)
@@ -87,13 +87,9 @@ def solved(color: Tensor, clipped: Tensor, pixels: GBuffer, factor: float, confi
     return light
 
 
-def _row(name: str, values: Sequence[Sequence[float]]) -> str:
-    cells = [f"{np.mean(v):+.2f} ± {np.std(v):.2f}" for v in values]
-    return f"| {name} | " + " | ".join(cells) + " |"
-
-
-def _head(first: str, names: Sequence[str]) -> str:
-    return f"| {first} | " + " | ".join(names) + " |\n|" + " --- |" + " ---: |" * len(names)
+def _row(name: str, values: Iterable[Sequence[float]]) -> list[str]:
+    """Return a name and the mean and standard deviation of each column's values."""
+    return [name, *(f"{np.mean(v):+.2f} ± {np.std(v):.2f}" for v in values)]
 
 
 @torch.no_grad()
@@ -104,18 +100,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("scenes", type=Path, nargs="*", metavar="SCENE")
     given = parser.parse_args(arguments)
     maps = [read_hdr(path)[..., :3] for path in environment_files(given.hdris)]
-    print(_head("", [f"{elevation}°" for elevation in _ELEVATIONS]))
     found = [[environment_excess(image, elevation) for image in maps] for elevation in _ELEVATIONS]
-    print(_row("between maps", [[float(np.mean(one)) for one in maps_of] for maps_of in found]))
-    print(_row("within one", [[v - float(np.mean(one)) for one in maps_of for v in one] for maps_of in found]))
-    config = settings(Preset.QUICK).decompose
-    for k, folder in enumerate(given.scenes):
-        if k == 0:
-            print("\n" + _head("object", [f"times {factor:g}" for factor in _FACTORS]))
+    between = _row("between maps", [[float(np.mean(one)) for one in maps_of] for maps_of in found])
+    within = _row("within one", [[v - float(np.mean(one)) for one in maps_of for v in one] for maps_of in found])
+    print("\n".join(markdown_table(["", *(f"{elevation}°" for elevation in _ELEVATIONS)], [between, within])))
+    config, rows = settings(Preset.QUICK).decompose, []
+    for folder in given.scenes:
         scene = load_scene(folder)
         asset, photos = true_asset(scene), scene.train[:: max(1, len(scene.train) // _PHOTOS)][:_PHOTOS]
         values = [photo_excess(asset, scene, photo, config) for photo in photos]
-        print(_row(folder.name, list(zip(*values, strict=True))), flush=True)
+        rows.append(_row(folder.name, zip(*values, strict=True)))
+    if rows:
+        print("\n" + "\n".join(markdown_table(["object", *(f"times {factor:g}" for factor in _FACTORS)], rows)))
 
 
 if __name__ == "__main__":
