@@ -29,7 +29,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.evaluation.metrics import aligned, log_difference
 from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.generated_lights import generated_light
-from lightprobe.lessons.synthetic import mean_up, rerender
+from lightprobe.lessons.synthetic import rerender
 from lightprobe.light import cubemap
 from lightprobe.models import Decomposition
 from lightprobe.prediction import Method, Predictor
@@ -37,7 +37,7 @@ from lightprobe.prediction.confidence import CAUSES, ESTIMATED, FITTED, Weights,
 from lightprobe.prediction.observation import observe
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.scene import load_scene
-from lightprobe.scene.camera import Camera
+from lightprobe.scene.camera import Camera, mean_up
 from lightprobe.scene.photo import Pixels
 
 SEED = 2026  # of lights and photos; trainings have other seeds
@@ -74,7 +74,7 @@ def photograph(decomposition: Decomposition, camera: Camera, light: Tensor, numb
 def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, photos: int) -> Samples:
     """Return what `photos` photos of the predictor's object say, its `cameras` taken in turn."""
     resolution, asset = predictor.config.light_resolution, predictor.decomposition.asset
-    up = mean_up([torch.from_numpy(camera.camera_to_world) for camera in cameras])
+    up = torch.from_numpy(mean_up([camera.camera_to_world[:3, 1] for camera in cameras])).float()
     rows, errors = [], []
     for number in range(photos):
         camera = cameras[number % len(cameras)]

@@ -7,6 +7,7 @@ import torch
 
 from lightprobe.core.config.distillation import DistillConfig, Lessons
 from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.lessons import lessons as module
 from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.light.environment import Environment
 from lightprobe.scene import load_scene
@@ -55,6 +56,20 @@ def test_equal_seeds_give_equal_lessons_and_progress_is_told(world):
     again = collect(world, Lessons.SYNTHETIC)
     assert all(torch.equal(a.pixels.color, b.pixels.color) for a, b in zip(first, again, strict=True))
     assert told[-1] == (len(world[2].train), len(world[2].train))
+
+
+@pytest.mark.parametrize("hidden", [(0,), (1, 2), (-1,)])
+def test_photos_that_show_too_little_leave_their_share_to_others(world, monkeypatch, hidden):
+    names, told = [photo.name for photo in world[2].train], []
+    unseen, view = {names[k] for k in hidden}, module._training_view
+    monkeypatch.setattr(
+        module,
+        "_training_view",
+        lambda asset, photo, *rest: None if photo.name in unseen else view(asset, photo, *rest),
+    )
+    found = collect(world, Lessons.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
+    assert [each.name for each in found] == [f"synthetic {k}" for k in range(7)]
+    assert told[-1] == (len(names), len(names))
 
 
 def test_maps_of_the_user_are_lit_with(world):

@@ -106,7 +106,8 @@ def test_only_the_first_checkpoints_choose(stage, iteration, choices):
 
 
 @pytest.mark.parametrize(("trial_steps", "length", "every", "steps"), [
-    (240, 1500, 150, {300, 1050}), (240, 650, 150, {300, 450}), (240, 5000, 1000, {2000, 4000}), (0, 1500, 150, set()),
+    (240, 1500, 150, {300, 1050}), (240, 650, 150, {300, 450}), (240, 5000, 1000, {2000, 4000}),
+    (240, 301, 150, {150, 300}), (0, 1500, 150, set()),
 ])  # fmt: skip
 def test_materials_are_tried_on_the_rough_shape_and_again_on_the_nearly_finished_one(trial_steps, length, every, steps):
     config = replace(DecomposeConfig(), trial_steps=trial_steps, pass1_iterations=length, checkpoint_every=every)
@@ -115,7 +116,8 @@ def test_materials_are_tried_on_the_rough_shape_and_again_on_the_nearly_finished
     assert tried == ({step for step in range(0, length + 1, every) if step >= max(steps)} if steps else set())
 
 
-def test_metals_are_not_tried_where_there_is_one_trial():
-    config = replace(DecomposeConfig(), trial_steps=240, pass1_iterations=430, checkpoint_every=150)
-    assert trials_at(config) == {300}
-    assert not metals_tried(config, 430)
+@pytest.mark.parametrize(("length", "only"), [(430, 300), (300, 150)])  # after the last step nothing is tried any more
+def test_metals_are_not_tried_where_there_is_one_trial(length, only):
+    config = replace(DecomposeConfig(), trial_steps=240, pass1_iterations=length, checkpoint_every=150)
+    assert trials_at(config) == {only}
+    assert not metals_tried(config, length)

@@ -17,6 +17,7 @@ from lightprobe.reconstruction.surroundings import light_level
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 
+UP = torch.tensor([0.0, 0.0, 1.0])
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_finest=64)
 
@@ -32,7 +33,7 @@ def photos(scale, count=6):
         light = rotate_light(0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution)
         photo = shade(replace(ball, base_color=color), operator, operator.apply(light))
         photo = photo * 0.22 / photo.mean()
-        samples.append(Sample(f"photo{k}", ball, photo, torch.zeros_like(photo, dtype=torch.bool), 0.5))
+        samples.append(Sample(f"photo{k}", ball, photo, torch.zeros_like(photo, dtype=torch.bool), 0.5, UP))
     return samples, Lights([s.name for s in samples], CONFIG, CPU, 0), float(color.mean())
 
 
@@ -169,5 +170,5 @@ def test_the_lowest_point_leans_towards_the_lower_neighbour():
 
 def test_no_pixels_no_trial():
     samples, lights, _ = photos(0.1, 1)
-    empty = [Sample(s.name, s.pixels.select(torch.arange(0)), s.color[:0], s.clipped[:0], 0.0) for s in samples]
+    empty = [Sample(s.name, s.pixels.select(torch.arange(0)), s.color[:0], s.clipped[:0], 0.0, UP) for s in samples]
     assert best_new(empty, lights, material_of(0.4), 0) is None

@@ -18,6 +18,7 @@ from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 
+UP = torch.tensor([0.0, 0.0, 1.0])
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_levels=4, hash_finest=32, trial_steps=80)
 GOLD, PAINT = (0.8, 0.5, 0.15), (0.5, 0.45, 0.4)
@@ -43,7 +44,7 @@ def photos(gilt: bool, count=10):
         photo = shade(ball, operator, operator.apply(light))
         light, photo = (x * 0.22 / photo.mean() for x in (light, photo))
         lights.replace(f"photo{k}", light)
-        samples.append(Sample(f"photo{k}", ball, photo, torch.zeros_like(photo, dtype=torch.bool), 0.5))
+        samples.append(Sample(f"photo{k}", ball, photo, torch.zeros_like(photo, dtype=torch.bool), 0.5, UP))
     return samples, lights
 
 

@@ -5,7 +5,9 @@ import pytest
 
 from lightprobe.core.errors import InputError
 from lightprobe.scene import Camera, Similarity
+from lightprobe.scene.camera import mean_up
 from tests.scene.worlds import expected_camera, views
+from tests.shapes import camera_at
 
 POINTS = np.random.default_rng(1).normal((3.3, 1.0, 2.2), 1.0, (9, 3))
 
@@ -67,3 +69,9 @@ def test_missing_key_and_wrong_type(camera):
         Camera.from_json(value, source="c.json")
     with pytest.raises(InputError, match=r"c\.json must hold a JSON object"):
         Camera.from_json([1, 2], source="c.json")
+
+
+def test_up_is_where_the_cameras_say():
+    tilted = [camera_at((2.0, x, 0.8)).camera_to_world[:3, 1] for x in (-2.0, 0.5, 2.0)]
+    assert mean_up(tilted)[2] > 0.9
+    assert mean_up([tilted[1], -tilted[1]]).tolist() == [0.0, 0.0, 1.0]

@@ -3,7 +3,7 @@
 Everything that does not change while training is computed here once.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -15,15 +15,15 @@ from lightprobe.core.errors import InputError
 from lightprobe.imaging import CLIPPED
 from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.lesson import Lesson, LessonMaker
-from lightprobe.lessons.synthetic import LightPool, mean_up, rerender
+from lightprobe.lessons.synthetic import LightPool, rerender
 from lightprobe.light.environment import Environment
 from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene import load_pixels
-from lightprobe.scene.photo import Photo, Scene
+from lightprobe.scene.camera import mean_up
+from lightprobe.scene.photo import OPAQUE, Photo, Scene
 
-_OPAQUE = 0.9  # below this coverage a pixel's colour is partly extrapolated from its neighbours
 _FEWEST_PIXELS = 16  # of a photo that can tell of a light
 _SYNTHETIC_PIXELS = 2048  # rendered for a re-rendered photo
 
@@ -47,19 +47,26 @@ def collect_lessons(
     `environments`: of any resolution, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
     Raises `InputError` when no photo shows the object.
     """
-    up = mean_up([torch.from_numpy(photo.camera.camera_to_world) for photo in scene.train])
+    up = torch.from_numpy(mean_up([photo.camera.camera_to_world[:3, 1] for photo in scene.train])).float()
     pool = LightPool(up, [lights[name] for name in sorted(lights)], environments, RESOLUTION, seed, device)
     lessons: list[Lesson] = []
-    for done, look in enumerate(_training_views(asset, lights, scene, config, device, seed)):
-        if config.lessons is not Lessons.SYNTHETIC:
-            desk = LessonMaker(look.gbuffer, up, config)
-            light = lights[look.photo.name].to(device).texels
-            lessons.append(desk.lesson(look.photo.name, look.color, look.clipped, light))
-        if config.lessons is not Lessons.TEACHER:
-            first, last = (i * config.synthetic_lessons // len(scene.train) for i in (done, done + 1))
-            lessons += _synthetic(look, pool, range(first, last), config, seed)
+    shown: _TrainingView | None = None
+    photos, first = [photo for photo in scene.train if photo.name in lights], 0
+    for done, photo in enumerate(photos, start=1):
+        look = _training_view(asset, photo, scene, config, device, seed)
+        if look is not None:
+            if config.lessons is not Lessons.SYNTHETIC:
+                desk = LessonMaker(look.gbuffer, up, config)
+                light = lights[photo.name].to(device).texels
+                lessons.append(desk.lesson(photo.name, look.color, look.clipped, light))
+            if config.lessons is not Lessons.TEACHER:  # also the share of photos before it that show too little
+                last = done * config.synthetic_lessons // len(photos)
+                lessons += _synthetic(look, pool, range(first, last), config, seed)
+                first, shown = last, look
         if on_lesson is not None:
-            on_lesson(done + 1, len(scene.train))
+            on_lesson(done, len(photos))
+    if shown is not None:
+        lessons += _synthetic(shown, pool, range(first, config.synthetic_lessons), config, seed)
     if not lessons:
         raise InputError(
             f"None of the {len(scene.train)} training photos in {scene.root} shows the reconstructed object; "
@@ -80,27 +87,16 @@ def _synthetic(look: _TrainingView, pool: LightPool, numbers: range, config: Dis
     return lessons
 
 
-def _training_views(
-    asset: Asset,
-    lights: Mapping[str, Environment],
-    scene: Scene,
-    config: DistillConfig,
-    device: torch.device,
-    seed: int,
-) -> Iterator[_TrainingView]:
-    """Yield at most `pixels_per_photo` object pixels of each usable training photo, chosen at random."""
-    for photo in scene.train:
-        if photo.name not in lights:
-            continue
-        loaded, camera = load_pixels(photo, config.max_side)
-        gbuffer = rasterize_asset(asset, camera.normalised(scene.similarity), device)
-        opaque = torch.from_numpy(loaded.alpha).to(device).reshape(-1)[gbuffer.pixel] >= _OPAQUE
-        rows = opaque.nonzero()[:, 0]
-        if len(rows) < _FEWEST_PIXELS:
-            continue
-        rows = draw_rows(rows, config.pixels_per_photo, generator(seed, f"distill-keep/{photo.name}"))
-        at = gbuffer.pixel[rows]
-        color, clipped = (
-            torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped)
-        )
-        yield _TrainingView(photo, gbuffer.select(rows), color, clipped)
+def _training_view(asset: Asset, photo: Photo, scene: Scene, config: DistillConfig, device: torch.device, seed: int
+                   ) -> _TrainingView | None:  # fmt: skip
+    """Return at most `pixels_per_photo` object pixels of a training photo, chosen at random; None where it has few."""
+    loaded, camera = load_pixels(photo, config.max_side)
+    gbuffer = rasterize_asset(asset, camera.normalised(scene.similarity), device)
+    opaque = torch.from_numpy(loaded.alpha).to(device).reshape(-1)[gbuffer.pixel] >= OPAQUE
+    rows = opaque.nonzero()[:, 0]
+    if len(rows) < _FEWEST_PIXELS:
+        return None
+    rows = draw_rows(rows, config.pixels_per_photo, generator(seed, f"distill-keep/{photo.name}"))
+    at = gbuffer.pixel[rows]
+    color, clipped = (torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped))
+    return _TrainingView(photo, gbuffer.select(rows), color, clipped)

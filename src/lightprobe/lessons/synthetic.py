@@ -103,9 +103,3 @@ def rerender(gbuffer: GBuffer, light: Tensor, draw: Draw) -> tuple[Tensor, Tenso
     light = light.to(gbuffer.normal.device)
     color, exposure = photograph(shade(true, operator, operator.apply(light)), draw)
     return color, exposure * furnace(true).sum(0) / furnace(gbuffer).sum(0).clamp(min=1e-9)
-
-
-def mean_up(poses: Sequence[Tensor]) -> Tensor:
-    """Return the direction (3,) that is up for most of the camera-to-world matrices (4, 4); +z if they disagree."""
-    up = torch.stack([pose[:3, 1] for pose in poses]).float().mean(0)
-    return torch.nn.functional.normalize(up, dim=0) if float(up.norm()) > 0.3 else torch.tensor([0.0, 0.0, 1.0])

@@ -98,7 +98,7 @@ def _suspects(model: LatticeModel, surface: ClosedSurface, photos: _Photos) -> l
     errors: list[list[tuple[float, float]]] = [[] for _ in lids]
     seen: list[dict[str, Tensor]] = [{} for _ in lids]
     for target, gbuffer in photos.shown(model) if lids else ():
-        pixels = gbuffer.select((target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0])
+        pixels = gbuffer.select(target.inside(gbuffer.pixel))
         image = render(pixels, lights.maps[lights.index[target.name]].detach())
         for lid_faces, error, shown in zip(of_lid, errors, seen, strict=True):
             here = lid_faces[pixels.face]
@@ -229,4 +229,4 @@ def _fitted(model: LatticeModel, photos: _Photos) -> tuple[Trial, int]:
     samples = [Sample.of(*one, photos.seed) for one in shown]
     trial = Trial(copy.deepcopy(model.material), samples, photos.lights, 1.0, photos.seed)
     trial.fit((model.config.trial_steps + 1) // 2)
-    return trial, sum(int((target.alpha[gbuffer.pixel] > 0.99).sum()) for target, gbuffer in shown)
+    return trial, sum(len(target.inside(gbuffer.pixel)) for target, gbuffer in shown)

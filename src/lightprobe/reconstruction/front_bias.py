@@ -49,12 +49,13 @@ class FrontBias:
 
     @staticmethod
     @torch.no_grad()
-    def of(lights: Sequence[Tensor], towards: Sequence[Tensor]) -> "FrontBias | None":
-        """Return the bias of N lights (6, R, R, 3), each with a direction (3,) towards its camera.
+    def of(lights: Sequence[Tensor], towards: Sequence[Tensor], up: Tensor) -> "FrontBias | None":
+        """Return the bias of N lights (6, R, R, 3), each with a direction (3,) towards its camera; `up` (3,) is a unit.
 
         None for fewer than eight photos whose camera is not right above or below.
         """
-        seen = [(light, frame) for light, at in zip(lights, towards, strict=True) if (frame := _frame(at)) is not None]
+        frames = [_frame(at, up) for at in towards]
+        seen = [(light, frame) for light, frame in zip(lights, frames, strict=True) if frame is not None]
         if len(seen) < _FEWEST:
             return None
         values = torch.tensor([_bias(light, frame[:, 0]) for light, frame in seen], dtype=torch.float64)
@@ -64,13 +65,15 @@ class FrontBias:
         return FrontBias(float(values.mean()), spread * ((1 + (count - 1) * alike) / count) ** 0.5)
 
 
-def _frame(towards: Tensor) -> Tensor | None:
-    """Return the rotation (3, 3) around z that turns x to the horizontal part of `towards` (3,), None without one."""
-    length = float(towards[:2].norm())
-    if length < 1e-3 * float(towards.norm()):
+def _frame(towards: Tensor, up: Tensor) -> Tensor | None:
+    """Return the rotation (3, 3) of z to `up` (3,) and x to the horizontal part of `towards` (3,), None without one."""
+    towards, up = towards.cpu(), up.cpu()
+    across = towards - (towards @ up) * up
+    length = across.norm()
+    if length < 1e-3 * towards.norm():
         return None
-    x, y = (towards[:2] / length).tolist()
-    return torch.tensor([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+    front = across / length
+    return torch.stack([front, torch.linalg.cross(up, front), up], 1)
 
 
 def _bias(light: Tensor, front: Tensor) -> float:

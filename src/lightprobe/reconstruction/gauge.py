@@ -43,8 +43,9 @@ def trials_at(config: DecomposeConfig) -> frozenset[int]:
     """Return the steps of the first pass, checkpoints all, at which the material is fitted anew."""
     if config.trial_steps == 0:
         return frozenset()
-    every = config.checkpoint_every
-    return frozenset((_FIRST_TRIAL * every, round(_SECOND_TRIAL * config.pass1_iterations / every) * every))
+    every, end = config.checkpoint_every, config.pass1_iterations
+    steps = (_FIRST_TRIAL * every, round(_SECOND_TRIAL * end / every) * every)
+    return frozenset(step for step in steps if step < end)  # what comes after the last step is the second pass's
 
 
 def metals_tried(config: DecomposeConfig, step: int) -> bool:

@@ -57,7 +57,7 @@ class Lights:
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
         """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""
-        inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+        inside = target.inside(gbuffer.pixel)
         draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
         return inside[to_device(draw[:count], inside.device)]
 

@@ -27,12 +27,13 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
 from lightprobe.reconstruction.front_bias import FrontBias
-from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST
+from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST, brightened
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.reconstruction.surroundings import Surroundings
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.scene.camera import mean_up
 from lightprobe.training import Descent, ParameterGroup
 
 PHOTOS = 32  # that a trial learns from
@@ -57,17 +58,22 @@ class Sample:
     color: Tensor  # (P, 3) linear
     clipped: Tensor  # (P, 3) bool
     covered: float  # share of the photo that the object covers
+    up: Tensor  # (3,) the camera's upward axis
     shown: float | None = None  # as `Target.shown`
 
     @staticmethod
     def of(target: Target, gbuffer: GBuffer, seed: int) -> "Sample":
         """Return pixels of a photo that lie wholly inside its mask, drawn at random."""
-        inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+        inside = target.inside(gbuffer.pixel)
         rows = draw_rows(inside, _PIXELS, generator(seed, f"trial/{target.name}"))
         pixels = gbuffer.select(rows)
         covered = len(gbuffer.pixel) / (gbuffer.height * gbuffer.width)
         color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
-        return Sample(target.name, pixels, color, clipped, covered, target.shown)
+        return Sample(target.name, pixels, color, clipped, covered, target.view.rotation[:, 1], target.shown)
+
+    def brightened(self, factor: float) -> "Sample":
+        """Return the pixels on a surface whose base colours are `factor` times as bright."""
+        return replace(self, pixels=brightened(self.pixels, factor))
 
     def of_material(self, material: Tensor) -> GBuffer:
         """Return the pixels with a material (P, 8), its normal offsets left out."""
@@ -78,8 +84,12 @@ class Trial:
     """A material on a fixed surface, and its lights."""
 
     def __init__(self, material: ScaledMaterial, samples: Sequence[Sample], lights: Lights, factor: float, seed: int):
-        """Start from a material, which is changed, and from the `lights` divided by `factor`."""
-        self.material, self.samples, self.config, self.seed = material, samples, material.config, seed
+        """Start from a material, which is changed and `factor` times as bright as that of the samples.
+
+        What these see of the object is as much brighter, and the `lights` are as much darker.
+        """
+        self.material, self.config, self.seed = material, material.config, seed
+        self.samples = [sample.brightened(factor) for sample in samples]
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
 
     def fit(self, steps: int) -> None:
@@ -122,7 +132,8 @@ class Trial:
     def surprise(self) -> float:
         """Return how unlikely such lights are with these cameras and surroundings, in ln probability; 0 is likely."""
         lights = [self.lights[sample.name] for sample in self.samples]
-        bias = FrontBias.of(lights, [sample.pixels.view.mean(0) for sample in self.samples])
+        up = torch.from_numpy(mean_up([sample.up.cpu().numpy() for sample in self.samples])).float()
+        bias = FrontBias.of(lights, [sample.pixels.view.mean(0) for sample in self.samples], up)
         around = Surroundings.of(lights, [sample.shown for sample in self.samples])
         return sum(evidence.surprise for evidence in (bias, around) if evidence is not None)
 

@@ -10,6 +10,8 @@ from lightprobe.render.surface import View
 from lightprobe.scene import load_pixels
 from lightprobe.scene.photo import Photo, Scene
 
+_WHOLE = 0.99  # of the mask's highest coverage, above which a pixel shows the object alone
+
 
 @dataclass(frozen=True)
 class Target:
@@ -21,6 +23,13 @@ class Target:
     alpha: Tensor  # (N,)
     clipped: Tensor  # (N, 3) bool: the pixel is at least as bright as its colour
     shown: float | None = None  # level of what it shows around the object (`reconstruction.surroundings`), if known
+
+    def inside(self, pixel: Tensor) -> Tensor:
+        """Return which of the pixels `pixel` (K,) int64 lie wholly inside the mask: their places in it, (M,) int64.
+
+        Masks that are nearly white inside, as those of some programs, count as white.
+        """
+        return (self.alpha[pixel] > _WHOLE * self.alpha.max()).nonzero()[:, 0]
 
 
 def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch.device) -> list[Target]:

@@ -50,7 +50,7 @@ class PhotoPixels:
     def of(asset: Asset, target: Target, seed: int) -> "PhotoPixels":
         """Return at most `_POOL` pixels of a photo of the asset, drawn at random."""
         surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
-        inside = (target.alpha[surface.pixel] > 0.99).nonzero()[:, 0]
+        inside = target.inside(surface.pixel)
         surface = surface.select(draw_rows(inside, _POOL, generator(seed, f"pool/{target.name}")))
         at = surface.pixel
         return PhotoPixels(target.name, target.view, surface, target.color[at], target.clipped[at])

@@ -35,7 +35,7 @@ def fit_light(
     """
     surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
     gbuffer = asset_gbuffer(asset, surface, target.view)
-    inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+    inside = target.inside(gbuffer.pixel)
     draw = torch.randperm(len(inside), generator=generator(seed, f"explain/{target.name}"))
     rows = inside[draw[: 2 * config.light_solve_pixels].to(inside.device)]
     rounds = _ROUNDS if start is None else 1
@@ -77,7 +77,7 @@ def judge_object(
     errors = []
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
-        inside = (target.alpha[gbuffer.pixel] > 0.99).nonzero()[:, 0]
+        inside = target.inside(gbuffer.pixel)
         pixels = gbuffer.select(draw_rows(inside, _JUDGED, generator(seed, f"judge/{target.name}")))
         color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
         halves = disagreement(pixels, color, clipped, light, config, generator(seed, f"judge-halves/{target.name}"))

@@ -4,6 +4,7 @@ Notation: camera axes are OpenGL's (x right, y up, looking along -z); `camera_to
 points; pixel (column j, row i) has its centre at (j + 0.5, i + 0.5) with row 0 at the top.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +18,8 @@ _SIDE = 1_000_000  # pixels
 _FOCAL = 1e-3, 1e5  # least and greatest focal length, in the longer side of the image
 _CENTER = 1e3  # distance of the principal point from the image's corner, likewise; photos may be crops of larger ones
 _FAR = 1e12  # coordinates of a position, in the user's units
+
+_AGREEING = 0.3  # length of the mean of unit axes from which they agree on a direction
 
 
 @dataclass(frozen=True)
@@ -164,3 +167,10 @@ class Camera:
                 f"{source}: the principal point ({self.cx:.3g}, {self.cy:.3g}) lies absurdly far outside the "
                 f"{self.width} x {self.height} pixels of the image; give it in pixels of this image."
             )
+
+
+def mean_up(axes: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the direction (3,) float64 that is up for most cameras, by their upward axes (3,); +z if they disagree."""
+    up = np.mean(np.asarray(axes, np.float64), axis=0)
+    length = float(np.linalg.norm(up))
+    return up / length if length > _AGREEING else np.array([0.0, 0.0, 1.0])
