@@ -65,6 +65,26 @@ def test_a_photo_that_cannot_serve_is_left_out_and_named(trained, opaque, tmp_pa
     assert out.is_file()
 
 
+def test_a_photo_that_is_white_all_over_is_left_out_and_named(trained, opaque, tmp_path, capsys):
+    images = opaque[0]
+    white, plain = tmp_path / images[0].name, tmp_path / "plain.exr"
+    write_png(white, np.ones_like(read_ldr(images[0])[0]))
+    arguments = [
+        "predict",
+        trained[1].path,
+        white,
+        images[1],
+        *given(opaque),
+        "--one-light",
+        "-o",
+        tmp_path / "light.exr",
+    ]
+    assert main([str(argument) for argument in arguments]) == 2
+    assert f"{white} is not in the map. 100 % of the object's values are clipped" in capsys.readouterr().err
+    succeed("predict", trained[1].path, images[1], *given(opaque), "--one-light", "-o", plain)
+    np.testing.assert_array_equal(read_hdr(light), read_hdr(plain))
+
+
 def test_the_background_is_used_unless_told_otherwise(trained, opaque, tmp_path, capsys):
     image = opaque[0][0]
     succeed("predict", trained[1].path, image, *given(opaque), "-o", tmp_path / "with.exr")

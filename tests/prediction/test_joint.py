@@ -75,6 +75,12 @@ def test_exposures_are_found_with_the_light(sphere, photos):
     assert torch.equal(relative_exposures(seen, 0), relative_exposures(seen, 0))
 
 
+def test_a_photo_that_is_white_all_over_keeps_the_usual_exposure(sphere, photos, seen):
+    clipped = Pixels(np.ones_like(photos[1].color), photos[1].alpha, np.ones_like(photos[1].clipped))
+    white = observe(sphere, clipped, CAMERAS[1], CPU, 65_536)
+    assert float(relative_exposures([seen[0], white, seen[2]], 0)[1]) == pytest.approx(1, rel=0.1)
+
+
 def test_what_no_light_explains_hardly_tells_its_exposure(sphere, photos):
     random = np.random.default_rng(0).uniform(0, 6, photos[1].color.shape).astype(np.float32)
     noise = Pixels(random * photos[1].alpha[..., None], photos[1].alpha, photos[1].clipped)

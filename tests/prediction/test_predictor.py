@@ -56,6 +56,13 @@ def test_the_configured_method_comes_first(model):
     assert methods_for(model, paper)[0] is Method.PROBE_MLP
     assert sorted(methods_for(model, paper)) == sorted(methods_for(model))
     assert methods_for(None, paper)[0] is Method.SOLVE
+    network = PredictConfig(method=Method.PROBE_NET_SOLVE)
+    assert methods_for(replace(model, sphere=None), network)[0] is Method.PROBE_MLP_SOLVE
+
+
+@pytest.mark.parametrize("method", [Method.CONSTANT, Method.OPTIMIZE])
+def test_a_configured_method_without_a_network_needs_no_model(method):
+    assert methods_for(None, PredictConfig(method=method))[0] is method
 
 
 def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo):

@@ -76,9 +76,15 @@ def _subset(observation: Observation, number: int, seed: int) -> Tensor:
 
 
 def _exposure(matrix: Tensor, color: Tensor, trust: Tensor, light: Tensor) -> Tensor:
-    """Return the expected factor () that brings a photo under `light` (384, 3) closest to its pixels `color` (P, 3)."""
+    """Return the expected factor () that brings a photo under `light` (384, 3) closest to its pixels `color` (P, 3).
+
+    1 where no pixel is trusted, as in a photo that is white all over: it tells nothing of its exposure.
+    """
     render = torch.einsum("cpt,tc->pc", matrix, light)
-    explained = (trust * render.square()).sum().clamp(min=1e-12)
+    explained = (trust * render.square()).sum()
+    if not bool(explained > 0):
+        return torch.ones_like(explained)
+    explained = explained.clamp(min=1e-12)
     ratio = ((trust * render * color).sum() / explained).clamp(1e-3, 1e3)
     # Of ln s about ln ratio. The asset's errors are alike over a whole photo: its pixels count as one.
     variance = (trust * (ratio * render - color).square()).sum() / (ratio.square() * explained)

@@ -43,13 +43,15 @@ def methods_for(model: ProbeModel | None, config: PredictConfig | None = None) -
 
     That is the configured one if there is one and the run has the model for it, else the best.
     """
-    if model is None:
-        return (Method.SOLVE, Method.CONSTANT)
-    every: tuple[Method, ...] = (Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, Method.SOLVE, Method.CONSTANT)
-    if model.sphere is not None:
-        every = (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *every)
+    possible = [Method.SOLVE, Method.CONSTANT]
+    if model is not None:
+        possible = [Method.PROBE_MLP_SOLVE, Method.PROBE_MLP, *possible]
+        if model.sphere is not None:
+            possible = [Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET_SOLVE, Method.PROBE_NET, *possible]
     chosen = None if config is None else config.method
-    return every if chosen is None else (chosen, *(method for method in every if method is not chosen))
+    if chosen is Method.OPTIMIZE or chosen in possible:
+        return (chosen, *(method for method in possible if method is not chosen))
+    return tuple(possible)
 
 
 def recorded_config(run: RunFolder) -> PredictConfig:

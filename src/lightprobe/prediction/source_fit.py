@@ -99,7 +99,9 @@ class _Pixels:
         towards = torch.tensor(source.direction, device=self.rows.device)
         directions = towards[None] if as_point else _disc(towards, source.angular_radius)
         share = sum(self.maps.visibility(axes)[0] for axes in frames(directions)) / len(directions)
-        arriving = (share * (gbuffer.normal @ towards).clamp(min=0))[:, None] * torch.tensor(source.irradiance)
+        arriving = (share * (gbuffer.normal @ towards).clamp(min=0))[:, None] * torch.tensor(
+            source.irradiance, device=self.rows.device
+        )
         return (image + self.diffuse * (arriving.to(coarse) / math.pi - coarse)).clamp(min=0)
 
     def rest(self, light: Environment) -> list[Tensor]:

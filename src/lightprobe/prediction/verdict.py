@@ -97,11 +97,9 @@ class Verdict:
         return {**vars(self), "status": self.status.value, "sentences": list(self.sentences)}
 
     def _findings(self) -> list[tuple[Status, str]]:
-        if self.level <= _BLACK:
-            return [(Status.REFUSED, "The object is black in this photo, which tells nothing about its light.")]
-        if self.clipped >= _ALL_WHITE:
-            told = f"{100 * self.clipped:.0f} % of the object's values are clipped to white"
-            return [(Status.REFUSED, f"{told}, which tell nothing about the light; expose the photo for the object.")]
+        nothing = tells_nothing(self.clipped, self.level)
+        if nothing is not None:
+            return [(Status.REFUSED, nothing)]
         if self.explained <= _NOTHING_EXPLAINED:
             return [(Status.REFUSED, f"No light makes this object look like this photo: {_SUSPECTS}")]
         return [(Status.DOUBTFUL, sentence) for sentence in self._doubts()]
@@ -132,6 +130,19 @@ class Verdict:
                 f"{100 * self.clipped:.0f} % of the object's values are clipped to white, which hides how bright its "
                 "light is; expose the photo for the object."
             )
+
+
+def tells_nothing(clipped: float, level: float) -> str | None:
+    """Return why a photo tells nothing about its light, by its `Verdict`'s share of clipped values and level; or None.
+
+    Needs no model of the object: it is black, or white all over.
+    """
+    if level <= _BLACK:
+        return "The object is black in this photo, which tells nothing about its light."
+    if clipped >= _ALL_WHITE:
+        told = f"{100 * clipped:.0f} % of the object's values are clipped to white"
+        return f"{told}, which tell nothing about the light; expose the photo for the object."
+    return None
 
 
 @torch.no_grad()

@@ -18,9 +18,11 @@ from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
 from lightprobe.export.light_file import PhotoFacts, light_file, write_light_file
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for
+from lightprobe.prediction.verdict import tells_nothing
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, file_stem, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
+from lightprobe.scene.photo import OPAQUE
 from lightprobe.scene.record import read_record
 
 
@@ -241,14 +243,21 @@ def _photo_files(images: Sequence[Path], files: PredictionFiles, folders: Sequen
 
 
 def _readable(photos: NewPhotos, images: Sequence[Path]) -> tuple[dict[Path, NewPhoto], dict[Path, str]]:
-    """Return the photos that serve, and why the others do not."""
+    """Return the photos that tell something of the light, and why the others do not serve."""
     read: dict[Path, NewPhoto] = {}
     left_out: dict[Path, str] = {}
     for index, image in enumerate(images):
         try:
-            read[image] = photos.read(index)
+            photo = photos.read(index)
         except InputError as error:
             left_out[image] = str(error)
+            continue
+        opaque = photo.pixels.alpha >= OPAQUE
+        nothing = tells_nothing(float(photo.pixels.clipped[opaque].mean()), float(photo.pixels.color[opaque].mean()))
+        if nothing is None:
+            read[image] = photo
+        else:
+            left_out[image] = nothing
     return read, left_out
 
 

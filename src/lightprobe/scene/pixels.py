@@ -180,7 +180,7 @@ class _Opened:
 
     def check_seen(self) -> None:
         """Raise `InputError` when all coverage has been handed out and no pixel shows the object."""
-        if self._highest < 0.5:
+        if self._highest < OPAQUE:
             raise InputError(
                 f"{self._mask_file} shows no object (its brightest pixel is {self._highest * 255:.0f} of 255); "
                 "the object must be white, or remove the photo."

@@ -9,7 +9,7 @@ import functools
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -131,14 +131,6 @@ def recorder_for(device: torch.device) -> Recorder | None:
 @functools.cache
 def _cuda_recorder(device: torch.device) -> CudaRecorder:
     return CudaRecorder(device)
-
-
-def set_rate(group: dict[str, Any], rate: float) -> None:
-    """Set the learning rate of an optimiser's group, in place where it is a tensor: a recording reads it there."""
-    if isinstance(group["lr"], Tensor):
-        group["lr"].fill_(rate)
-    else:
-        group["lr"] = rate
 
 
 def _shapes(tensors: tuple[Tensor, ...]) -> Shapes:
