@@ -69,16 +69,8 @@ def test_a_photo_that_is_white_all_over_is_left_out_and_named(trained, opaque, t
     images = opaque[0]
     white, plain = tmp_path / images[0].name, tmp_path / "plain.exr"
     write_png(white, np.ones_like(read_ldr(images[0])[0]))
-    arguments = [
-        "predict",
-        trained[1].path,
-        white,
-        images[1],
-        *given(opaque),
-        "--one-light",
-        "-o",
-        tmp_path / "light.exr",
-    ]
+    light = tmp_path / "light.exr"
+    arguments = ["predict", trained[1].path, white, images[1], *given(opaque), "--one-light", "-o", light]
     assert main([str(argument) for argument in arguments]) == 2
     assert f"{white} is not in the map. 100 % of the object's values are clipped" in capsys.readouterr().err
     succeed("predict", trained[1].path, images[1], *given(opaque), "--one-light", "-o", plain)

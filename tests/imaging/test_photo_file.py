@@ -63,6 +63,30 @@ def test_sixteen_bit_tiff_keeps_its_very_samples(tmp_path, channels, compression
     np.testing.assert_allclose(read_ldr(tmp_path / "a.tif")[0][..., :3], srgb_decode(color), atol=1e-6)
 
 
+@pytest.mark.parametrize("turn", range(1, 9))
+@pytest.mark.parametrize("kind", ["plain", "compressed", "deep", "float", "big-endian", "pillow"])
+def test_tiff_is_turned_once(tmp_path, kind, turn):
+    samples = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
+    path, tags = tmp_path / "a.tif", [(0x0112, "H", 1, turn, True)]
+    if kind == "pillow":
+        exif = Image.Exif()
+        exif[0x0112] = turn
+        Image.fromarray(samples).save(path, exif=exif.tobytes())
+    else:
+        stored = {"deep": samples.astype(np.uint16) * 257, "float": (samples / 255).astype(np.float32)}
+        tifffile.imwrite(
+            path, stored.get(kind, samples), photometric="rgb", extratags=tags, byteorder=">" if "big" in kind else "<",
+            compression="deflate" if kind == "compressed" else None,
+        )  # fmt: skip
+    upright = samples if turn < 5 else samples.swapaxes(0, 1)
+    down, back = (turn in numbers for numbers in ((3, 4, 7, 8), (2, 3, 6, 7)))
+    upright = upright[::-1] if down else upright
+    upright = upright[:, ::-1] if back else upright
+    assert image_size(path) == upright.shape[1::-1]
+    np.testing.assert_allclose(read_ldr(path, srgb=False)[0], upright / np.float32(255), atol=1e-6)
+    np.testing.assert_allclose(read_ldr(path, srgb=False, orient=False)[0], samples / np.float32(255), atol=1e-6)
+
+
 def test_premultiplied_alpha_of_tiff_is_divided_out(tmp_path):
     samples = np.full((4, 4, 4), 32768, np.uint16)
     samples[..., 0] = 16384

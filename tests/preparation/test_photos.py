@@ -7,7 +7,7 @@ from PIL import Image
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import write_png
 from lightprobe.preparation.looking import refuse_copies
-from lightprobe.preparation.photos import copies, even_contrast, source_photos, working_pictures
+from lightprobe.preparation.photos import copies, even_contrast, given_mask, source_photos, working_pictures
 
 
 def write_noise(path, seed=0, shape=(30, 40), **options):
@@ -25,6 +25,28 @@ def test_photos_are_those_of_images_with_masks_beside_them(tmp_path):
     assert [photo.mask is not None for photo in photos] == [False, False, True, False]
     assert working_pictures(photos[2]).alpha.mean() == pytest.approx(0.5, abs=0.03)
     assert working_pictures(photos[1]).alpha is None
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_a_mask_without_a_tag_is_turned_with_its_photo(tmp_path, orientation):
+    exif, turn = Image.Exif(), {3: 180, 6: 90, 8: 270}[orientation]
+    exif[0x0112] = orientation
+    for seed in range(4):
+        write_noise(tmp_path / "images" / f"{seed}.jpg", seed, shape=(30, 40) if turn == 180 else (40, 30), exif=exif)
+    upright = np.arange(40)[None] < 10 + np.zeros((30, 1))
+    (tmp_path / "masks").mkdir()
+    Image.fromarray(upright).rotate(turn, expand=True).save(tmp_path / "masks" / "0.png")
+    photo = source_photos(tmp_path)[0]
+    assert (photo.width, photo.height) == (40, 30)
+    np.testing.assert_array_equal(given_mask(photo, (30, 40)), upright)
+
+
+def test_scenes_and_runs_in_a_folder_hold_no_photos_of_it(tmp_path):
+    for seed, name in enumerate(["0", "1", "sub/2", "3", "scene/images/0", "run/report/a", "run/scene/images/4"]):
+        write_noise(tmp_path / f"{name}.jpg", seed)
+    (tmp_path / "scene" / ".prepare").mkdir()
+    (tmp_path / "run" / "config.json").write_text("{}")
+    assert [photo.path.stem for photo in source_photos(tmp_path)] == ["0", "1", "3", "2"]
 
 
 def test_too_few_photos_are_one_sentence(tmp_path):

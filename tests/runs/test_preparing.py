@@ -6,7 +6,7 @@ import av
 import numpy as np
 import pytest
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.runs import preparing
 from lightprobe.runs.preparing import prepare_scene
 
@@ -54,6 +54,20 @@ def test_a_video_s_frames_are_taken_once(tmp_path, prepared_folders):
     with pytest.warns(UserWarning, match="doubtful"):
         prepare_scene(video, scene)
     assert prepared_folders[2] != first
+
+
+def test_a_video_s_frames_do_not_go_where_something_else_is(tmp_path, prepared_folders):
+    """Masks and images of the scene would take the place of the user's own."""
+    video, other = tmp_path / "cup.mp4", tmp_path / "other"
+    write_video(video, 8)
+    (other / "images").mkdir(parents=True)
+    (other / "images" / "mine.jpg").write_bytes(b"mine")
+    with pytest.raises(ConfigError, match="was not made by prepare"):
+        prepare_scene(video, other)
+    assert [path.relative_to(other).as_posix() for path in other.rglob("*")] == ["images", "images/mine.jpg"]
+    (other / ".prepare" / "frames").mkdir(parents=True)  # as an earlier version left it there
+    with pytest.raises(ConfigError, match="was not made by prepare"):
+        prepare_scene(video, other)
 
 
 def test_a_video_of_one_picture_is_refused(tmp_path, prepared_folders):

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.core.errors import InputError, LightprobeWarning
+from lightprobe.imaging import write_mask
 from lightprobe.scene import load_alpha, load_photo, load_scene
 from lightprobe.scene.inspect import inspect
 from tests.imaging.icc_profiles import P3_PRIMARIES, icc, own_srgb
@@ -101,6 +102,18 @@ def test_a_mask_without_a_tag_is_turned_with_its_photo(tmp_path, orientation):
     photo = next(photo for photo in load_scene(root).train if photo.name == "view_01")
     np.testing.assert_array_equal(load_alpha(photo), picture(views(COUNT)[1])[1] / 255)
     assert inspect(root).hints == ()
+
+
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_a_mask_of_ours_is_upright(tmp_path, orientation):
+    """As `prepare` and `locate` write them beside photos that they copy or leave as they are."""
+    root = write_nerfstudio(tmp_path / "scene", views(COUNT))
+    turn = {3: Image.Transpose.ROTATE_180, 6: Image.Transpose.ROTATE_90}[orientation]
+    orient(root / "images" / "view_01.jpg", orientation, turn=turn)
+    upright = picture(views(COUNT)[1])[1] / 255
+    write_mask(root / "masks" / "view_01.png", upright)
+    photo = next(photo for photo in load_scene(root).train if photo.name == "view_01")
+    np.testing.assert_allclose(load_alpha(photo), upright, atol=1 / 255)
 
 
 def test_a_mask_with_a_tag_follows_it(tmp_path):

@@ -13,6 +13,7 @@ from lightprobe.imaging.decoding import read_header
 from lightprobe.imaging.exif import turned_size
 from lightprobe.imaging.photo_file import PhotoFile
 from lightprobe.imaging.resize import STRIP, resize_rows
+from lightprobe.imaging.tags import ORIENTATION
 
 
 def image_size(path: Path, *, orient: bool = True) -> tuple[int, int]:
@@ -70,13 +71,13 @@ def alpha_range(path: Path) -> tuple[float, float]:
     return lowest, highest
 
 
-def read_mask(path: Path, *, orient: bool = True, size: tuple[int, int] | None = None) -> np.ndarray:
+def read_mask(path: Path, *, turn: int | None = None, size: tuple[int, int] | None = None) -> np.ndarray:
     """Read a mask as coverage: (H, W) float32 in [0, 1], no sRGB decoding.
 
-    An alpha channel that is not opaque everywhere is the mask; otherwise the largest colour channel is. `size` as in
-    `read_ldr`.
+    An alpha channel that is not opaque everywhere is the mask; otherwise the largest colour channel is. turn: EXIF
+    orientation 1..8 it is turned by, by default its own. `size` as in `read_ldr`.
     """
-    image = PhotoFile(path, turn=None if orient else 1)
+    image = PhotoFile(path, turn=turn)
     return _gathered(image.mask_rows, image, size)
 
 
@@ -112,7 +113,7 @@ def write_png(
 def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
     """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically; `size` (height, width): enlarged to.
 
-    Enlarging is bilinear.
+    Enlarging is bilinear. The file says that it is upright: a mask that does not is turned along with its photo.
     """
     grey = np.empty(mask.shape, np.uint8)
     step = max(1, STRIP // max(mask.shape[1], 1))
@@ -124,7 +125,14 @@ def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None
     else:  # of a photo too large to be worked on: one byte a pixel
         picture = picture.resize((size[1], size[0]), Image.Resampling.BILINEAR)
     with atomic_path(Path(path)) as temporary:
-        picture.save(temporary, format="PNG")
+        picture.save(temporary, format="PNG", exif=_upright())
+
+
+def _upright() -> Image.Exif:
+    """Return EXIF that says that a picture is stored as it is shown."""
+    exif = Image.Exif()
+    exif[ORIENTATION] = 1
+    return exif
 
 
 def _write(path: Path, samples: np.ndarray, bits: int) -> None:

@@ -1,10 +1,14 @@
 """TIFF files: 8 bits per sample by Pillow, 16 bits and floats by OpenCV; floats are linear light.
 
 Camera raw often is a TIFF inside; `is_raw` tells.
+
+Both libraries turn a TIFF's pixels by its orientation, unlike those of other files, and not in all versions. So where
+there is one, they are given the file with an orientation that turns nothing.
 """
 
 import io
 import logging
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +24,7 @@ from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import decode_errors
 from lightprobe.imaging.pillow_file import eight_bits
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
-from lightprobe.imaging.tags import orientation, tiff_exif
+from lightprobe.imaging.tags import ORIENTATION, orientation, tiff_exif
 
 # Numbers of TIFF's tags
 _PHOTOMETRIC, _PROFILE, _DNG_VERSION = 262, 34675, 50706
@@ -67,17 +71,21 @@ def _room(page: Any) -> Room:
 
 
 def decode(path: Path) -> Samples:
-    """Return the samples of the first page: a Pillow image of 8 bits, or (H, W, 1..4) uint16 or float32."""
+    """Return the samples of the first page as stored: a Pillow image of 8 bits, or (H, W, 1..4) uint16 or float32."""
     with _opened(path) as tiff, decode_errors(path):
         page = tiff.pages[0]
         check_pixels(path, int(page.imagewidth), int(page.imagelength))
         bits, kind, encoding = int(page.bitspersample), page.dtype.kind if page.dtype else "u", _encoding(page)
         premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
+        turned = page.tags.get(ORIENTATION)
+        unturned = None if turned is None else _with_short(path, turned.valueoffset, 1, tiff.byteorder)
     if bits <= 8:
-        with decode_errors(path), BoundedFile(path) as file, TiffImagePlugin.TiffImageFile(file) as image:
+        whole = BoundedFile(path) if unturned is None else io.BytesIO(unturned)
+        with decode_errors(path), whole as file, TiffImagePlugin.TiffImageFile(file) as image:
             check_pixels(path, *image.size)
             return eight_bits(image, encoding)
-    values = _deep(path, premultiplied=premultiplied)
+    data = np.fromfile(path, np.uint8) if unturned is None else np.frombuffer(unturned, np.uint8)
+    values = _deep(path, data, premultiplied=premultiplied)
     if kind == "f" or values.dtype.kind == "f":
         return Samples(values.astype(np.float32, copy=False), LINEAR)
     return samples_to_srgb(values, 65535, encoding)
@@ -93,12 +101,19 @@ def _opened(path: Path) -> Any:
             raise ValueError(str(error)) from error
 
 
-def _deep(path: Path, *, premultiplied: bool) -> np.ndarray:
-    """Return (H, W, C) uint16 or floats with straight alpha, as OpenCV decodes them."""
+def _with_short(path: Path, offset: int, value: int, byte_order: str) -> bytearray:
+    """Return the bytes of a file with a 16-bit `value` at `offset`."""
+    data = bytearray(path.read_bytes())
+    struct.pack_into(f"{byte_order}H", data, offset, value)
+    return data
+
+
+def _deep(path: Path, data: np.ndarray, *, premultiplied: bool) -> np.ndarray:
+    """Return (H, W, C) uint16 or floats with straight alpha, as OpenCV decodes them from a file's `data` (N,) uint8."""
     library = photo_library("cv2", path)
     with decode_errors(path), muted():
         try:
-            values = library.imdecode(np.fromfile(path, np.uint8), library.IMREAD_UNCHANGED)
+            values = library.imdecode(data, library.IMREAD_UNCHANGED)
         except library.error as error:
             raise ValueError("OpenCV cannot decode it") from error
         if values is None or values.dtype.kind not in "uf" or values.dtype == np.uint8:

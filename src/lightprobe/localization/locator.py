@@ -12,7 +12,7 @@ import torch
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import focal_ratio, image_size, read_ldr, read_mask, shrink_area, worked_size
+from lightprobe.imaging import focal_ratio, image_size, read_ldr, read_mask, shrink_area, turned_size, worked_size
 from lightprobe.localization.foreground import hidden_share, magnified
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
@@ -24,6 +24,7 @@ from lightprobe.localization.views import KnownViews
 from lightprobe.models import Decomposition
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.record import read_record
 
 _SIDE = 1024  # pixels of the longer side at which a photo is located
@@ -140,8 +141,9 @@ def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None
     They are reduced to the pixels that are worked on at once.
     """
     width, height = image_size(image)
-    if mask is not None and image_size(mask) != (width, height):
-        found = image_size(mask)
+    turn = 1 if mask is None else mask_turn(mask, image, (width, height))
+    found = (width, height) if mask is None else turned_size(image_size(mask, orient=False), turn)
+    if found != (width, height):
         raise InputError(
             f"{mask} has {found[0]} x {found[1]} pixels, but its photo has {width} x {height}; a mask needs the size "
             "of its photo."
@@ -149,7 +151,7 @@ def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None
     size = worked_size(image, (height, width))
     color, alpha = read_ldr(image, size=size)
     if mask is not None:
-        alpha = read_mask(mask, size=size)
+        alpha = read_mask(mask, turn=turn, size=size)
     if alpha is None or float(alpha.min()) > 0.99:
         return color, None
     if float(alpha.max()) < 0.5:

@@ -1,7 +1,8 @@
 """From plain photos to a scene: cameras, masks and an upright frame."""
 
+from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.options import Masker, PrepareOptions
 from lightprobe.preparation.photos import source_photos
-from lightprobe.preparation.preparing import Prepared, prepare
+from lightprobe.preparation.preparing import Prepared, check_output, prepare
 
-__all__ = ["Masker", "PrepareOptions", "Prepared", "prepare", "source_photos"]
+__all__ = ["HIDDEN", "Masker", "PrepareOptions", "Prepared", "check_output", "prepare", "source_photos"]

@@ -19,6 +19,7 @@ import numpy as np
 
 from lightprobe.core.files import named_file, write_bytes
 
+HIDDEN = ".prepare"  # the folder in a scene that holds them
 _LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
 # What the parsers of the archive and of the arrays in it run into.
 _DAMAGE = (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, SyntaxError, RecursionError, MemoryError,

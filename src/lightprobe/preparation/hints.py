@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from lightprobe.core.errors import ConfigError, InputError, shown
 from lightprobe.core.files import read_json, write_json
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.photos import SourcePhoto
+from lightprobe.scene.masks import mask_turn
 
-_BOX = re.compile(r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*")
-
-
+_NUMBER = r"\s*(-?(?:\d+\.?\d*|\.\d+))\s*"
+_BOX = re.compile(",".join([_NUMBER] * 4))
 STORED = "hint.json"  # in a scene folder: a box that was drawn there
 
 
@@ -43,10 +43,23 @@ def stored_hint(scene: Path) -> str | None:
 
 
 def find_photo(photos: Sequence[SourcePhoto], name: str, option: str) -> int:
-    """Return the index of the photo of a file name, with or without its suffix; raise `ConfigError` for none."""
-    for index, photo in enumerate(photos):
-        if name in (photo.path.name, photo.path.stem, photo.name):
-            return index
+    """Return the index of the photo of a file name, with or without its suffix and the folders that it lies in.
+
+    Raises `ConfigError` for none, or for several of that name in different folders.
+    """
+    wanted = PurePath(name)
+    parts = wanted.parts
+    found = [
+        index for index, photo in enumerate(photos)
+        if name == photo.name
+        or (parts and parts in (photo.path.parts[-len(parts) :], photo.path.with_suffix("").parts[-len(parts) :]))
+    ]  # fmt: skip
+    if len(found) == 1:
+        return found[0]
+    if found:
+        paths = [PurePath(*photos[index].path.parts[-len(parts) - 1 :]).as_posix() for index in found]
+        listed = ", ".join(paths[:4])
+        raise ConfigError(f"{option}: there are {len(found)} photos '{shown(name)}'; say which one: {listed}.")
     example = photos[0].path.name
     raise ConfigError(f"{option}: there is no photo '{shown(name)}'; give the name of a file, such as {example}.")
 
@@ -65,7 +78,8 @@ def read_hint(text: str, photos: Sequence[SourcePhoto]) -> tuple[int, np.ndarray
     box = _BOX.fullmatch(value)
     if box:
         return index, _box_mask([float(number) for number in box.groups()], photo)
-    mask = read_mask(Path(value))
+    turn = mask_turn(Path(value), photo.path, (photo.width, photo.height))
+    mask = read_mask(Path(value), turn=turn)
     if abs(mask.shape[1] * photo.height - mask.shape[0] * photo.width) > 0.02 * mask.shape[0] * photo.width:
         raise InputError(
             f"{value} is {mask.shape[1]} x {mask.shape[0]}, but {photo.path.name} is {photo.width} x {photo.height}; "

@@ -11,6 +11,7 @@ import scipy
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum, named_file, read_json, remove, write_bytes, write_json
 from lightprobe.imaging import gravity, resize_area
+from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.contact import LOW_AGREEMENT, lost_cell, photo_cell
 from lightprobe.preparation.hints import find_photo
 from lightprobe.preparation.libraries import opencv_library
@@ -69,7 +70,7 @@ def write_scene(output: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen
 
 def finished(output: Path, key: str) -> dict[str, Any] | None:
     """Return what prepare.json holds, where the scene is finished under `key` and no mask was changed since."""
-    record, path = output / ".prepare" / WRITTEN, output / "prepare.json"
+    record, path = output / HIDDEN / WRITTEN, output / "prepare.json"
     if not all(file.is_file() for file in (record, path, output / "transforms.json")):
         return None
     report = read_json(path)
@@ -116,8 +117,8 @@ def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: Prepare
 def _write_masks(output: Path, photos: Sequence[SourcePhoto], cutting: Cutting, cameras: Mapping[int, Camera],
                  bends: Mapping[int, float]) -> None:  # fmt: skip
     """Write the masks at full size, those that the user corrected as they are, and what they were written as."""
-    corrected, folder = output / ".prepare" / "corrected", output / "masks"
-    record = output / ".prepare" / WRITTEN
+    corrected, folder = output / HIDDEN / "corrected", output / "masks"
+    record = output / HIDDEN / WRITTEN
     names = [photos[index].name for index in cutting.masks]
     for name in names:
         own = named_file(folder, name, ".png")

@@ -18,10 +18,11 @@ from lightprobe.imaging import (
     read_mask,
     resize_rows,
     srgb_encode,
+    turned_size,
 )
 from lightprobe.scene.frame import unique_names
 from lightprobe.scene.loading import has_cameras
-from lightprobe.scene.masks import MaskFolder
+from lightprobe.scene.masks import MaskFolder, mask_turn
 from lightprobe.scene.plain_photos import list_photos
 
 FEWEST = 4  # photos from which shape can be found at all
@@ -108,13 +109,14 @@ def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
     """
     if photo.mask is None:
         return read_alpha(photo.path, size=size) if photo.cutout else None
-    width, height = image_size(photo.mask)
+    turn = mask_turn(photo.mask, photo.path, (photo.width, photo.height))
+    width, height = turned_size(image_size(photo.mask, orient=False), turn)
     if abs(width * photo.height - height * photo.width) > 0.02 * height * photo.width:
         raise InputError(
             f"{photo.mask} is {width} x {height}, but its photo {photo.path.name} is "
             f"{photo.width} x {photo.height}; a mask has the shape of its photo."
         )
-    return read_mask(photo.mask, size=size)
+    return read_mask(photo.mask, turn=turn, size=size)
 
 
 def even_contrast(luminance: np.ndarray) -> np.ndarray:

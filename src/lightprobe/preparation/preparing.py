@@ -11,7 +11,7 @@ import numpy as np
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.file_lock import locked_file
 from lightprobe.core.files import checksum, disk_errors
-from lightprobe.preparation.cache import Cache, key_of
+from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import choose, within_masks
 from lightprobe.preparation.hints import find_photo, read_hint, stored_hint
 from lightprobe.preparation.judging import inside_masks, moving_features, spread
@@ -24,6 +24,8 @@ from lightprobe.preparation.rounds import Cutting, cut_rounds, features_inside, 
 from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
+
+_LOCK = "lock"  # in the hidden folder, from when `output` was found to be empty
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,11 @@ def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions
     if options.up_photo is not None:
         find_photo(photos, options.up_photo, "--up-photo")
     output = Path(output)
-    _check_output(output)
+    check_output(output)
     with disk_errors(output):
-        (output / ".prepare").mkdir(parents=True, exist_ok=True)
+        (output / HIDDEN).mkdir(parents=True, exist_ok=True)
     busy = f"{output} is being prepared by another process; wait for it to end."
-    with locked_file(output / ".prepare" / "lock", busy):
+    with locked_file(output / HIDDEN / _LOCK, busy):
         key = _key(photos, hints, options)
         report = finished(output, key_of(key, asdict(options)))
         if report is None:
@@ -82,7 +84,7 @@ def _key(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options
 def _work(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options: PrepareOptions, key: str,
           output: Path, on_progress: OnProgress) -> dict[str, Any]:  # fmt: skip
     """Do what is left to do, and return what prepare.json holds."""
-    cache, seen = Cache(output / ".prepare"), []
+    cache, seen = Cache(output / HIDDEN), []
     for index, photo in enumerate(photos):
         seen.append(look_at(photo, cache))
         on_progress("features", index + 1, len(photos))
@@ -91,15 +93,12 @@ def _work(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], option
     return write_scene(output, photos, seen, matches, cutting, options, key_of(key, asdict(options)), on_progress)
 
 
-def _check_output(output: Path) -> None:
+def check_output(output: Path) -> None:
     """Raise `ConfigError` for an output that is a file or a folder with something else in it."""
     if output.exists() and not output.is_dir():
         raise ConfigError(f"{output} is a file; choose another folder with -o.")
-    if (
-        output.is_dir()
-        and not (output / ".prepare").is_dir()
-        and any(not path.name.startswith(".") for path in output.iterdir())
-    ):
+    ours = (output / HIDDEN / _LOCK).is_file()  # frames of a video alone may lie there, too
+    if output.is_dir() and not ours and any(not path.name.startswith(".") for path in output.iterdir()):
         raise ConfigError(f"{output} is not empty and was not made by prepare; choose another folder with -o.")
 
 

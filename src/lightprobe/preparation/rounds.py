@@ -10,6 +10,7 @@ import numpy as np
 from lightprobe.core.files import checksum, named_file
 from lightprobe.core.stored import read_object
 from lightprobe.imaging import read_mask, resize_area
+from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.features import Features
 from lightprobe.preparation.looking import Seen
@@ -121,15 +122,15 @@ def written_masks(output: Path) -> dict[str, Any]:
 
     Raises `InputError` for a record that is damaged.
     """
-    record = output / ".prepare" / WRITTEN
+    record = output / HIDDEN / WRITTEN
     return read_object(record, "remove it and prepare the scene anew") if record.is_file() else {}
 
 
 def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarray]:
     """Return the masks (H, W) bool, by name, that were changed in the scene since they were written there."""
-    if not (output / ".prepare" / WRITTEN).is_file():
+    if not (output / HIDDEN / WRITTEN).is_file():
         return {}
-    written, corrected = written_masks(output), output / ".prepare" / "corrected"
+    written, corrected = written_masks(output), output / HIDDEN / "corrected"
     found = {}
     for photo in photos:
         path, kept = named_file(output / "masks", photo.name, ".png"), named_file(corrected, photo.name, ".png")

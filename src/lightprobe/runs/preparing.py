@@ -7,7 +7,7 @@ from lightprobe.core.errors import LightprobeWarning
 from lightprobe.core.files import checksum, disk_errors
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import extract_frames
-from lightprobe.preparation import Prepared, PrepareOptions, prepare
+from lightprobe.preparation import HIDDEN, Prepared, PrepareOptions, check_output, prepare
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene.plain_inspection import VIDEO_FRAMES, only_video
 
@@ -34,7 +34,8 @@ def prepare_scene(photos: Path | str, output: Path | str, options: PrepareOption
 
 def _frames_of(video: Path, output: Path) -> Path:
     """Return the folder with a video's frames, hidden in the scene, after writing it unless it is there."""
-    folder = output / ".prepare" / f"frames-{checksum(video)[:_NAMED]}"
+    check_output(output)  # before anything lies in it
+    folder = output / HIDDEN / f"frames-{checksum(video)[:_NAMED]}"
     if not folder.is_dir():
         with disk_errors(output):
             extract_frames(video, folder, VIDEO_FRAMES)

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError
+from lightprobe.imaging import image_size, read_orientation, turned_size
 from lightprobe.scene.frame import list_images
 
 _FOLDERS = ("masks", "mask")
+_SAME_SHAPE = 0.02  # of the ratio of width and height, which rounding changes in small pictures
 
 
 class MaskFolder:
@@ -63,6 +65,20 @@ class MaskFolder:
             if image.is_relative_to(folder):
                 return image.relative_to(folder)
         return Path(image.name)
+
+
+def mask_turn(mask: Path, image: Path, size: tuple[int, int]) -> int:
+    """Return the EXIF orientation that a photo's mask is turned by; `size`: (width, height) of the photo upright.
+
+    The mask's own. One that has none is turned along with its photo, unless its shape fits only unturned.
+    """
+    own, tag = read_orientation(mask), read_orientation(image) or 1
+    stored = image_size(mask, orient=False)
+    for turn in (tag, 1) if own is None else (own, tag, 1):
+        width, height = turned_size(stored, turn)
+        if abs(width * size[1] - height * size[0]) <= _SAME_SHAPE * height * size[0]:
+            return turn
+    return 1
 
 
 def without_background(alphas: Mapping[str, np.ndarray]) -> list[str]:

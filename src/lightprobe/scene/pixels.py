@@ -21,6 +21,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.imaging import PhotoFile, image_size, read_orientation, resize_rows, turned_size, undo, worked_size
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import Resampling, bilinear, span
+from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.photo import OPAQUE, Photo, Pixels, averaged, reduced_size
 
 
@@ -215,12 +216,10 @@ def _turns(photo: Photo) -> tuple[int, int]:
         raise InputError(f"{photo.image_path} no longer has the {size[0]} x {size[1]} pixels of its camera.")
     if photo.mask_path is None:
         return turn, turn
-    own, mask = read_orientation(photo.mask_path), image_size(photo.mask_path, orient=False)
-    if turn != tag:  # the camera is for the stored photo
-        turns: tuple[int, ...] = (1, undo(own or tag))
-    else:
-        turns = (turn, 1) if own is None else (own, turn, 1)
-    return turn, next((turn for turn in turns if turned_size(mask, turn) == size), 1)
+    if turn == tag:
+        return turn, mask_turn(photo.mask_path, photo.image_path, size)
+    mask = image_size(photo.mask_path, orient=False)  # the camera is for the stored photo
+    return turn, next((turn for turn in (1, undo(tag)) if turned_size(mask, turn) == size), 1)
 
 
 def target_size(camera: Camera, max_side: int | None) -> tuple[int, int]:

@@ -33,6 +33,7 @@ SAME = 0.04  # difference of two photos' thumbnails, in standard deviations, bel
 _SIDE = 1280  # pixels of the longer side that sharpness and texture are measured on, about what features are found on
 _THUMBNAIL = 48  # pixels of the longer side that photos are compared on
 _MASKS = frozenset({"masks", "mask"})  # folders that hold no photos
+_MADE = (".prepare", "prepare.json", "config.json")  # in folders that `prepare` and `train` have made
 _BLUR = 9  # pixels of the running mean that detail is compared across
 _CELL = 16  # pixels of a side of the cells of which texture is the share with a corner
 _CORNER = 15.0  # squared grey levels of 255 for each pixel of a cell's smaller eigenvalue; noise of 10 levels makes 4
@@ -61,11 +62,18 @@ class PlainPhoto:
 def list_photos(folder: Path) -> list[Path]:
     """Return the photos in a folder and its subfolders, or in its `images` folder if it has one, without masks.
 
-    Of a raw file and its camera's picture of the same name only the raw file is taken, which is linear.
+    Of a raw file and its camera's picture of the same name only the raw file is taken, which is linear. Scenes and runs
+    that were made in a subfolder hold no photos of their own.
     """
     folder = Path(folder)
     folder = folder / "images" if (folder / "images").is_dir() else folder
-    found = [path for path in list_images(folder) if not _MASKS & set(path.relative_to(folder).parts[:-1])]
+    images = list_images(folder)
+    apart = {inner for path in images for inner in path.relative_to(folder).parents}
+    apart = {inner for inner in apart if inner.parts and any((folder / inner / name).exists() for name in _MADE)}
+    found = [
+        path for path in images
+        if not _MASKS & set((inside := path.relative_to(folder)).parts[:-1]) and apart.isdisjoint(inside.parents)
+    ]  # fmt: skip
     raw = {path.with_suffix("") for path in found if path.suffix.lower() in RAW_SUFFIXES}
     return [path for path in found if path.suffix.lower() in RAW_SUFFIXES or path.with_suffix("") not in raw]
 
