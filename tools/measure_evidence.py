@@ -24,7 +24,7 @@ import torch
 from composed_photos import composed
 from lightprobe.evaluation.stand_in import StandIn
 from lightprobe.evaluation.true_light import TrueLight
-from lightprobe.imaging import srgb_decode, srgb_encode
+from lightprobe.imaging import CLIPPED, srgb_decode, srgb_encode
 from lightprobe.prediction import Prediction, Predictor
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.background import Background
@@ -69,7 +69,7 @@ class Subject:
         for photo in self.scene.test:
             pixels, camera = load_pixels(photo)
             shown = srgb_decode(np.rint(255 * srgb_encode(composed(photo).clip(0, 1))) / 255)  # as coarse as 8 bits
-            behind = Background.of(shown.astype(np.float32), pixels.alpha, camera)
+            behind = Background.of(shown.astype(np.float32), shown >= CLIPPED, pixels.alpha, camera)
             for background, rows in ((None, without), (behind, using)):
                 prediction = self.predictor.predict(pixels, camera, background=background, refuse=False)
                 rows.append(self.scores(prediction, photo))

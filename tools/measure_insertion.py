@@ -27,7 +27,7 @@ from demo_scene.models import Model, Subject
 from insertion.stills import CASES, Case, camera_of, glb, model_of, moved, true_decomposition
 from lightprobe.core.files import write_bytes, write_json
 from lightprobe.evaluation import relight
-from lightprobe.imaging import read_ldr, srgb_encode, write_exr, write_png
+from lightprobe.imaging import CLIPPED, read_ldr, srgb_encode, write_exr, write_png
 from lightprobe.insertion import Insertion, PhotoView, Thing, Wish, insert, load_thing
 from lightprobe.insertion.placement import ground_height, place
 from lightprobe.light.environment import Environment
@@ -132,7 +132,7 @@ def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
 def _of_run(scene: Scene, predictor: Predictor, thing: Thing, wish: Wish) -> Insertion:
     """Return the insertion under the light that a run predicts from the photo, beside the object it reconstructed."""
     pixels = Pixels.of(scene.photo * (scene.mask[..., None] > 0), scene.mask)
-    behind = Background.of(scene.photo, scene.mask, scene.camera)
+    behind = Background.of(scene.photo, scene.photo >= CLIPPED, scene.mask, scene.camera)
     predicted = predictor.predict(pixels, scene.camera, background=behind)
     view = PhotoView(scene.photo, scene.mask, scene.camera)
     return insert(predictor.decomposition, predicted.environment, view, thing, wish)

@@ -1,5 +1,6 @@
 """--max-memory, as typed: taken out of the arguments, refused where it means nothing, and held."""
 
+import json
 import struct
 import zlib
 
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.cli.limiting import limit_among
+from lightprobe.cli.main import main
 from lightprobe.core.errors import ConfigError
 from measure_memory import cli, peak
 from tests.cli.commands import fails
@@ -24,6 +26,8 @@ def test_the_option_is_taken_out_wherever_it_stands():
 def test_a_value_that_is_no_size_and_a_command_of_many_processes_are_refused(tmp_path, capsys):
     assert fails(["inspect", tmp_path, "--max-memory", "much"], capsys, ["--max-memory", "4GB"]) == 3
     assert fails(["inspect", tmp_path, "--max-memory"], capsys, ["--max-memory", "4GB"]) == 3
+    assert main(["inspect", str(tmp_path), "--json", "--max-memory", "much"]) == 3
+    assert "4GB" in json.loads(capsys.readouterr().out)["error"]
     with pytest.raises(ConfigError, match="serve works in several"):
         limit_among("serve", ["runs", "--max-memory", "2GB"])
 

@@ -12,7 +12,7 @@ SCORES = {"a": 20.0, "b": 30.0}
 
 def test_open_shows_the_report_in_the_browser_and_says_where_it_is(tmp_path, capsys, monkeypatch):
     run = evaluated_run(tmp_path / "a run", SCORES)
-    fails(["open", run.path], capsys, ["has no report", f"lightprobe eval {run.path}"])
+    fails(["open", run.path], capsys, ["has no report", f"lightprobe eval '{run.path}'"])
     run.report_file.write_text("<html>")
     shown = []
     monkeypatch.setattr(pages.webbrowser, "open", lambda address: shown.append(address) or True)

@@ -22,6 +22,7 @@ from lightprobe.imaging import (
     read_ldr,
     read_mask,
     read_orientation,
+    read_photo,
     srgb_decode,
     srgb_encode,
     write_exr,
@@ -102,6 +103,21 @@ def test_eight_bit_tiff(tmp_path, mode):
     image.save(tmp_path / "a.tif", compression="tiff_lzw")
     expected = srgb_decode(np.asarray(image.convert("RGB")) / 255)
     np.testing.assert_allclose(read_ldr(tmp_path / "a.tif")[0], expected, atol=1e-6)
+
+
+def test_what_is_clipped_is_told_by_what_the_file_stores(tmp_path):
+    """One saturated colour of a wide gamut, which lies above white in sRGB, hides nothing of the others."""
+    samples = np.full((12, 12, 3), 120, np.uint8)
+    samples[3:5, 4:8], samples[9, 9] = 255, (255, 200, 150)
+    path = tmp_path / "a.png"
+    Image.fromarray(samples).save(path, icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2))
+    color, alpha, clipped = read_photo(path)
+    assert alpha is None
+    assert color[9, 9, 0] > 1.02
+    np.testing.assert_array_equal(clipped, samples == 255)
+    small = read_photo(path, size=(4, 4))
+    np.testing.assert_array_equal(small[2][..., 0], [[0, 0, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0], [0, 0, 0, 1]])
+    np.testing.assert_allclose(small[0], read_ldr(path, size=(4, 4))[0])
 
 
 @pytest.mark.parametrize("write", ["tiff", "exr", "hdr"])

@@ -16,7 +16,8 @@ from lightprobe.scene.overlay import HULL_COLOR
 
 @pytest.fixture
 def located(camera, photo):
-    return Located(camera, photo[1], PoseVerdict(2.5, 0.9, 0.7, 1.0, 30, 0), photo[0], 0.5)
+    clipped = photo[0] > np.quantile(photo[0], 0.9)
+    return Located(camera, photo[1], PoseVerdict(2.5, 0.9, 0.7, 1.0, 30, 0), photo[0], clipped, 0.5)
 
 
 def test_the_camera_is_one_that_other_commands_read(located, tmp_path):
@@ -53,3 +54,10 @@ def test_the_mask_of_a_reduced_photo_is_written_at_the_photos_size(located, tmp_
     written = read_mask(tmp_path / "a.mask.png")
     assert written.shape == (3 * height, 3 * width)
     assert np.abs(written.reshape(height, 3, width, 3).mean((1, 3)) - located.mask).mean() < 0.02
+
+
+def test_its_pixels_are_clipped_where_the_photo_is(located):
+    inside = located.mask > 0
+    np.testing.assert_array_equal(located.pixels.clipped[inside], located.clipped[inside])
+    assert located.pixels.clipped.any()
+    assert not located.pixels.clipped[~inside].any()

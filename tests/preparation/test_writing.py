@@ -1,12 +1,14 @@
 """What is written is a scene that loads: straightened photos with their exposure, cameras, masks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
-from lightprobe.imaging import read_exif_ev100, read_ldr
+from lightprobe.imaging import read_exif_ev100, read_ldr, read_orientation, srgb_encode, write_exr
 from lightprobe.preparation import writing
 from lightprobe.preparation.output import enlarged
 from lightprobe.preparation.photos import SourcePhoto
@@ -68,6 +70,28 @@ def test_straight_photos_are_copied_and_bent_ones_keep_their_exposure(tmp_path):
     one, other = (read_ldr(tmp_path / "images" / files[name])[0] for name in ("a", "b"))
     assert np.abs(one - other)[100, 100].max() < 0.02
     assert np.abs(one - other)[10, 10].max() > 0.001
+
+
+@pytest.mark.parametrize("suffix", ["exr", "tif"])
+def test_bent_photos_stay_as_fine_as_they_are(tmp_path, suffix):
+    camera = ring_cameras(1)[0]
+    ramp = np.linspace(0.2, 4.0 if suffix == "exr" else 0.201, SIZE)  # of 8 bits, .001 is less than a step
+    light = np.broadcast_to(ramp[None, :, None], (SIZE, SIZE, 3)).astype(np.float32)
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "exr":
+        write_exr(path, light)
+    else:
+        codes = np.rint(65535 * srgb_encode(light)).astype(np.uint16)
+        tifffile.imwrite(path, codes, photometric="rgb", extratags=[(0x0112, "H", 1, 1, True)])
+    photo = replace(source(tmp_path / "b.jpg"), path=path)
+    (file,) = write_images({"a": (photo, camera, -0.2)}, tmp_path / "images").values()
+    assert file == ("a.exr" if suffix == "exr" else "a.png")
+    written = read_ldr(tmp_path / "images" / file)[0]
+    middle = written[SIZE // 2, SIZE // 4 : -SIZE // 4, 0]
+    assert len(np.unique(middle)) > 20
+    assert written.max() == pytest.approx(float(light.max()), rel=0.02)
+    if suffix == "tif":
+        assert read_orientation(tmp_path / "images" / file) == 1
 
 
 def test_the_scene_loads_with_its_cameras(tmp_path):

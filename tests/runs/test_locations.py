@@ -3,13 +3,17 @@
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
-from lightprobe.runs.locations import LocationFiles, is_own_photo, locate_photos, photo_mask
+from lightprobe.imaging import read_mask
+from lightprobe.runs.locations import LocationFiles, locate_photos, own_entry, photo_mask
+from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
 from lightprobe.scene import load_scene
 from lightprobe.scene.record import scene_record
+from tests.scene.worlds import views, write_nerd
 from tests.toy_scene import write_toy_scene
 
 
@@ -46,14 +50,27 @@ def run(tmp_path):
 
 def test_own_photos_are_known_by_file_or_by_name_and_content(run, tmp_path):
     own, other = tmp_path / "scene/train/train_00.png", tmp_path / "scene/train/train_01.png"
-    assert is_own_photo(run, own)
+    assert own_entry(run, own)
     (tmp_path / "copies").mkdir()
     copy, impostor = tmp_path / "copies/train_00.png", tmp_path / "copies/train_02.png"
     shutil.copy(own, copy)
     shutil.copy(other, impostor)
-    assert is_own_photo(run, copy)
-    assert not is_own_photo(run, impostor)  # another photo by the name of one
-    assert not is_own_photo(run, tmp_path / "missing.png")
+    assert own_entry(run, copy)
+    assert own_entry(run, impostor) is None  # another photo by the name of one
+    assert own_entry(run, tmp_path / "missing.png") is None
+
+
+def test_an_own_photo_has_the_mask_that_it_was_learnt_with(tmp_path):
+    root = write_nerd(tmp_path / "scene", views(18))
+    folder = RunFolder.create(tmp_path / "run")
+    folder.record_scene(scene_record(load_scene(root)))
+    image, mask = root / "images" / "view_03.png", root / "masks" / "view_03.png"
+    files = [PhotoFiles(image, None, LocationFiles())]
+    photos = NewPhotos(folder, files, None, background=True)
+    assert not photos.lack_cameras
+    np.testing.assert_allclose(photos.read(0).pixels.alpha, read_mask(mask), atol=1 / 255)
+    mask.write_bytes((root / "masks" / "view_04.png").read_bytes())  # another one now
+    assert NewPhotos(folder, files, None, background=True).lack_cameras
 
 
 def test_photos_whose_files_would_meet_are_refused_before_any_work(run, tmp_path):

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from lightprobe.imaging import write_png
 from lightprobe.scene.background import load_background
 from lightprobe.scene.photo import Photo
+from tests.imaging.icc_profiles import P3_PRIMARIES, icc
 from tests.shapes import camera_at
 
 CAMERA = camera_at((0, -3, 0), size=300, focal=300.0)
@@ -41,6 +43,17 @@ def test_white_is_a_lower_bound(photo):
     assert background is not None
     assert background.clipped[:80].all()
     assert not background.clipped[90:].any()
+
+
+def test_one_colour_beyond_srgb_hides_no_white(photo):
+    samples = np.full((300, 300, 3), 140, np.uint8)
+    samples[:100], samples[290:, 290:] = 255, (255, 200, 150)
+    Image.fromarray(samples).save(photo.image_path, icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2))
+    background = load_background(photo)
+    assert background is not None
+    assert background.color.max() > 1.02
+    assert background.clipped[:80].all()
+    assert not background.clipped[90:240].any()
 
 
 def test_a_cut_out_has_none(photo, tmp_path):

@@ -8,6 +8,7 @@ from tyro.conf import FlagCreatePairsOff
 from lightprobe.cli.answer import say
 from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.core.errors import ConfigError
+from lightprobe.core.files import shell_word
 from lightprobe.models.calibration import Calibration
 from lightprobe.runs.calibration import (
     Point,
@@ -98,4 +99,4 @@ def _tell(run: Path, found: Calibration) -> None:
         f"Light of this run is now {r:.3f}, {g:.3f}, {b:.3f} times its own (red, green, blue), by {found.source}.",
         factor=found.factor, source=found.source,
     )  # fmt: skip
-    say(f"Kept in {run / 'calibration.json'}; forget it with: lightprobe calibrate {run} --reset")
+    say(f"Kept in {run / 'calibration.json'}; forget it with: lightprobe calibrate {shell_word(run)} --reset")

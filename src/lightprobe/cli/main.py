@@ -1,5 +1,6 @@
 """The `lightprobe` program: finds the command, reads its arguments, and says in one sentence what went wrong."""
 
+import contextlib
 import gc
 import importlib
 import os
@@ -129,10 +130,12 @@ def _run(name: str, arguments: list[str]) -> None:
     from lightprobe.cli.limiting import limit_among
     from lightprobe.core.memory_limit import memory_limit
 
-    words, limit = limit_among(name, arguments)
-    given = [argument for argument in words if argument != answer.OPTION]
+    words = [argument for argument in arguments if argument != answer.OPTION]
     config = (tyro.conf.EnumChoicesFromValues,)
-    with answer.answering(as_object=given != words), memory_limit(limit):
+    with contextlib.ExitStack() as during:
+        during.enter_context(answer.answering(as_object=words != arguments))
+        given, limit = limit_among(name, words)
+        during.enter_context(memory_limit(limit))
         command, description = command_function(name, given)
         if not gc.isenabled():
             gc.freeze()

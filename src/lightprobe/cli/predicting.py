@@ -11,6 +11,7 @@ from lightprobe.cli.answer import say, say_one
 from lightprobe.cli.options import Device, Prediction, RunArg, SizeArg, SunArg, option
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
 from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.files import shell_word
 from lightprobe.imaging import is_video
 from lightprobe.light.upsampling import map_height
 from lightprobe.prediction import BackgroundUse
@@ -139,7 +140,8 @@ def _predict_video(run: Path, video: Path, files: PredictionFiles, how: _How, ev
 
 def _tell_untrained(trained: bool, run: Path, method: Method | None) -> None:
     if not trained and method is None:
-        say(f"No trained model in {run}, so the light is only solved for; train one with: lightprobe distill {run}")
+        command = f"lightprobe distill {shell_word(run)}"
+        say(f"No trained model in {run}, so the light is only solved for; train one with: {command}")
 
 
 def _tell(predicted: PredictedPhoto) -> None:

@@ -9,6 +9,7 @@ from lightprobe.cli.answer import say
 from lightprobe.cli.options import Seed, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.errors import printable
+from lightprobe.core.files import shell_word
 from lightprobe.preparation import Masker, PrepareOptions
 from lightprobe.runs.preparing import prepare_scene
 
@@ -50,6 +51,6 @@ def prepare(
         else "masks    no hull",
         f"up       {report['up']}",
         f"look at  {output / 'contact.png'}",
-        f"Next: lightprobe train {output} -o RUN",
+        f"Next: lightprobe train {shell_word(output)} -o RUN",
     ]
     say("\n".join(printable(line) for line in lines), scene=output, **report)

@@ -15,6 +15,7 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, demo_
 from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.core.ending import started_together
 from lightprobe.core.errors import ConfigError
+from lightprobe.core.files import shell_word
 from lightprobe.core.processes import joined
 from lightprobe.core.run import RunFolder
 from lightprobe.models import ObjectVerdict
@@ -56,7 +57,8 @@ def fit(
             scene, output, decompose=decompose, device=device, seed=seed, restart=restart, on_progress=meter.update
         )
     preset = fitted_preset(run)
-    _tell(run, f"lightprobe distill {output}{'' if preset is Preset.QUICK else f' --preset {preset.value}'}")
+    chosen = "" if preset is Preset.QUICK else f" --preset {preset.value}"
+    _tell(run, f"lightprobe distill {shell_word(output)}{chosen}")
 
 
 def train(
@@ -79,7 +81,7 @@ def train(
             scene, output, decompose=decompose, distill=distill, predict=predict, device=device, seed=seed, hdri=hdri,
             restart=restart, on_progress=meter.update,
         )  # fmt: skip
-    _tell(run, f"lightprobe eval {output}")
+    _tell(run, f"lightprobe eval {shell_word(output)}")
 
 
 def distill(
@@ -101,7 +103,11 @@ def distill(
             run, distill=distill, predict=predict, device=processes.device, seed=seed, scene_folder=scene, hdri=hdri,
             restart=restart, on_progress=meter.update, processes=processes,
         )  # fmt: skip
-    say(f"Model: {folder.model_folder}\nNext: lightprobe eval {run}", run=folder.path, model=folder.model_folder)
+    say(
+        f"Model: {folder.model_folder}\nNext: lightprobe eval {shell_word(run)}",
+        run=folder.path,
+        model=folder.model_folder,
+    )
 
 
 def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: Seed = 0) -> None:
@@ -122,7 +128,7 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
             shown = EvaluationOptions(methods=_SHOWN)
             found = evaluate_run(output, shown, scene_folder=scene, device=device, on_progress=meter.update)
         show_evaluation(found)
-    say(f"More methods: lightprobe eval {output}")
+    say(f"More methods: lightprobe eval {shell_word(output)}")
 
 
 def _require_one_process() -> None:

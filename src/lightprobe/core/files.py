@@ -5,6 +5,7 @@ import errno
 import hashlib
 import json
 import os
+import shlex
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -122,6 +123,11 @@ def remove(*paths: Path) -> None:
     for path in paths:
         with disk_errors(path):
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+
+
+def shell_word(value: object) -> str:
+    """Return a path or another value as a shell takes it for one word, for commands that are printed to be copied."""
+    return shlex.quote(str(value))
 
 
 def inside(root: Path, relative: str, *, source: Path) -> Path:

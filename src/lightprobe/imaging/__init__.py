@@ -5,7 +5,17 @@ from lightprobe.imaging.color import LUMA, srgb_decode, srgb_encode
 from lightprobe.imaging.decoding import foreign_encoding
 from lightprobe.imaging.exif import focal_ratio, gravity, read_exif_ev100, read_orientation, turned_size, undo
 from lightprobe.imaging.hdr import read_hdr, write_exr
-from lightprobe.imaging.ldr import alpha_range, image_size, read_alpha, read_ldr, read_mask, write_mask, write_png
+from lightprobe.imaging.ldr import (
+    alpha_range,
+    image_size,
+    read_alpha,
+    read_ldr,
+    read_mask,
+    read_photo,
+    write_encoded,
+    write_mask,
+    write_png,
+)
 from lightprobe.imaging.limits import MAX_PIXELS, check_room, worked_size
 from lightprobe.imaging.photo_file import CLIPPED, PhotoFile
 from lightprobe.imaging.profiles import UNREADABLE
@@ -37,6 +47,7 @@ __all__ = [
     "read_ldr",
     "read_mask",
     "read_orientation",
+    "read_photo",
     "resize_area",
     "resize_rows",
     "shrink_area",
@@ -45,6 +56,7 @@ __all__ = [
     "turned_size",
     "undo",
     "worked_size",
+    "write_encoded",
     "write_exr",
     "write_mask",
     "write_png",

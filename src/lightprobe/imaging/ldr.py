@@ -34,7 +34,33 @@ def read_ldr(
     `InputError` naming the file when it is missing, too large, damaged, of another kind, or needs a library of the
     extra `photos` that is not installed.
     """
-    image = PhotoFile(path, srgb=srgb, turn=None if orient else 1)
+    return _colors(PhotoFile(path, srgb=srgb, turn=None if orient else 1), size)
+
+
+def read_photo(path: Path, *, size: tuple[int, int] | None = None) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+    """Return colour and alpha as `read_ldr`, and where the file's white hides how bright it was, (H, W, 3) bool.
+
+    That is told of what the file stores, before its primaries are converted. Of reduced photos a pixel with any source
+    pixel at white counts.
+    """
+    image = PhotoFile(path)
+    color, alpha = _colors(image, size)
+    clipped = np.empty(color.shape, bool)
+    if clipped.shape[:2] == (image.height, image.width):
+        for first, last in image.strips():
+            clipped[first:last] = image.clipped_rows(first, last)
+    else:
+        clipped = resize_rows(_as_floats(image.clipped_rows), (image.height, image.width, 3), *color.shape[:2]) > 0
+    return color, alpha, clipped
+
+
+def _as_floats(rows: Callable[[int, int], np.ndarray]) -> Callable[[int, int], np.ndarray]:
+    """Return what returns strips of rows (h, W, ...) as float32."""
+    return lambda first, last: rows(first, last).astype(np.float32)
+
+
+def _colors(image: PhotoFile, size: tuple[int, int] | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return colour (H, W, 3) and alpha (H, W) or None of a file, as `read_ldr`."""
     if size is not None and size != (image.height, image.width):
         count = 4 if image.has_alpha else 3
 
@@ -107,7 +133,7 @@ def write_png(
         rows = srgb_encode(np.clip(np.nan_to_num(rows), 0, 1)) if srgb else rows
         planes = rows if alpha is None else np.concatenate([rows, np.asarray(alpha)[top : top + step, :, None]], axis=2)
         samples[top : top + step] = np.clip(np.nan_to_num(planes) * levels + 0.5, 0, levels)
-    _write(Path(path), samples, bits)
+    write_encoded(path, samples)
 
 
 def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
@@ -135,9 +161,10 @@ def _upright() -> Image.Exif:
     return exif
 
 
-def _write(path: Path, samples: np.ndarray, bits: int) -> None:
-    if bits == 16:
-        write_bytes(path, png16.encode(samples))
+def write_encoded(path: Path, samples: np.ndarray, exif: Image.Exif | None = None) -> None:
+    """Write samples (H, W, 3 | 4) uint8 or uint16, as they stand in the file, as PNG, atomically."""
+    if samples.dtype == np.uint16:
+        write_bytes(Path(path), png16.encode(samples, None if exif is None else exif.tobytes()))
         return
-    with atomic_path(path) as temporary:
-        Image.fromarray(np.ascontiguousarray(samples)).save(temporary, format="PNG")
+    with atomic_path(Path(path)) as temporary:
+        Image.fromarray(np.ascontiguousarray(samples)).save(temporary, format="PNG", exif=exif)

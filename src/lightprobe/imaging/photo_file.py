@@ -52,7 +52,7 @@ class PhotoFile:
         self.height = _height(self._samples) if self._repeated is None else len(self._repeated[0])
         self.width = first.shape[1]
         self.has_alpha = first.shape[2] in (2, 4)
-        self.has_white = first.dtype.kind == "u"
+        self.has_white, self.is_deep = first.dtype.kind == "u", first.dtype != np.uint8
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return float32 rgb (h, W, 3) and alpha (h, W) or None of the rows first..last - 1, as `read_ldr`."""

@@ -25,12 +25,14 @@ class Located:
     mask: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object; a large photo's is reduced
     verdict: PoseVerdict
     color: np.ndarray  # (H, W, 3) float32 the photo, linear, background included, reduced as the mask is
+    clipped: np.ndarray  # (H, W, 3) bool: the photo's white hides how bright it was, background included
     seconds: float
 
     @property
     def pixels(self) -> Pixels:
         """The photo as `Predictor.predict` takes it with `pixel_camera`: linear (H, W, 3), black beside the mask."""
-        return Pixels.of(self.color * (self.mask[..., None] > 0), self.mask)
+        inside = self.mask[..., None] > 0
+        return Pixels(self.color * inside, self.mask, self.clipped & inside)
 
     @property
     def pixel_camera(self) -> Camera:

@@ -12,7 +12,7 @@ import torch
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import focal_ratio, image_size, read_ldr, read_mask, shrink_area, turned_size, worked_size
+from lightprobe.imaging import focal_ratio, image_size, read_mask, read_photo, shrink_area, turned_size, worked_size
 from lightprobe.localization.foreground import hidden_share, magnified
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
@@ -64,7 +64,7 @@ class Locator:
 
     def _locate(self, image: Path, mask: Path | None, focal: float | None) -> Located:
         begin = time.perf_counter()
-        color, given = _read(image, mask)
+        color, given, clipped = _read(image, mask)
         width, height = image_size(image)
         if focal is None:
             ratio = focal_ratio(image)
@@ -83,7 +83,7 @@ class Locator:
         if given is None:
             cover = silhouette(self._decomposition.asset, camera.resized(color.shape[1], color.shape[0]))
             given = cover * (1 - magnified(hidden_share(self._known, Levels(small), best.camera), cover.shape))
-        return Located(restored, given, verdict, color, time.perf_counter() - begin)
+        return Located(restored, given, verdict, color, clipped, time.perf_counter() - begin)
 
     def _verdict(self, found: list[Candidate], camera: Camera) -> PoseVerdict:
         best, scores = found[0], [candidate.fit.score for candidate in found]
@@ -135,10 +135,10 @@ def stored_views(run: RunFolder, decomposition: Decomposition) -> KnownViews:
     return views
 
 
-def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return linear colour (H, W, 3) and the object's coverage (H, W), None where it is not known.
+def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+    """Return linear colour (H, W, 3), the object's coverage (H, W), None where it is not known, and what is clipped.
 
-    They are reduced to the pixels that are worked on at once.
+    The last is (H, W, 3) bool. They are reduced to the pixels that are worked on at once.
     """
     width, height = image_size(image)
     turn = 1 if mask is None else mask_turn(mask, image, (width, height))
@@ -149,14 +149,14 @@ def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None
             "of its photo."
         )
     size = worked_size(image, (height, width))
-    color, alpha = read_ldr(image, size=size)
+    color, alpha, clipped = read_photo(image, size=size)
     if mask is not None:
         alpha = read_mask(mask, turn=turn, size=size)
     if alpha is None or float(alpha.min()) > 0.99:
-        return color, None
+        return color, None, clipped
     if float(alpha.max()) < 0.5:
         raise InputError(f"{mask or image} shows no object in its mask; the object must be white or opaque.")
-    return color, alpha
+    return color, alpha, clipped
 
 
 def _restored(camera: Camera, similarity: Similarity) -> Camera:

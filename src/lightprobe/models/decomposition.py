@@ -9,6 +9,7 @@ from torch import Tensor
 from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
 from lightprobe.core.errors import InputError
+from lightprobe.core.files import shell_word
 from lightprobe.core.run import REMAKE, RunFolder
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.light.environment import Environment
@@ -50,7 +51,7 @@ class Decomposition:
             root = run.scene()["root"] if run.scene_file.is_file() else "SCENE"
             raise InputError(
                 f"{run.path} has no reconstructed object yet, Phase I has not finished in it; "
-                f"go on with: lightprobe train {root} -o {run.path}"
+                f"go on with: lightprobe train {shell_word(root)} -o {shell_word(run.path)}"
             )
         record = read_record(run)
         lights = _load_lights(_lights_file(run), set(record.cameras["train"]))

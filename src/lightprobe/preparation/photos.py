@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.core.files import checksum
+from lightprobe.core.files import checksum, shell_word
 from lightprobe.imaging import (
     LUMA,
     PhotoFile,
@@ -55,8 +55,8 @@ def source_photos(folder: Path) -> list[SourcePhoto]:
     paths = list_photos(folder)
     if has_cameras(folder) and paths:
         raise InputError(
-            f"{folder} has cameras already; train on it with: lightprobe train {folder} -o RUN, or name the "
-            "folder of its photos alone to find them anew."
+            f"{folder} has cameras already; train on it with: lightprobe train {shell_word(folder)} -o RUN, or "
+            "name the folder of its photos alone to find them anew."
         )
     if len(paths) < FEWEST:
         raise InputError(

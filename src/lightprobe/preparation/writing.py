@@ -10,9 +10,10 @@ import numpy as np
 from PIL import Image
 
 from lightprobe.core.files import atomic_folder, atomic_path, named_file, write_json
-from lightprobe.imaging import PhotoFile, srgb_encode, write_mask
+from lightprobe.imaging import PhotoFile, srgb_encode, write_encoded, write_exr, write_mask
 from lightprobe.imaging.exif import read_exif
 from lightprobe.imaging.resize import STRIP
+from lightprobe.imaging.tags import ORIENTATION
 from lightprobe.preparation.libraries import opencv_library
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.solution import bent
@@ -22,7 +23,6 @@ from lightprobe.scene.contact_sheet import Cell, contact_sheet
 _SMALL_BEND = 0.5  # pixels up to which a photo is taken as it is
 _REACH = 2  # rows beside a place that interpolation looks at
 _CELL = 200  # pixels of a contact sheet's pictures
-_ORIENTATION = 0x0112  # number of the EXIF tag
 
 
 def bend_map(camera: Camera, k: float, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
@@ -74,24 +74,37 @@ def write_images(photos: Mapping[str, tuple[SourcePhoto, Camera, float]], folder
     files = {}
     with atomic_folder(folder) as temporary:
         for name, (photo, camera, k) in photos.items():
-            copied = largest_bend(camera, k) <= _SMALL_BEND
-            file = named_file(temporary, name, photo.path.suffix.lower() if copied else ".png")
-            if copied:
+            if largest_bend(camera, k) <= _SMALL_BEND:
+                file = named_file(temporary, name, photo.path.suffix.lower())
                 shutil.copyfile(photo.path, file)
             else:
-                _write_straight(photo, camera, k, file)
+                file = _write_straight(photo, camera, k, temporary, name)
             files[name] = file.name
     return files
 
 
-def _write_straight(photo: SourcePhoto, camera: Camera, k: float, file: Path) -> None:
-    """Write one photo through a pinhole as PNG, with what EXIF says of its exposure."""
-    bent_photo, encoded = PhotoFile(photo.path), np.empty((camera.height, camera.width, 3), np.uint8)
-    for top, rows in straight_strips(lambda *strip: bent_photo.rows(*strip)[0], camera, k, cubic=True):
-        encoded[top : top + len(rows)] = np.clip(srgb_encode(np.clip(rows, 0, 1)) * 255 + 0.5, 0, 255)
-    exif = read_exif(photo.path)
-    exif[_ORIENTATION] = 1
-    Image.fromarray(encoded).save(file, format="PNG", exif=exif)
+def _write_straight(photo: SourcePhoto, camera: Camera, k: float, folder: Path, name: str) -> Path:
+    """Write one photo through a pinhole, no coarser than it is, and return the file.
+
+    Linear floats without a white as EXR; else PNG of 8 or 16 bits, with what EXIF says of the exposure.
+    """
+    bent_photo, shape = PhotoFile(photo.path), (camera.height, camera.width, 3)
+    strips = straight_strips(lambda *strip: bent_photo.rows(*strip)[0], camera, k, cubic=True)
+    if not bent_photo.has_white:
+        light = np.empty(shape, np.float32)
+        for top, rows in strips:
+            light[top : top + len(rows)] = np.maximum(rows, 0)  # cubic interpolation overshoots
+        file = named_file(folder, name, ".exr")
+        write_exr(file, light)
+        return file
+    encoded = np.empty(shape, np.uint16 if bent_photo.is_deep else np.uint8)
+    white = np.iinfo(encoded.dtype).max
+    for top, rows in strips:
+        encoded[top : top + len(rows)] = np.clip(srgb_encode(np.clip(rows, 0, 1)) * white + 0.5, 0, white)
+    exif, file = read_exif(photo.path), named_file(folder, name, ".png")
+    exif[ORIENTATION] = 1
+    write_encoded(file, encoded, exif)
+    return file
 
 
 def write_masks(masks: Iterable[tuple[str, np.ndarray]], folder: Path) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -139,8 +139,11 @@ def own_camera(run: RunFolder, digest: str) -> Camera | None:
     return next(found, None)
 
 
-def is_own_photo(run: RunFolder, image: Path) -> bool:
-    """Return whether a photo belongs to the run's scene: it is one of its files, or a copy of one by the same name."""
+def own_entry(run: RunFolder, image: Path) -> dict[str, Any] | None:
+    """Return what scene.json says of a photo that belongs to the run's scene; None of others.
+
+    It is one of the scene's files, or a copy of one by the same name.
+    """
     record, whole = run.scene(), resolved(image)
     for photos in record.get("photos", {}).values():
         for name, photo in photos.items() if isinstance(photos, dict) else ():
@@ -148,8 +151,8 @@ def is_own_photo(run: RunFolder, image: Path) -> bool:
             if not isinstance(file, str) or "\0" in file:
                 continue
             if whole is not None and resolved(Path(record["root"], file)) == whole:
-                return True
+                return photo
             same_name = image.stem == name or image.name == Path(file).name
             if same_name and image.is_file() and checksum(image) == photo.get("image_checksum"):
-                return True
-    return False
+                return photo
+    return None

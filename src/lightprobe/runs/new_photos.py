@@ -10,12 +10,13 @@ import numpy as np
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import image_size, read_exif_ev100, read_ldr, read_mask
 from lightprobe.prediction import Predictor
-from lightprobe.runs.locations import LocatedPhoto, LocationFiles, is_own_photo, locate_photo
+from lightprobe.runs.locations import LocatedPhoto, LocationFiles, locate_photo, own_entry
 from lightprobe.scene import Photo, load_pixels, new_photo
 from lightprobe.scene.background import Background, is_opaque, load_background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 from lightprobe.scene.pixels import load_observed, load_thumbnail
+from lightprobe.scene.record import recorded_mask
 
 if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
     from lightprobe.localization import Locator
@@ -92,7 +93,7 @@ class NewPhotos:
         found = locate_photo(self._locator, files.image, files.mask, files.location)
         located, background = found.located, None
         if self._background and is_opaque(files.image):
-            background = Background.of(located.color, located.mask, located.camera)
+            background = Background.of(located.color, located.clipped, located.mask, located.camera)
         return NewPhoto(located.pixels, located.camera, background, ev100, found)
 
     def surroundings(self, index: int, photo: NewPhoto) -> np.ndarray:
@@ -123,9 +124,15 @@ class NewPhotos:
 def _photo(run: RunFolder, files: PhotoFiles, camera: Path | None) -> Photo | None:
     """Return a photo with the camera that is known of it, or None where it has to be located."""
     image_size(files.image)  # a file that is no photo is told before any work
-    if camera is None and not is_own_photo(run, files.image):
+    if camera is not None:
+        return new_photo(files.image, camera, files.mask)
+    entry = own_entry(run, files.image)
+    if entry is None:
         return None
-    return new_photo(files.image, camera or run.scene_file, files.mask)
+    mask = files.mask or recorded_mask(run, entry)
+    if mask is None and is_opaque(files.image):
+        return None  # its camera is known, but the mask that it was learnt with is gone: locating finds both
+    return new_photo(files.image, run.scene_file, mask)
 
 
 def load_locator(run: RunFolder, predictor: Predictor) -> "Locator":

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.files import is_file_name, write_bytes
+from lightprobe.core.files import is_file_name, shell_word, write_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.report import write_report
 from lightprobe.report.comparison import Comparison, comparison_page
@@ -17,7 +17,7 @@ def report_of(run_folder: Path | str) -> Path:
     """Return the report page of a run; raise `InputError` where there is none."""
     page = RunFolder.open(Path(run_folder)).report_file
     if not page.is_file():
-        raise InputError(f"{run_folder} has no report; write it with: lightprobe eval {run_folder}")
+        raise InputError(f"{run_folder} has no report; write it with: lightprobe eval {shell_word(run_folder)}")
     return page
 
 

@@ -36,18 +36,16 @@ class PredictedVideo:
     failures: str | None  # why frames got no map
 
 
-def video_frames(run: Path | str, video: Path, output: Path | None, every: int) -> list[Path]:
-    """Write every `every`-th frame of a video as PNG and return their paths.
+def video_frames(video: Path, folder: Path, every: int) -> list[Path]:
+    """Write every `every`-th frame of a video as PNG into `folder`/frames, where its maps go, and return their paths.
 
-    They go to the folder `output`/frames, by default to RUN/predictions/NAME/frames. Raises `InputError` for a video
-    that cannot be read, `ConfigError` for an `every` below 1 or an output named like one map.
+    Raises `InputError` for a video that cannot be read, `ConfigError` for an `every` below 1.
     """
     if every < 1:
         raise ConfigError(f"--every must be at least 1, not {every}.")
-    folder = video_folder(run, video, output) / "frames"
     paths = []
     for frame in frames(video, every):
-        paths.append(folder / f"frame_{frame.index:06d}.png")
+        paths.append(folder / "frames" / f"frame_{frame.index:06d}.png")
         write_png(paths[-1], frame.color)
     return paths
 
@@ -71,7 +69,7 @@ def predict_video(
     """
     files = files or PredictionFiles()
     folder = video_folder(run, video, files.output)
-    images = video_frames(run, video, files.output, every)
+    images = video_frames(video, folder, every)
     where = replace(files, output=folder if len(images) > 1 else folder / f"{images[0].stem}.exr")
     predictions = predict_photos(
         run, images, where, method=method, settings=settings, background=background, device=device
@@ -111,7 +109,7 @@ def predict_video_light(
 ) -> JointPrediction:  # fmt: skip
     """Predict the one light of a video's frames; as `predict_video` and `predict_one_light`."""
     files = files or PredictionFiles()
-    folder = video_folder(run, video, None)
-    images = video_frames(run, video, None, every)
+    folder = video_folder(run, video, None) if files.output is None else files.output.parent
+    images = video_frames(video, folder, every)
     where = replace(files, output=files.output or folder / f"{folder.name}.exr")
     return predict_one_light(run, images, where, method=method, settings=settings, background=background, device=device)

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from lightprobe.imaging import CLIPPED, alpha_range, shrink_area
+from lightprobe.imaging import alpha_range, shrink_area
 from lightprobe.imaging.opening import FileKind, file_kind
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import Photo, has_white
-from lightprobe.scene.pixels import load_thumbnail
+from lightprobe.scene.photo import Photo
+from lightprobe.scene.pixels import load_shown
 
 _SIDE = 256  # pixels of the longer side: finer than the texels of any predicted map
+_ALL = 0.98  # share of a pixel that is white from which it tells nothing but a bound
 _MARGIN = 3  # pixels around the mask that may still show the object, its shadow or what holds it
 
 
@@ -26,15 +27,16 @@ class Background:
     camera: Camera  # of this picture, in the input frame
 
     @staticmethod
-    def of(color: np.ndarray, alpha: np.ndarray, camera: Camera) -> "Background":
+    def of(color: np.ndarray, white: np.ndarray, alpha: np.ndarray, camera: Camera) -> "Background":
         """Return the background of an opaque photo at 256 pixels.
 
-        color (H, W, 3) linear, what lies around the object included; alpha (H, W) the object's coverage in [0, 1].
+        color (H, W, 3) linear, what lies around the object included; white (H, W, 3) the share in [0, 1] of a pixel
+        where the photo's white hides how bright it was, or bool; alpha (H, W) the object's coverage in [0, 1].
         Pixels without any light are not counted: they lie beyond what a lens showed.
         """
         small, cover = shrink_area(color, _SIDE), shrink_area(alpha, _SIDE)
         seen = ~scipy.ndimage.binary_dilation(cover > 0, iterations=_MARGIN) & (small > 0).any(-1)
-        clipped = (small >= CLIPPED) & has_white(color)
+        clipped = shrink_area(white.astype(np.float32), _SIDE) >= _ALL
         height, width = cover.shape
         return Background(small, seen, clipped, replace(camera.resized(width, height), lens=None))
 
@@ -43,7 +45,8 @@ def load_background(photo: Photo) -> Background | None:
     """Return what a photo shows around the object, or None for a photo that is cut out; errors as `load_pixels`."""
     if photo.mask_path is None or not is_opaque(photo.image_path):
         return None
-    return Background.of(*load_thumbnail(photo, _SIDE), photo.camera)
+    color, alpha, white = load_shown(photo, _SIDE)
+    return Background.of(color, white, alpha, photo.camera)
 
 
 def is_opaque(image: Path) -> bool:

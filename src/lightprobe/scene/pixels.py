@@ -63,8 +63,13 @@ def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]
 
     Size and errors as `load_pixels`.
     """
+    return load_shown(photo, max_side)[:2]
+
+
+def load_shown(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `load_thumbnail` and the share (h, w, 3) of each pixel where the photo's white hides how bright it was."""
     width, height = target_size(photo.camera, max_side)
-    return _Opened(photo).thumbnail(height, width)
+    return _Opened(photo).shown(height, width)
 
 
 def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
@@ -173,11 +178,25 @@ class _Opened:
         self.check_seen()
         return pixels
 
-    def thumbnail(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return straight colour (height, width, 3) and alpha (height, width), each area-averaged for itself."""
-        small = resize_rows(lambda *rows: np.dstack(self.rows(*rows)[:2]), (*self.size, 4), height, width)
+    def shown(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return straight colour (height, width, 3), alpha (height, width) and the share (height, width, 3) of white.
+
+        Each area-averaged for itself.
+        """
+        small = resize_rows(lambda *rows: np.dstack(self._everything(*rows)), (*self.size, 7), height, width)
         self.check_seen()
-        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3])
+        color, alpha, white = small[..., :3], small[..., 3], small[..., 4:]
+        return np.ascontiguousarray(color), np.ascontiguousarray(alpha), np.ascontiguousarray(white)
+
+    def _everything(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return `rows`, the photo's white beside the object included, (h, W, 3) float32 in [0, 1]."""
+        color, alpha, _ = self.rows(first, last)
+        if self._resampling is None:
+            return color, alpha, self._image.clipped_rows(first, last).astype(np.float32)
+        places, shown = self._resampling.places(first, last)
+        top, bottom = span(places, shown)
+        white = self._image.clipped_rows(top, min(bottom, self.size[0])).astype(np.float32)
+        return color, alpha, bilinear(white, top, places) * shown[..., None]
 
     def check_seen(self) -> None:
         """Raise `InputError` when all coverage has been handed out and no pixel shows the object."""

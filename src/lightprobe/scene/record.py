@@ -40,6 +40,15 @@ def read_record(run: RunFolder) -> StoredScene:
     return StoredScene(Path(record["root"]), similarity, cameras)
 
 
+def recorded_mask(run: RunFolder, entry: dict[str, Any]) -> Path | None:
+    """Return the mask of a photo by its `entry` in scene.json; None when it had none, or it is gone or another now."""
+    name, digest = entry.get("mask"), entry.get("mask_checksum")
+    if not isinstance(name, str) or "\0" in name:
+        return None
+    mask = Path(run.scene()["root"], name)
+    return mask if mask.is_file() and checksum(mask) == digest else None
+
+
 def _cameras(path: Path, photos: dict[str, Any]) -> dict[str, Camera]:
     found = {}
     for name, photo in photos.items():

@@ -21,7 +21,7 @@ def run_photo(source: RunSource, photo: RunPhoto) -> bytes:
     Raises `InputError` when its file is gone or damaged.
     """
     image = source.image_file(photo)
-    color, alpha = load_thumbnail(new_photo(image, source.run.scene_file), SIDE)
+    color, alpha = load_thumbnail(new_photo(image, source.run.scene_file, source.mask_file(photo)), SIDE)
     return encoded(color, alpha if float(alpha.min()) < _OPAQUE else None)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.files import inside, read_json
+from lightprobe.core.files import inside, read_json, shell_word
 from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_area, write_png
 from lightprobe.preparation.hints import store_hint, stored_hint
 from lightprobe.scene.plain_photos import list_photos
@@ -110,5 +110,6 @@ def save_box(photos: ScenePhotos, index: int, box: Sequence[float]) -> str:
     folder = photos.source.folder
     if photos.source.prepared:
         store_hint(folder, image.stem, (x0, y0, x1, y1))
-        return f"lightprobe prepare PHOTOS -o {folder}"
-    return f"lightprobe prepare {folder} -o SCENE --hint {image.name}={x0},{y0},{x1},{y1}"
+        return f"lightprobe prepare PHOTOS -o {shell_word(folder)}"
+    hint = shell_word(f"{image.name}={x0},{y0},{x1},{y1}")
+    return f"lightprobe prepare {shell_word(folder)} -o SCENE --hint {hint}"

@@ -49,6 +49,12 @@ class RunSource:
         entry = record["photos"][photo.split][photo.name]
         return inside(Path(record["root"]), entry["image"], source=self.run.scene_file)
 
+    def mask_file(self, photo: RunPhoto) -> Path | None:
+        """Return the file of a photo's mask, None where it has none of its own; errors as `image_file`."""
+        record = self.run.scene()
+        entry = record["photos"][photo.split][photo.name]
+        return None if "mask" not in entry else inside(Path(record["root"]), entry["mask"], source=self.run.scene_file)
+
 
 @dataclass(frozen=True)
 class SceneSource:
