@@ -178,7 +178,7 @@ class LatticeModel(nn.Module):
     @torch.no_grad()
     def gbuffers(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
         """Yield the G-buffers of the present surface in several views."""
-        vertices, faces = self._present()
+        vertices, faces = self.present()
         for view in views:
             yield self._shown(view, vertices, faces, view.project(vertices), progress)[0]
 
@@ -197,7 +197,8 @@ class LatticeModel(nn.Module):
         )
         return gbuffer_of(surface, view, normal, material, visibility), material
 
-    def _present(self) -> tuple[Tensor, Tensor]:
+    def present(self) -> tuple[Tensor, Tensor]:
+        """Return vertices (N, 3) and faces (F, 3) of the present surface; errors as in `surface`."""
         distance = self.distances()
         return self.surface(distance, Crossing.of(self.lattice, distance))
 
@@ -205,7 +206,7 @@ class LatticeModel(nn.Module):
     def update_visibility(self) -> None:
         """Find anew what the present surface sees of itself."""
         if self.config.shadows:
-            vertices, faces = self._present()
+            vertices, faces = self.present()
             self.visibility = MovingVisibility.of(vertices, faces, self.material(vertices)[:, :3])
 
     def project(self) -> None:
@@ -214,5 +215,5 @@ class LatticeModel(nn.Module):
     @torch.no_grad()
     def extract(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the present surface as arrays, vertices (V, 3) float32 and faces (F, 3) int32."""
-        vertices, faces = self._present()
+        vertices, faces = self.present()
         return vertices.cpu().numpy(), faces.cpu().numpy()

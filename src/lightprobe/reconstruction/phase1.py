@@ -22,6 +22,7 @@ from lightprobe.reconstruction.start import BOX, Start, start_from_box, start_fr
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.surroundings import Surroundings, shown_level
 from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
+from lightprobe.reconstruction.unseen import fill_unseen
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.asset import Asset
 from lightprobe.scene import carved_hull
@@ -159,6 +160,7 @@ def _first_pass(job: Job, photos: list[Photo], resumed: Resumed | None) -> Hando
     model = LatticeModel(start, config, job.device, job.seed)
     lights = _lights(job, photos)
     job.training.run(ImageTask(model, targets, lights, stage, config, job.seed), stage, resumed)
+    fill_unseen(model, [target.view for target in targets])
     # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
     return Handover(bake(model, config, job.device, job.tell), lights.stacked())
 
