@@ -16,7 +16,7 @@ from lightprobe.core.config.distillation import (
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.distillation import mlp_training, sphere_training
 from lightprobe.distillation.sphere_training import sphere_examples
-from lightprobe.distillation.training import stages, train
+from lightprobe.distillation.training import _digest, stages, train
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.light.resize import resize_light
@@ -153,6 +153,14 @@ def test_a_checkpoint_of_another_configuration_is_refused(photos, tmp_path):
     train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Progress(Checkpoints(tmp_path)))
     with pytest.raises(ConfigError, match="another Phase II configuration"):
         train(photos, CONFIG, CPU, 0, Progress(Checkpoints(tmp_path)))
+
+
+def test_a_checkpoint_of_other_maps_is_refused(photos, tmp_path):
+    one, other = (_digest([Environment(torch.full((6, 8, 8, 3), level))]) for level in (1.0, 2.0))
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Progress(Checkpoints(tmp_path)), maps=one)
+    train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Progress(Checkpoints(tmp_path)), maps=one)
+    with pytest.raises(ConfigError, match="another Phase II configuration"):
+        train(photos, replace(MLP_ONLY, steps=1), CPU, 0, Progress(Checkpoints(tmp_path)), maps=other)
 
 
 def test_a_loss_that_is_not_a_number_stops_the_training(photos):

@@ -1,5 +1,6 @@
 """Phase II: the illumination MLP photo by photo, then the sphere network on what the MLP makes of the photos."""
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
@@ -54,7 +55,15 @@ def distill(
     lessons = collect_lessons(
         decomposition.asset, decomposition.lights, scene, config, device, seed, environments, on_lesson
     )
-    return train(lessons, config, device, seed, progress, processes)
+    return train(lessons, config, device, seed, progress, processes, maps=_digest(environments))
+
+
+def _digest(environments: Sequence[Environment]) -> str:
+    """Return a checksum of maps, in their order; nothing for none."""
+    found = hashlib.blake2b(digest_size=16)
+    for environment in environments:
+        found.update(environment.texels.cpu().numpy().tobytes())
+    return found.hexdigest() if environments else ""
 
 
 def stages(config: DistillConfig) -> tuple[Stage, Stage]:
@@ -66,14 +75,18 @@ def stages(config: DistillConfig) -> tuple[Stage, Stage]:
 
 def train(
     lessons: list[Lesson], config: DistillConfig, device: torch.device, seed: int, progress: Progress | None = None,
-    processes: Processes = ALONE,
+    processes: Processes = ALONE, *, maps: str = "",
 ) -> ProbeModel:  # fmt: skip
-    """Train on lessons already collected; the rest as in `distill`."""
+    """Train on lessons already collected; the rest as in `distill`.
+
+    maps: a digest of the user's maps that lessons are lit by; checkpoints of others are of another configuration.
+    """
     _require_divisible(config, processes)
     first, second = passes = stages(config)
     training = Training(
-        "Phase II", asdict(config), seed, passes, config.checkpoint_every, progress or Progress(), processes
-    )
+        "Phase II", {**asdict(config), "maps": maps}, seed, passes, config.checkpoint_every, progress or Progress(),
+        processes,
+    )  # fmt: skip
     network = new_network(config, seed).to(device)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:
