@@ -21,12 +21,12 @@ def views(places, focal=110.0):
     return [View.of(camera_at(place, size=128, focal=focal), CPU) for place in places]
 
 
-def model_of(inside, config):
+def model_of(inside, config, cells=40):
     """Return a ball of radius .8 on a lattice, without what `inside` names: (x, y, z) -> bool."""
     axis = np.linspace(-1.15, 1.15, 24)
     ball = sum(a**2 for a in np.meshgrid(axis, axis, axis)) < 0.64
     hull = Hull(ball, ball.astype(np.float32), np.full(3, -1.15), np.full(3, 1.15))
-    model = LatticeModel(start_from_hull(hull, 40), config, CPU, 0)
+    model = LatticeModel(start_from_hull(hull, cells), config, CPU, 0)
     if config.sdf is not SdfMode.MLP:
         cave = inside(*model.lattice.vertices.T) & (model.distances() < 0)
         model.reshape(torch.where(cave, torch.tensor(model.lattice.cell), model.distances().detach()))
@@ -85,7 +85,7 @@ def test_what_no_photo_frames_stays(config):
 
 def test_a_network_of_distances_is_left_alone():
     config = DecomposeConfig(hash_levels=2, hash_finest=16, shadows=False, sdf=SdfMode.MLP)
-    model = model_of(cave, config)
+    model = model_of(cave, config, cells=8)
     before = model.distances().detach().clone()
     fill_unseen(model, views(ABOVE))
     assert torch.equal(model.distances(), before)
