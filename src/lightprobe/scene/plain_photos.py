@@ -68,11 +68,11 @@ def list_photos(folder: Path) -> list[Path]:
     folder = Path(folder)
     folder = folder / "images" if (folder / "images").is_dir() else folder
     images = list_images(folder)
-    apart = {inner for path in images for inner in path.relative_to(folder).parents}
-    apart = {inner for inner in apart if inner.parts and any((folder / inner / name).exists() for name in _MADE)}
+    inner = {parent for path in images for parent in path.parents if folder in parent.parents}
+    apart = {parent for parent in inner if any((parent / name).exists() for name in _MADE)}
     found = [
         path for path in images
-        if not _MASKS & set((inside := path.relative_to(folder)).parts[:-1]) and apart.isdisjoint(inside.parents)
+        if not _MASKS & set(path.relative_to(folder).parts[:-1]) and apart.isdisjoint(path.parents)
     ]  # fmt: skip
     raw = {path.with_suffix("") for path in found if path.suffix.lower() in RAW_SUFFIXES}
     return [path for path in found if path.suffix.lower() in RAW_SUFFIXES or path.with_suffix("") not in raw]
