@@ -60,11 +60,14 @@ def read_header(path: Path) -> Header:
 
 
 def _room(page: Any) -> Room:
-    """Return what decoding takes: of 8 bits what Pillow keeps, else the file's bytes, OpenCV's and those in order."""
+    """Return what decoding takes: of 8 bits what Pillow keeps, else the file's bytes, OpenCV's and those in order.
+
+    Of a file with an orientation also its bytes, as it is read whole.
+    """
     channels, bits = int(page.samplesperpixel), int(page.bitspersample)
     if bits <= 8:
         kept = 1.0 if channels == 1 else 4.0
-        return Room(kept, 2 * kept)
+        return Room(kept, 2 * kept + (channels if ORIENTATION in page.tags else 0.0))
     samples = channels * bits / 8
     premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
     return Room(samples, 3 * samples + (16.0 * channels if premultiplied else 0.0))

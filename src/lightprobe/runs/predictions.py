@@ -22,7 +22,7 @@ from lightprobe.prediction.verdict import tells_nothing
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, file_stem, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
-from lightprobe.scene.photo import OPAQUE
+from lightprobe.scene.photo import OPAQUE, Pixels
 from lightprobe.scene.record import read_record
 
 
@@ -252,13 +252,20 @@ def _readable(photos: NewPhotos, images: Sequence[Path]) -> tuple[dict[Path, New
         except InputError as error:
             left_out[image] = str(error)
             continue
-        opaque = photo.pixels.alpha >= OPAQUE
-        nothing = tells_nothing(float(photo.pixels.clipped[opaque].mean()), float(photo.pixels.color[opaque].mean()))
+        nothing = _tells_nothing(photo.pixels)
         if nothing is None:
             read[image] = photo
         else:
             left_out[image] = nothing
     return read, left_out
+
+
+def _tells_nothing(pixels: Pixels) -> str | None:
+    """Return why the object's pixels tell nothing about the light; None where they may, or where there is none."""
+    opaque = pixels.alpha >= OPAQUE
+    if not opaque.any():
+        return None
+    return tells_nothing(float(pixels.clipped[opaque].mean()), float(pixels.color[opaque].mean()))
 
 
 def _exif_exposures(photos: Sequence[NewPhoto]) -> list[float] | None:
