@@ -73,3 +73,16 @@ def test_a_place_in_the_object_is_told_and_the_sky_is_refused(thing):
         place(thing, KNOWN, ONE, CAMERA, MASK, Wish(at=(300.0, 150.0)))
     with pytest.raises(ConfigError, match="--scale"):
         place(thing, KNOWN, ONE, CAMERA, MASK, Wish(scale=-1.0))
+
+
+@pytest.mark.parametrize("thickness", [0.0, 0.01])
+def test_a_flat_thing_is_measured_by_its_longest_side(thing, thickness):
+    """A rug of twice the object's height is no towering slab, and one without thickness has a foot, too."""
+    rug = dataclasses.replace(thing, vertices=thing.vertices * torch.tensor([4.0, 2.0, thickness]) / thing.size.max())
+    longest = float(rug.size.max())
+    placed = place(rug, KNOWN, ONE, CAMERA, MASK, Wish(at=(150, 150)))
+    assert not any("times as high" in warning for warning in placed.warnings)
+    assert float(placed.thing.size.max()) == pytest.approx(longest, rel=1e-3)
+    scaled = place(rug, KNOWN, ONE, CAMERA, MASK, Wish(at=(150, 150), scale=0.5))
+    assert float(scaled.thing.size.max()) == pytest.approx(1.0, rel=1e-2)
+    assert float(scaled.thing.vertices[:, 2].amin()) == pytest.approx(scaled.ground, abs=1e-4)

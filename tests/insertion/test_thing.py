@@ -161,3 +161,11 @@ def test_a_document_cut_anywhere_is_refused(tmp_path):
         (tmp_path / "cut.glb").write_bytes(whole[:size])
         with pytest.raises(InputError):
             load_thing(tmp_path / "cut.glb")
+
+
+def test_an_extension_that_is_not_read_is_told(tmp_path):
+    made = box()
+    made.document["extensionsUsed"] = ["KHR_materials_unlit", "KHR_texture_transform"]
+    (sentence,) = load_thing(write(tmp_path / "box.glb", made)).warnings
+    assert "KHR_materials_unlit" in sentence
+    assert "KHR_texture_transform" not in sentence

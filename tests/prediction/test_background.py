@@ -10,6 +10,7 @@ import torch
 from lightprobe.evaluation.metrics import environment_log_rmse, log_difference
 from lightprobe.light import cubemap
 from lightprobe.models import Decomposition
+from lightprobe.models.calibration import Calibration
 from lightprobe.prediction import Method, PredictConfig, Predictor
 from lightprobe.prediction.background import BackgroundUse, SeenLight, with_background
 from lightprobe.prediction.confidence import confidence
@@ -147,3 +148,15 @@ def test_predictions_follow_it_where_they_are_fitted(sphere, photo, background):
     views = [(photo, CAMERA)] * 2
     both, _ = predictor.predict_together(views, Method.SOLVE, backgrounds=[background] * 2)
     assert both.background is BackgroundUse.USED
+
+
+def test_what_is_seen_is_radiance_whatever_the_object_s_calibration(sphere, photo, background):
+    """The object is taken for 1.6 times too bright, and its lights for as much too dim, until they are calibrated."""
+    known = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0), calibration=Calibration((1.6, 1.6, 1.6), "a card"))
+    dim = photograph(sphere, CAMERA, LIGHT / 1.6)
+    found = Predictor(known, config=PredictConfig(light_resolution=16)).predict(
+        dim, CAMERA, Method.SOLVE, background=background
+    )
+    assert found.background is BackgroundUse.USED
+    whole = SeenLight.of(background, 16, CPU).share > 0.9
+    torch.testing.assert_close(found.environment.texels[whole], LIGHT[whole], rtol=0.03, atol=0.01)

@@ -52,3 +52,17 @@ def test_a_light_file_of_something_else_is_named(sky):
     (sky.parent / "light.light.json").write_text("{}")
     with pytest.raises(InputError, match=r"light\.light\.json is no light file"):
         whole_light(sky)
+
+
+def test_the_light_file_of_the_other_format_s_map_is_not_taken_for_this_one_s(sky):
+    """NAME.exr and NAME.hdr share NAME.light.json, unless it says that they are the same map."""
+    other, bare = sky.with_suffix(".hdr"), whole_light(sky)
+    bare.save(other)
+    write_sources(other, 64, LAMPS, Sun.SEPARATE)
+    assert torch.equal(whole_light(sky).texels, bare.texels)
+    assert not torch.allclose(whole_light(other).texels, Environment.load(other).texels)
+    write_sources(other, 64, LAMPS, Sun.SEPARATE, copies=[sky.name])
+    assert not torch.equal(whole_light(sky).texels, bare.texels)
+    renamed = sky.rename(sky.with_name("renamed.exr"))  # together with its light file
+    sky.with_name("light.light.json").rename(sky.with_name("renamed.light.json"))
+    assert not torch.equal(whole_light(renamed).texels, bare.texels)

@@ -74,7 +74,7 @@ def export(
         for name in ("light.exr", "light.hdr"):
             write_map(folder / name, image)
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
-        write_sources(folder / "light.exr", len(image), light.lamps, sun)
+        write_sources(folder / "light.exr", len(image), light.lamps, sun, copies=["light.hdr"])
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
         written += [folder / name for name in ("light.exr", "light.hdr", "light.light.json", "scene.glb")]
     if usd:

@@ -63,16 +63,32 @@ def write_light_file(
     })  # fmt: skip
 
 
-def write_sources(map_path: Path, map_height: int, sources: Sequence[LightSource], sun: Sun) -> None:
-    """Write the JSON beside a map of `map_height` rows of which only the sources are known, atomically."""
-    write_json(light_file(map_path), _map_and_sources(map_path, map_height, sources, sun))
+def write_sources(
+    map_path: Path, map_height: int, sources: Sequence[LightSource], sun: Sun, copies: Sequence[str] = ()
+) -> None:
+    """Write the JSON beside a map of `map_height` rows of which only the sources are known, atomically.
+
+    copies: names of files beside it that hold the same map in another format.
+    """
+    write_json(light_file(map_path), _map_and_sources(map_path, map_height, sources, sun, copies))
 
 
-def _map_and_sources(map_path: Path, rows: int, sources: Sequence[LightSource], sun: Sun) -> dict[str, Any]:
+def belongs_to(map_path: Path) -> str | None:
+    """Return the name of the map that the JSON beside `map_path` says it is of; None where there is none that does."""
+    path = light_file(map_path)
+    value = read_json(path) if path.is_file() else None
+    told = value.get("map") if isinstance(value, dict) else None
+    name = told.get("file") if isinstance(told, dict) else None
+    return name if isinstance(name, str) else None
+
+
+def _map_and_sources(
+    map_path: Path, rows: int, sources: Sequence[LightSource], sun: Sun, copies: Sequence[str] = ()
+) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "version": VERSION,
-        "map": {"file": map_path.name, "width": 2 * rows, "height": rows, "sun": sun.value},
+        "map": {"file": map_path.name, "copies": [*copies], "width": 2 * rows, "height": rows, "sun": sun.value},
         "units": "linear radiance; 1 is the white of the photo; irradiance is radiance times steradian",
         "color_space": "linear, primaries of sRGB (Rec. 709), white D65",
         "axes": "right-handed, z up, those of the user's cameras; u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi",
@@ -84,6 +100,7 @@ def _map_and_sources(map_path: Path, rows: int, sources: Sequence[LightSource], 
 def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
     """Return the sources in the JSON beside a map and whether the map has them; None where there is no such file.
 
+    Nor where it is that of the other format's map of the same name: NAME.exr and NAME.hdr share NAME.light.json.
     Raises `InputError` for a file that is not of this format and version, or says what no source can be.
     """
     path = light_file(map_path)
@@ -96,7 +113,10 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         given = value["sources"]
         if not isinstance(given, list) or len(given) > MOST:
             raise ValueError(f"not a list of at most {MOST}")
-        return tuple(LightSource.from_json(one) for one in given), Sun(value["map"]["sun"])
+        told = value["map"]
+        if Path(told["file"]).stem == map_path.stem and map_path.name not in (told["file"], *told.get("copies", [])):
+            return None
+        return tuple(LightSource.from_json(one) for one in given), Sun(told["sun"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{path} says what no light source can be ({shown(str(error))}); remove it, and they are found in the map."

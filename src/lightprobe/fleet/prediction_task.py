@@ -20,6 +20,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.fleet.index import PhotoRow, State
 from lightprobe.fleet.jobs import Job
 from lightprobe.fleet.storage import Place
+from lightprobe.light import cubemap
 from lightprobe.light.upsampling import map_height
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocationFiles
@@ -125,7 +126,7 @@ def _told(job: Job, found: PredictedPhoto, name: str) -> PhotoRow:
     return replace(
         failed(job, " ".join(sentences)), state=State.DONE.value, reason=" ".join(sentences) or None, map=name,
         method=found.method.value, verdict=verdict.status.value, explained=verdict.explained, overlap=verdict.overlap,
-        confidence=float(prediction.confidence.mean()), seconds=prediction.seconds["total"],
+        confidence=float(cubemap.sphere_mean(prediction.confidence)), seconds=prediction.seconds["total"],
     )  # fmt: skip
 
 

@@ -49,8 +49,8 @@ class Material:
         strength = entry.get("extensions", {}).get("KHR_materials_emissive_strength", {})
         glow = numbers(entry.get("emissiveFactor", [0, 0, 0]), 3) * number(strength.get("emissiveStrength", 1))
 
-        def texture(owner: dict[str, Any], key: str, *, srgb: bool) -> Texture | None:
-            return reader.read(owner[key], srgb=srgb) if key in owner else None
+        def texture(owner: dict[str, Any], key: str, *, srgb: bool, cut: bool = False) -> Texture | None:
+            return reader.read(owner[key], srgb=srgb, cut=cut) if key in owner else None
 
         return Material(
             numbers(pbr.get("baseColorFactor", [1, 1, 1, 1]), 4).clip(0, 1),
@@ -58,7 +58,8 @@ class Material:
             glow.clip(0, _BRIGHTEST), number(entry.get("normalTexture", {}).get("scale", 1)),
             number(entry.get("alphaCutoff", 0.5)) if mode == "MASK" else None, mode == "BLEND",
             bool(entry.get("doubleSided", False)),
-            texture(pbr, "baseColorTexture", srgb=True), texture(pbr, "metallicRoughnessTexture", srgb=False),
+            texture(pbr, "baseColorTexture", srgb=True, cut=mode != "OPAQUE"),
+            texture(pbr, "metallicRoughnessTexture", srgb=False),
             texture(entry, "normalTexture", srgb=False),
             texture(entry, "emissiveTexture", srgb=True) if glow.any() else None,
         )  # fmt: skip

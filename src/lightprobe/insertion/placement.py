@@ -19,6 +19,7 @@ from lightprobe.scene.camera import Camera, Similarity
 _FOOT = 0.05  # of the object's height, above its lowest point, in which it can touch the ground
 _SECTORS = 24  # around its axis, whose lowest points tell how high the ground is
 _PLAUSIBLE = 0.08, 2.5  # heights relative to the known object's that a file's units are believed for
+_FLAT = 0.05  # of the largest side: what is no higher lies flat, and its height is no measure
 _USUAL = 0.6  # the height otherwise
 _GAP = 0.15  # of the thing's radius, between it and the object
 _BEARINGS = 24  # places around the object that are tried
@@ -66,7 +67,7 @@ def ground_height(vertices: Tensor) -> float:
     """
     points = vertices.detach().cpu().numpy().astype(np.float64)
     low, height = points[:, 2].min(), np.ptp(points[:, 2])
-    foot = points[points[:, 2] < low + _FOOT * height]
+    foot = points[points[:, 2] <= low + _FOOT * height]
     middle = (foot[:, :2].min(0) + foot[:, :2].max(0)) / 2
     angle = np.arctan2(foot[:, 1] - middle[1], foot[:, 0] - middle[0])
     sector = ((angle / (2 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
@@ -84,7 +85,7 @@ def place(thing: Thing, known: Tensor, similarity: Similarity, camera: Camera, m
     wish.check()
     ground, height = ground_height(known), float(known[:, 2].amax() - known[:, 2].amin())
     scale, warnings = _scale(thing, height * similarity.scale, wish)
-    standing = _standing(thing, scale * height / max(float(thing.size[2]), 1e-9), wish.turn, ground)
+    standing = _standing(thing, scale * height / _measure(thing), wish.turn, ground)
     if wish.at is None:
         spot, free = _beside(standing, known, camera, mask)
         if not free:
@@ -120,13 +121,19 @@ def _scale(thing: Thing, known: float, wish: Wish) -> tuple[float, list[str]]:
     """Return the height relative to the known object's, `known` in the user's units, and what to say about it."""
     if wish.scale is not None:
         return wish.scale, []
-    own = float(thing.size[2]) / known
+    own = _measure(thing) / known
     if _PLAUSIBLE[0] <= own <= _PLAUSIBLE[1]:
         return own, []
     return _USUAL, [
         f"In its file's units the thing would be {own:.3g} times as high as the known object, so it is drawn {_USUAL} "
         "times as high; --scale gives another height."
     ]
+
+
+def _measure(thing: Thing) -> float:
+    """Return the height of a thing, or of a flat one, such as a rug, the largest of its sides; > 0."""
+    height, largest = float(thing.size[2]), float(thing.size.max())
+    return max(height if height > _FLAT * largest else largest, 1e-9)
 
 
 def _standing(thing: Thing, factor: float, turn: float, ground: float) -> Thing:
@@ -136,7 +143,7 @@ def _standing(thing: Thing, factor: float, turn: float, ground: float) -> Thing:
     points = thing.vertices.double()
     points = (points - (points.amin(0) + points.amax(0)) / 2) @ rotation * factor  # large coordinates round
     points[:, 2] += ground - ground_height(points)
-    foot = points[points[:, 2] < ground + _FOOT * factor * float(thing.size[2])][:, :2]
+    foot = points[points[:, 2] <= ground + _FOOT * factor * float(thing.size[2])][:, :2]
     points[:, :2] -= (foot.amin(0) + foot.amax(0)) / 2
     return replace(thing, vertices=points.float(), normals=thing.normals @ rotation.float())
 

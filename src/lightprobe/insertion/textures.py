@@ -15,12 +15,13 @@ from PIL import Image, JpegImagePlugin, PngImagePlugin
 from torch import Tensor
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import srgb_decode
+from lightprobe.imaging import resize_area, srgb_decode, srgb_encode
 from lightprobe.imaging.opening import decode_errors
 from lightprobe.insertion.glb_file import GlbFile, number, numbers
 
 _LARGEST = 8192  # texels along an edge that are decoded
 _LARGEST_TOTAL = 2**28  # texels of all pictures of a file
+_FAINT = 1e-3  # weight of a transparent texel, so that one among none but such keeps its colour
 _KEPT = 2048  # texels along an edge that are kept
 _CLAMP, _MIRROR = 33071, 33648  # glTF's wrap modes; all else repeats
 _READERS = ((b"\x89PNG\r\n\x1a\n", PngImagePlugin.PngImageFile), (b"\xff\xd8\xff", JpegImagePlugin.jpeg_factory))
@@ -95,7 +96,7 @@ class TextureReader:
         self._decoded: dict[int, Image.Image] = {}
         self._left = _LARGEST_TOTAL
 
-    def read(self, info: dict[str, Any], *, srgb: bool) -> Texture:
+    def read(self, info: dict[str, Any], *, srgb: bool, cut: bool = False) -> Texture:
         """Return the texture that a material names; raises `InputError` for a picture that cannot be used."""
         entry = self._file.entry("textures", info["index"])
         if "source" not in entry:
@@ -108,7 +109,9 @@ class TextureReader:
         if uv_set not in (0, 1):
             raise InputError(f"{self._file.path} uses more than two sets of texture coordinates; export it with one.")
         wrap = (int(sampler.get("wrapS", 10497)), int(sampler.get("wrapT", 10497)))
-        return Texture(_levels(self._image(entry["source"])), srgb, wrap, int(uv_set), _transform(extension))
+        return Texture(
+            _levels(self._image(entry["source"]), srgb=srgb, cut=cut), srgb, wrap, int(uv_set), _transform(extension)
+        )
 
     def _image(self, source: int) -> Image.Image:
         if source not in self._decoded:
@@ -127,16 +130,35 @@ class TextureReader:
                     )
                 scale = min(1.0, _KEPT / max(width, height))
                 size = max(1, round(width * scale)), max(1, round(height * scale))
-                self._decoded[source] = image.convert("RGBA").resize(size, Image.Resampling.BOX)
+                parts = [part.resize(size, Image.Resampling.BOX) for part in _eight_bits(image).split()]
+                self._decoded[source] = Image.merge("RGBA", parts)  # apart: transparent texels keep their colour
         return self._decoded[source]
 
 
-def _levels(image: Image.Image) -> tuple[Tensor, ...]:
-    levels = [image]
-    while max(image.size) > 1:
-        image = image.resize((max(1, image.width // 2), max(1, image.height // 2)), Image.Resampling.BOX)
-        levels.append(image)
-    return tuple(torch.from_numpy(np.array(level)) for level in levels)
+def _eight_bits(image: Image.Image) -> Image.Image:
+    """Return a picture as RGBA of 8 bits; grey of 16 bits, which Pillow would clip, keeps its range."""
+    if image.mode.startswith("I"):
+        image = Image.fromarray((np.asarray(image).astype(np.float64) / 257 + 0.5).clip(0, 255).astype(np.uint8))
+    return image.convert("RGBA")
+
+
+def _levels(image: Image.Image, *, srgb: bool, cut: bool) -> tuple[Tensor, ...]:
+    """Return a picture at its size and at halves of it, (h, w, 4) uint8 each, averaged in linear light.
+
+    cut: whether alpha cuts the surface out: then colours are averaged with it as weight, else apart from it.
+    """
+    codes = np.array(image)
+    levels, planes = [codes], codes.astype(np.float32) / 255
+    if srgb:
+        planes[..., :3] = srgb_decode(planes[..., :3])
+    while max(planes.shape[:2]) > 1:
+        height, width = (max(1, side // 2) for side in planes.shape[:2])
+        weight = np.maximum(planes[..., 3:], _FAINT) if cut else np.ones_like(planes[..., 3:])
+        small = resize_area(np.dstack([planes[..., :3] * weight, planes[..., 3:], weight]), height, width)
+        planes = np.dstack([small[..., :3] / small[..., 4:], small[..., 3:4]])
+        shown = np.dstack([srgb_encode(planes[..., :3]), planes[..., 3:]]) if srgb else planes
+        levels.append((shown * 255 + 0.5).clip(0, 255).astype(np.uint8))
+    return tuple(torch.from_numpy(level) for level in levels)
 
 
 def _transform(extension: dict[str, Any]) -> np.ndarray:

@@ -20,9 +20,7 @@ _MOST_VERTICES = 3 * MOST_FACES
 _MOST_NODES = 100_000  # of a scene's tree
 _FARTHEST = 1e9  # coordinates, in the file's units
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of glTF
-_READ_EXTENSIONS = {
-    "KHR_texture_transform", "KHR_materials_emissive_strength", "KHR_mesh_quantization", "KHR_materials_unlit",
-}  # fmt: skip
+_READ_EXTENSIONS = {"KHR_texture_transform", "KHR_materials_emissive_strength", "KHR_mesh_quantization"}
 
 
 @dataclass(frozen=True)

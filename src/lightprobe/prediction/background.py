@@ -18,7 +18,7 @@ out, and so is a background that does so in the mean.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -63,6 +63,10 @@ class SeenLight:
     radiance: Tensor  # (6, R, R, 3) linear mean over the seen part of each texel, in the photo's exposure
     share: Tensor  # (6, R, R) in [0, 1], how much of each texel is seen
     clipped: Tensor  # (6, R, R, 3) bool: the radiance is a lower bound
+
+    def divided(self, factor: Tensor) -> "SeenLight":
+        """Return it with its radiance divided by `factor`, () or (3,) > 0."""
+        return replace(self, radiance=self.radiance / factor)
 
     @staticmethod
     def of(background: Background, resolution: int, device: torch.device) -> "SeenLight":

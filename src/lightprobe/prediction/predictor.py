@@ -169,18 +169,20 @@ class Predictor:
         if method in _FITTED:
             with clock.part("solve"):
                 light = _FITTED[method](self, joint, light, len(photos))
+        calibration = self.decomposition.calibration
         with clock.part("confidence"):
             known = self.decomposition.verdict
             doubt = max(verdict.doubt, doubt, 0.0 if known is None else known.doubt)
             trust = confidence(joint, light, fitted=method in _FITTED, doubt=doubt, seed=self.seed)
             use = BackgroundUse.ABSENT
             if seen is not None and method in _FITTED:
+                # What is seen is radiance itself; the map is so only after the run's calibration, further down.
+                seen = seen if calibration is None else seen.divided(calibration.tensor(self.device))
                 light, trust, use = with_background(joint, light, trust, seen, self.seed)
         environment, split = Environment(light), None
         if sources:
             with clock.part("sources"):
                 split = fitted_sources(joint, environment, self._asset.mesh, self.seed)
-        calibration = self.decomposition.calibration
         if calibration is not None:
             factor = calibration.tensor(self.device)
             environment, split = environment.scaled(factor), None if split is None else split.scaled(factor)

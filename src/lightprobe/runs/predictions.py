@@ -3,6 +3,7 @@
 A photo without a camera is located first (`localization`); camera, mask and overlay go beside its map.
 """
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +13,11 @@ from torch import Tensor
 
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
 from lightprobe.core.device import resolve_device
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import remove
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
-from lightprobe.export.light_file import PhotoFacts, light_file, write_light_file
+from lightprobe.export.light_file import PhotoFacts, belongs_to, light_file, write_light_file
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for
 from lightprobe.prediction.verdict import tells_nothing
 from lightprobe.runs.loaded import LoadedRun
@@ -92,6 +93,12 @@ class MapFiles:
 
     def write(self, prediction: Prediction, facts: PhotoFacts) -> None:
         """Write the map and what goes with it; the .light.json comes last, and an older one goes first."""
+        told = belongs_to(self.output)
+        if told not in (None, self.output.name) and self.output.with_name(str(told)).is_file():
+            warnings.warn(
+                f"{light_file(self.output)} told the sources of {told} and is now that of {self.output.name}; give "
+                "maps of one folder different names.", LightprobeWarning, stacklevel=2,
+            )  # fmt: skip
         remove(light_file(self.output))
         if self.kept:
             write_prediction(prediction, self.output, self.height, self.sun)

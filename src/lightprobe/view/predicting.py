@@ -17,6 +17,7 @@ from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.export import write_picture
 from lightprobe.export.light_file import PhotoFacts, write_light_file
 from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_mask, write_png
+from lightprobe.light import cubemap
 from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import plane
 from lightprobe.localization.located import write_overlay
@@ -123,6 +124,6 @@ def _told(photo: NewPhoto, prediction: Prediction, folder: Path, seconds: float)
     return {
         "files": files, "verdict": prediction.verdict.status.value, "pose": pose, "sentences": sentences,
         "seconds": {**prediction.seconds, "all": seconds}, "camera": photo.camera.to_json(),
-        "confidence": float(prediction.confidence.mean()), "background": prediction.background.value,
+        "confidence": float(cubemap.sphere_mean(prediction.confidence)), "background": prediction.background.value,
         "sources": sources,
     }  # fmt: skip

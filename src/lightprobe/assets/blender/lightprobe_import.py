@@ -64,6 +64,8 @@ def import_light(path: Path | str) -> list[Any]:
     """
     path = Path(path)
     lamps = lamps_beside(path)
+    for lamp in list(_collection().objects):  # those of the light before
+        bpy.data.objects.remove(lamp)
     set_world(path)
     return [_add_lamp(lamp, i) for i, lamp in enumerate(lamps)]
 
@@ -78,6 +80,7 @@ def set_world(path: Path) -> None:
     texture = nodes.new("ShaderNodeTexEnvironment")
     background, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
     texture.image = bpy.data.images.load(str(path), check_existing=True)
+    texture.image.reload()  # the file may have been written anew
     texture.projection, texture.interpolation = "EQUIRECTANGULAR", "Linear"
     links.new(texture.outputs["Color"], background.inputs["Color"])
     links.new(background.outputs["Background"], output.inputs["Surface"])
@@ -98,7 +101,9 @@ def lamps_beside(path: Path) -> list[dict[str, Any]]:
         raise LightFileError(f"{file} is too large for a light file")
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
-        if stored["map"].get("sun") != "separate":
+        told = stored["map"]
+        others = Path(told["file"]).stem == path.stem and path.name not in (told["file"], *told.get("copies", []))
+        if told.get("sun") != "separate" or others:  # NAME.exr and NAME.hdr share NAME.light.json
             return []
         return [_checked(lamp) for lamp in stored["sources"][:_MOST_LAMPS]]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
