@@ -63,7 +63,9 @@ def insert(
     shadow = _shadow(stage.ground.factor(), change, photo.mask)
     beauty, mask = np.zeros_like(photo.color), np.zeros_like(photo.mask)
     if window is None:
-        warnings.append("The thing is not seen in this photo; give another place with --at.")
+        warnings.append(
+            "The thing is not seen in this photo, or reaches behind the camera; give another place with --at, or --scale."
+        )
     else:
         drawn = draw_thing(placed.thing, stage, window.cut(camera))
         beauty[window.slices], mask[window.slices] = _behind(drawn, change, photo.mask, window)
