@@ -64,7 +64,7 @@ def insert(
     beauty, mask = np.zeros_like(photo.color), np.zeros_like(photo.mask)
     if window is None:
         warnings.append(
-            "The thing is not seen in this photo, or reaches behind the camera; give another place with --at, or --scale."
+            "The thing is not seen in this photo, or reaches behind the camera; give another --at or --scale."
         )
     else:
         drawn = draw_thing(placed.thing, stage, window.cut(camera))
