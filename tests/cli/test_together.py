@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.cli.main import main
-from lightprobe.imaging import read_hdr, read_ldr, srgb_encode, write_png
+from lightprobe.imaging import read_hdr, read_ldr, srgb_encode, write_exr, write_png
 from tests.cli.commands import fails, succeed
 
 _EXIF_FOLDER, _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x8769, 0x829A, 0x829D, 0x8827
@@ -125,3 +125,21 @@ def write_clip(path, picture, frames):
 
 def _camera_of(trained, name):
     return json.dumps(trained[1].scene()["photos"]["test"][name]["camera"])
+
+
+@pytest.mark.parametrize("option", ["-o", "--confidence", "--save-overlay", "--save-mask"])
+def test_a_photo_is_not_replaced_by_what_is_made_of_it(trained, opaque, tmp_path, capsys, option):
+    photo = tmp_path / ("photo.png" if option.startswith("--save") else "photo.exr")
+    color = read_ldr(opaque[0][0])[0]
+    (write_png if photo.suffix == ".png" else write_exr)(photo, color)
+    before = photo.read_bytes()
+    output = [] if option == "-o" else ["-o", tmp_path / "light.exr"]
+    arguments = ["predict", trained[1].path, photo, "--mask", opaque[1] / opaque[0][0].name, *output, option, photo]
+    fails(arguments, capsys, ["would be replaced"])
+    assert photo.read_bytes() == before
+    folder = tmp_path / "many"
+    folder.mkdir()
+    images = [folder / f"{name}.exr" for name in ("a", "b")]
+    for image in images:
+        write_exr(image, color)
+    fails(["predict", trained[1].path, *images, "-o", folder], capsys, ["would be replaced"])

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from lightprobe.core.errors import InputError
-from lightprobe.core.files import append_text, filled_folder, named_file, write_bytes
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.files import append_text, filled_folder, named_file, refuse_replacing, write_bytes
 from lightprobe.core.run import RunFolder
 
 LEFTOVER = ".partial-lightprobe-abcd_123"
@@ -118,3 +118,13 @@ def test_many_writers_of_one_folder_do_not_take_each_other_s_files(tmp_path):
     began = time.monotonic()
     assert [writer.wait() for writer in writers] == [0, 0, 0], time.monotonic() - began
     assert len(os.listdir(tmp_path)) == 450
+
+
+def test_what_is_read_is_not_replaced(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    photo, other = Path("a.exr"), tmp_path / "b.exr"
+    refuse_replacing([other, None], [photo, None])
+    with pytest.raises(ConfigError, match="one of the files that are read"):
+        refuse_replacing([tmp_path / "sub" / ".." / "a.exr"], [photo])
+    with pytest.raises(ConfigError, match="Two of the files"):
+        refuse_replacing([other, Path("b.exr")], [photo])

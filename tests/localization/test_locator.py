@@ -45,6 +45,13 @@ def test_a_photo_without_the_object_is_refused_by_name(locator, tmp_path):
         locator.locate(tmp_path / "wall.png", focal=170.0)
 
 
+@pytest.mark.parametrize(("level", "word"), [(0.0, "black"), (1.0, "white")])
+def test_a_photo_of_nothing_is_refused(locator, tmp_path, level, word):
+    write_png(tmp_path / "nothing.png", np.full((96, 128, 3), level))
+    with pytest.raises(InputError, match=rf"nothing\.png is {word} all over"):
+        locator.locate(tmp_path / "nothing.png", focal=170.0)
+
+
 def test_a_mask_of_another_size_is_refused(locator, file, tmp_path):
     write_png(tmp_path / "mask.png", np.ones((10, 10, 3)))
     with pytest.raises(InputError, match=r"mask\.png has 10 x 10 pixels.*128"):

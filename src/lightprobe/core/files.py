@@ -7,11 +7,11 @@ import json
 import os
 import shlex
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core.errors import InputError, ResourceError, shown
+from lightprobe.core.errors import ConfigError, InputError, ResourceError, shown
 from lightprobe.core.partial import partial_file, partial_folder
 from lightprobe.core.reading import LARGEST_TEXT, check_file
 
@@ -123,6 +123,23 @@ def remove(*paths: Path) -> None:
     for path in paths:
         with disk_errors(path):
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+
+
+def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
+    """Raise `ConfigError` where a file that is to be written is one that is read, or one of the other written ones."""
+    sources = {path.resolve(): path for path in read if path is not None}
+    taken: set[Path] = set()
+    for path in written:
+        if path is None:
+            continue
+        place = path.resolve()
+        if place in sources:
+            raise ConfigError(
+                f"{path} would be replaced, and it is one of the files that are read; choose another name."
+            )
+        if place in taken:
+            raise ConfigError(f"Two of the files would be {path}; give them different names.")
+        taken.add(place)
 
 
 def shell_word(value: object) -> str:

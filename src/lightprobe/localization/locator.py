@@ -27,6 +27,7 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.record import read_record
 
+_BLACK, _WHITE = 1e-4, 0.99  # greatest linear value, and share of clipped values, of a photo that shows nothing
 _SIDE = 1024  # pixels of the longer side at which a photo is located
 
 
@@ -65,6 +66,8 @@ class Locator:
     def _locate(self, image: Path, mask: Path | None, focal: float | None) -> Located:
         begin = time.perf_counter()
         color, given, clipped = _read(image, mask)
+        if float(color.max()) <= _BLACK or clipped.mean() >= _WHITE:
+            raise InputError(f"{image} is {'black' if float(color.max()) <= _BLACK else 'white'} all over.")
         width, height = image_size(image)
         if focal is None:
             ratio = focal_ratio(image)

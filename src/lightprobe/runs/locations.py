@@ -9,7 +9,7 @@ import torch
 
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.files import checksum, named_file, resolved
+from lightprobe.core.files import checksum, named_file, refuse_replacing, resolved
 from lightprobe.core.run import RunFolder
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.frame import cut_name
@@ -38,6 +38,10 @@ class LocationFiles:
         names = {"camera": ".camera.json", "mask": ".mask.png", "overlay": ".overlay.png"}
         chosen = {key: getattr(self, key) or named_file(folder, stem, suffix) for key, suffix in names.items()}
         return LocationFiles(**chosen)
+
+    def chosen(self) -> tuple[Path | None, Path | None, Path | None]:
+        """Return the files that are named, None where one is not."""
+        return self.camera, self.mask, self.overlay
 
     def check(self, count: int) -> None:
         """Raise `ConfigError` when chosen names cannot serve `count` photos, or not as these files."""
@@ -86,6 +90,7 @@ def locate_photos(
     if not images:
         raise ConfigError("No photo is named: lightprobe locate RUN IMAGE.")
     files.check(len(images))
+    refuse_replacing(files.chosen(), [*images, *(photo_mask(image, mask) for image in images)])
     where = folder or run.path / "predictions"
     targets = [files.within(where, image) for image in images]
     if len({target.camera for target in targets}) < len(targets):

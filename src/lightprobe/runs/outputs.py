@@ -9,7 +9,7 @@ from lightprobe.core.config.prediction import Sun
 from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.files import filled_folder, named_file
+from lightprobe.core.files import filled_folder, named_file, refuse_replacing
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Relighter, relight, turntable
 from lightprobe.export import export, write_picture
@@ -37,6 +37,7 @@ def render_run(
     """
     if output.suffix.lower() not in (".png", ".exr"):
         raise ConfigError(f"Cannot write '{output.suffix}' pictures: name the output .png or .exr.")
+    refuse_replacing([output], [environment, camera])
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     view = read_camera(camera, None if frame is None else Path(frame))
     image, cover = relight(Decomposition.load(run, where), whole_light(environment, where), view, config)

@@ -14,7 +14,7 @@ from torch import Tensor
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
-from lightprobe.core.files import remove
+from lightprobe.core.files import refuse_replacing, remove
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
 from lightprobe.export.light_file import PhotoFacts, belongs_to, light_file, write_light_file
@@ -166,6 +166,8 @@ def predict_photos(
     maps = [MapFiles.of(run, image, len(images) > 1, method, files) for image in images]
     if len({one.output for one in maps}) < len(maps):
         raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
+    written = [path for one in maps for path in (one.output, one.confidence)]
+    _refuse_replacing(written, images, files)
     folders = [one.output.parent for one in maps]
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
     loaded = loaded or LoadedRun(run, resolve_device(device), settings)
@@ -202,6 +204,7 @@ def predict_one_light(
     """
     run, files = _checked(run_folder, images, files)
     target = MapFiles.of(run, images[0], False, method, files)
+    _refuse_replacing([target.output, target.confidence], images, files)
     folders = [target.output.parent] * len(images)
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
     loaded = LoadedRun(run, resolve_device(device), settings)
@@ -236,6 +239,12 @@ def _checked(
         read_record(run)  # it has the cameras
     files.check(len(images))
     return run, files
+
+
+def _refuse_replacing(maps: Sequence[Path | None], images: Sequence[Path], files: PredictionFiles) -> None:
+    """Raise `ConfigError` where what is written would replace a photo, a mask or a file of cameras."""
+    masks = [photo_mask(image, files.mask) for image in images]
+    refuse_replacing([*maps, *files.location.chosen()], [*images, *masks, files.camera])
 
 
 def _facts(image: Path, photo: NewPhoto) -> PhotoFacts:

@@ -100,7 +100,10 @@ def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: P
                 return same[0]
     wanted = f"not exactly one for {image}" if image else "this command takes one"
     some = ", ".join(shown(name) for _, name, _ in entries[:3])
-    raise InputError(f"{source} holds {len(entries)} cameras ({some}, ...), {wanted}; give a file with the one camera.")
+    raise InputError(
+        f"{source} holds {len(entries)} cameras ({some}, ...), {wanted}; give a file with the one camera, or name one "
+        "of them where there is an option --frame."
+    )
 
 
 def _written_size(settings: _Entry, path: Path) -> tuple[int, int]:
