@@ -27,7 +27,7 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
 from lightprobe.reconstruction.front_bias import FrontBias
-from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST, brightened
+from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
@@ -71,10 +71,6 @@ class Sample:
         color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
         return Sample(target.name, pixels, color, clipped, covered, target.view.rotation[:, 1], target.shown)
 
-    def brightened(self, factor: float) -> "Sample":
-        """Return the pixels on a surface whose base colours are `factor` times as bright."""
-        return replace(self, pixels=brightened(self.pixels, factor))
-
     def of_material(self, material: Tensor) -> GBuffer:
         """Return the pixels with a material (P, 8), its normal offsets left out."""
         return replace(self.pixels, base_color=material[:, :3], roughness=material[:, 3], metallic=material[:, 4])
@@ -84,12 +80,12 @@ class Trial:
     """A material on a fixed surface, and its lights."""
 
     def __init__(self, material: ScaledMaterial, samples: Sequence[Sample], lights: Lights, factor: float, seed: int):
-        """Start from a material, which is changed and `factor` times as bright as that of the samples.
+        """Start from a material, which is changed, and from the `lights` divided by `factor`.
 
-        What these see of the object is as much brighter, and the `lights` are as much darker.
+        What the samples see of the object keeps its present colours, whatever the material's brightness:
+        docs/decisions/brightness-once-more.md.
         """
-        self.material, self.config, self.seed = material, material.config, seed
-        self.samples = [sample.brightened(factor) for sample in samples]
+        self.material, self.samples, self.config, self.seed = material, samples, material.config, seed
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
 
     def fit(self, steps: int) -> None:
