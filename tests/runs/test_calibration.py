@@ -3,12 +3,13 @@
 import dataclasses
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
 import torch
 
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.export.light_file import candela_per_unit
@@ -72,6 +73,16 @@ def test_a_known_light_tells_the_factor(clean):
     assert loaded.lights[name].mean().tolist() == pytest.approx(found.factor)
     again = calibrate_by_light(run.path, shot, folder / "light.exr", camera=folder / "camera.json", mask=None)
     assert again == found  # not on top of itself
+
+
+def test_a_light_of_another_photo_is_doubtful(clean):
+    run, _, shot, folder, light = clean
+    write_exr(folder / "mirrored.exr", light.panorama()[::-1])
+    with pytest.warns(LightprobeWarning, match=r"mirrored\.exr explains only \d+ % of what shot\.png"):
+        calibrate_by_light(run.path, shot, folder / "mirrored.exr", camera=folder / "camera.json", mask=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        calibrate_by_light(run.path, shot, folder / "light.exr", camera=folder / "camera.json", mask=None)
 
 
 def test_a_point_of_known_albedo_on_the_object_tells_the_factor(clean):
