@@ -4,6 +4,7 @@ import json
 import re
 
 from lightprobe.cli import pages
+from lightprobe.core.files import write_json
 from tests.cli.commands import fails, succeed
 from tests.report.pages import evaluated_run
 
@@ -67,3 +68,12 @@ def test_a_gallery_of_nothing_or_onto_a_file_is_refused(tmp_path, capsys):
     fails(["gallery", run.path, "-o", tmp_path / "file"], capsys, ["is a file"])
     fails(["gallery", tmp_path, "-o", tmp_path / "gallery"], capsys, ["is not a run folder"])
     assert not (tmp_path / "gallery").exists()
+
+
+def test_photos_of_one_name_that_are_not_the_same_are_told(tmp_path, capsys):
+    first, second = (evaluated_run(tmp_path / name, SCORES) for name in ("first", "second"))
+    for run, digests in ((first, ("1", "2")), (second, ("1", "3"))):
+        photos = {name: {"image": f"{name}.png", "image_checksum": d} for name, d in zip(SCORES, digests, strict=True)}
+        write_json(run.scene_file, {"root": "/scene", "photos": {"test": photos}})
+    succeed("compare", first.path, second.path, "-o", tmp_path / "page.html")
+    assert "1 of 2 test photos that both runs have by name are different ones, such as b" in capsys.readouterr().err

@@ -1,9 +1,10 @@
 """Pages about runs that were evaluated before: the report of one, two against each other, and many as a gallery."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import is_file_name, shell_word, write_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.report import write_report
@@ -24,16 +25,31 @@ def report_of(run_folder: Path | str) -> Path:
 def compare_runs(run_folder: Path | str, other_folder: Path | str, page: Path) -> Comparison:
     """Write a page that sets two evaluated runs beside each other, and return what it shows.
 
-    Raises `InputError` for runs that were not evaluated or have no test photo in common, `ConfigError` for a page that
-    is not named .html.
+    Warns where photos of one name are not the same photo. Raises `InputError` for runs that were not evaluated or have
+    no test photo in common, `ConfigError` for a page that is not named .html.
     """
     if page.suffix.lower() != ".html":
         raise ConfigError(f"Cannot write the page as '{page.name}': name it .html.")
     names = _names([Path(run_folder), Path(other_folder)])
-    first, second = (read_report(RunFolder.open(Path(folder))) for folder in (run_folder, other_folder))
+    runs = [RunFolder.open(Path(folder)) for folder in (run_folder, other_folder)]
+    first, second = (read_report(run) for run in runs)
     found = Comparison((names[0], names[1]), (first, second))
+    known, others = (_test_photos(run) for run in runs)
+    unlike = [name for name in found.photos if name in known and name in others and known[name] != others[name]]
+    if unlike:
+        warnings.warn(
+            f"{len(unlike)} of {len(found.photos)} test photos that both runs have by name are different ones, such as "
+            f"{unlike[0]}: the runs are of different scenes, and their differences say nothing.",
+            LightprobeWarning, stacklevel=2,
+        )  # fmt: skip
     write_bytes(page, comparison_page(found).encode())
     return found
+
+
+def _test_photos(run: RunFolder) -> dict[str, str]:
+    """Return the checksums of the test photos that a run's scene.json knows, by name."""
+    photos = run.scene().get("photos", {}).get("test", {}) if run.scene_file.is_file() else {}
+    return {name: str(entry.get("image_checksum")) for name, entry in photos.items() if isinstance(entry, dict)}
 
 
 def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, Report]:
