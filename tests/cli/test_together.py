@@ -143,3 +143,10 @@ def test_a_photo_is_not_replaced_by_what_is_made_of_it(trained, opaque, tmp_path
     for image in images:
         write_exr(image, color)
     fails(["predict", trained[1].path, *images, "-o", folder], capsys, ["would be replaced"])
+
+
+def test_files_of_a_camera_that_is_given_are_not_asked_for(trained, opaque, tmp_path, capsys):
+    wanted = ["--save-overlay", tmp_path / "seen.png", "-o", tmp_path / "light.exr"]
+    for more in ([], ["--one-light"]):
+        fails(["predict", trained[1].path, opaque[0][0], *given(opaque), *wanted, *more], capsys, ["--save-overlay"])
+    assert not list(tmp_path.iterdir())
