@@ -30,7 +30,7 @@ def test_predict_writes_a_map_of_the_size_that_is_asked_for_and_what_else_is_kno
     assert read_hdr(small).shape == (64, 128, 3)
     told = json.loads((tmp_path / "light.light.json").read_text())
     assert told.keys() == KEYS
-    assert told["map"] == {"file": "light.hdr", "width": 256, "height": 128, "sun": "separate"}
+    assert told["map"] == {"file": "light.hdr", "copies": [], "width": 256, "height": 128, "sun": "separate"}
     assert told["photo"]["file"] == "test_00.png"
     assert told["photo"]["camera"]["width"] > 0
     assert told["photometry"]["cd_per_m2_per_unit"] is None

@@ -114,7 +114,8 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         if not isinstance(given, list) or len(given) > MOST:
             raise ValueError(f"not a list of at most {MOST}")
         told = value["map"]
-        if Path(told["file"]).stem == map_path.stem and map_path.name not in (told["file"], *told.get("copies", [])):
+        name = str(told.get("file", map_path.name))
+        if Path(name).stem == map_path.stem and map_path.name not in (name, *told.get("copies", [])):
             return None
         return tuple(LightSource.from_json(one) for one in given), Sun(told["sun"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:

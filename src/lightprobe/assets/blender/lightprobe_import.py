@@ -102,7 +102,8 @@ def lamps_beside(path: Path) -> list[dict[str, Any]]:
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
         told = stored["map"]
-        others = Path(told["file"]).stem == path.stem and path.name not in (told["file"], *told.get("copies", []))
+        name = str(told.get("file", path.name))
+        others = Path(name).stem == path.stem and path.name not in (name, *told.get("copies", []))
         if told.get("sun") != "separate" or others:  # NAME.exr and NAME.hdr share NAME.light.json
             return []
         return [_checked(lamp) for lamp in stored["sources"][:_MOST_LAMPS]]
