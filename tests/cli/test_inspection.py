@@ -30,3 +30,9 @@ def test_a_scene_with_cameras_gets_its_sheet(tmp_path, capsys):
     succeed("inspect", write_nerd(tmp_path / "scene", views(18)), "-o", tmp_path / "s.png")
     assert (tmp_path / "s.png").exists()
     assert "no problems" in capsys.readouterr().out
+
+
+def test_a_run_is_no_folder_of_photos(tmp_path, capsys):
+    run = take(tmp_path / "run", 10)
+    (run / "config.json").write_text("{}")
+    assert fails(["inspect", run], capsys, ["is a run and no folder of photos"]) == 2

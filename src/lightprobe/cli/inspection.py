@@ -30,6 +30,8 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
     if output is not None and output.suffix.lower() != ".png":
         raise ConfigError(f"Cannot write the overlay sheet as '{output.name}': name it .png.")
     if is_plain(scene):
+        if (scene / "config.json").is_file():
+            raise InputError(f"{scene} is a run and no folder of photos; inspect the scene that it learnt from.")
         if output is not None:
             raise ConfigError(f"{scene} has no cameras to draw an overlay sheet of; leave out the option --output.")
         plain = inspect_plain(scene)
