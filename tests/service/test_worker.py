@@ -69,7 +69,7 @@ def test_lamps_are_looked_for_and_taken_out_where_that_is_asked_for(asked, tmp_p
     one = worker()
     told = one.answer({**asked, "sources": True, "sun": "separate", "height": 128}, lambda stage: None)
     assert told["light"]["sources_sought"]
-    assert told["light"]["map"] == {"file": "light.exr", "width": 256, "height": 128, "sun": "separate"}
+    assert told["light"]["map"] == {"file": "light.exr", "copies": [], "width": 256, "height": 128, "sun": "separate"}
     assert read_hdr(tmp_path / "light.exr").shape == (128, 256, 3)
     assert one.answer(asked, lambda stage: None)["seconds"]["load"] == 0
 
