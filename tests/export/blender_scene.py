@@ -1,6 +1,7 @@
 """Run by a Python that has bpy: import what a test wrote through the add-on's operator, and tell what is in Blender.
 
-One JSON argument: {"addon", "folder", "files", "views": {name: camera position}, "side"}. The answer is the last line.
+One JSON argument: {"addon", "folder", "files", "then": [files of another import, ...], "views": {name: camera
+position}, "side"}. The answer is the last line.
 """
 
 import importlib.util
@@ -54,9 +55,10 @@ def main(given):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     addon = load_addon(given["addon"])
     addon.register()
-    files = [{"name": name} for name in given["files"]]
     try:
-        result = list(bpy.ops.import_scene.lightprobe(directory=given["folder"], files=files))
+        for names in (given["files"], *given.get("then", [])):
+            files = [{"name": name} for name in names]
+            result = list(bpy.ops.import_scene.lightprobe(directory=given["folder"], files=files))
     except RuntimeError as error:
         print(json.dumps({"error": str(error)}))
         return

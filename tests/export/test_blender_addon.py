@@ -136,3 +136,22 @@ def test_what_is_in_the_map_is_not_lit_twice_and_a_bad_file_says_so(exported):
     assert in_blender(exported, "inside.exr")["lamps"] == []
     assert "bad.light.json is no light file" in in_blender(exported, "bad.exr")["error"]
     assert "Choose a .glb file" in in_blender(exported, "mesh.txt")["error"]
+
+
+def test_another_light_takes_the_lamps_of_the_one_before_away(exported):
+    for name, sun in (("bare", "separate"), ("full", "inside")):
+        Environment(torch.ones(6, 8, 8, 3)).save(exported / f"{name}.exr")
+        light_file(exported / f"{name}.light.json", sun)
+    assert len(in_blender(exported, "bare.exr", then=[["bare.exr"]])["lamps"]) == 1
+    assert in_blender(exported, "bare.exr", then=[["full.exr"]])["lamps"] == []
+
+
+def test_a_light_file_of_the_other_format_s_map_brings_no_lamps(exported):
+    Environment(torch.ones(6, 8, 8, 3)).save(exported / "two.exr")
+    source = {"direction": [0, 0, 2], "angular_radius_deg": 0.5, "irradiance_rgb": [2.0, 1.0, 0.5], "uncertainty": 0.1}
+    told = {"map": {"file": "two.hdr", "copies": [], "sun": "separate"}, "sources": [source]}
+    (exported / "two.light.json").write_text(json.dumps(told))
+    assert in_blender(exported, "two.exr")["lamps"] == []
+    told["map"]["copies"] = ["two.exr"]
+    (exported / "two.light.json").write_text(json.dumps(told))
+    assert len(in_blender(exported, "two.exr")["lamps"]) == 1
