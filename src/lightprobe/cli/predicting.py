@@ -95,7 +95,7 @@ def predict(
       lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o light.exr
       lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
-    located = LocationFiles(save_camera, save_mask, save_overlay)
+    located = _wanted(camera, LocationFiles(save_camera, save_mask, save_overlay))
     height = None if size is None else map_height(size)
     files = PredictionFiles(camera, mask, output, confidence, located, height, sun, sources)
     how = _How(method, settings, background, device)
@@ -136,6 +136,15 @@ def _predict_video(run: Path, video: Path, files: PredictionFiles, how: _How, ev
     )
     if found.failures is not None:
         raise InputError(found.failures)
+
+
+def _wanted(camera: Path | None, files: LocationFiles) -> LocationFiles:
+    """Return the files of what is found; raise `ConfigError` where they are named although the camera is given."""
+    if camera is not None and any(files.chosen()):
+        raise ConfigError(
+            "--save-camera, --save-mask and --save-overlay write what is found, and --camera gives that; leave it out."
+        )
+    return files
 
 
 def _tell_untrained(trained: bool, run: Path, method: Method | None) -> None:

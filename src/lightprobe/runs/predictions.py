@@ -170,7 +170,6 @@ def predict_photos(
     _refuse_replacing(written, images, files)
     folders = [one.output.parent for one in maps]
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
-    _check_wanted(photos, files)
     loaded = loaded or LoadedRun(run, resolve_device(device), settings)
     loaded.make_ready(photos)
     predictor = loaded.predictor
@@ -208,7 +207,6 @@ def predict_one_light(
     _refuse_replacing([target.output, target.confidence], images, files)
     folders = [target.output.parent] * len(images)
     photos = NewPhotos(run, _photo_files(images, files, folders), files.camera, background)
-    _check_wanted(photos, files)
     loaded = LoadedRun(run, resolve_device(device), settings)
     loaded.make_ready(photos)
     predictor = loaded.predictor
@@ -247,15 +245,6 @@ def _refuse_replacing(maps: Sequence[Path | None], images: Sequence[Path], files
     """Raise `ConfigError` where what is written would replace a photo, a mask or a file of cameras."""
     masks = [photo_mask(image, files.mask) for image in images]
     refuse_replacing([*maps, *files.location.chosen()], [*images, *masks, files.camera])
-
-
-def _check_wanted(photos: NewPhotos, files: PredictionFiles) -> None:
-    """Raise `ConfigError` where a camera, mask or overlay is to be written although nothing has to be found."""
-    if not photos.lack_cameras and any(files.location.chosen()):
-        raise ConfigError(
-            "--save-camera, --save-mask and --save-overlay write what is found, and the camera is known here; leave "
-            "them out, or --camera."
-        )
 
 
 def _facts(image: Path, photo: NewPhoto) -> PhotoFacts:
