@@ -43,3 +43,17 @@ def test_what_cannot_be_inserted_leaves_no_file(trained, thing, tmp_path, capsys
         arguments = ["insert", run.path, photo, "--object", object_, "-o", folder / name, *more]
         fails(arguments, capsys, [word])
         assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("read", ["photo", "mask", "env"])
+def test_what_is_read_is_not_replaced_by_the_picture_or_a_layer(trained, thing, tmp_path, capsys, read):
+    scene, run = trained
+    photo, layer = scene / "test" / "test_00.png", tmp_path / "out.beauty.exr"
+    copies = {"photo": tmp_path / "photo.png", "mask": tmp_path / "mask.png", "env": layer}
+    copies[read].write_bytes(photo.read_bytes())
+    before, image = copies[read].read_bytes(), copies["photo"] if read == "photo" else photo
+    output = tmp_path / "out.png" if read == "env" else copies[read]
+    more = [] if read == "photo" else [f"--{read}", copies[read]]
+    fails(["insert", run.path, image, "--object", thing, "-o", output, *more], capsys, ["would be replaced"])
+    assert [path.name for path in tmp_path.iterdir()] == [copies[read].name]
+    assert copies[read].read_bytes() == before

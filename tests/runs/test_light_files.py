@@ -8,7 +8,7 @@ import torch
 
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import InputError
-from lightprobe.export.light_file import write_sources
+from lightprobe.export.light_file import light_file, other_map, write_sources
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.light.sources import LightSource
@@ -66,3 +66,22 @@ def test_the_light_file_of_the_other_format_s_map_is_not_taken_for_this_one_s(sk
     renamed = sky.rename(sky.with_name("renamed.exr"))  # together with its light file
     sky.with_name("light.light.json").rename(sky.with_name("renamed.light.json"))
     assert not torch.equal(whole_light(renamed).texels, bare.texels)
+
+
+def test_whose_light_file_would_be_replaced(sky):
+    other = sky.with_suffix(".hdr")
+    assert other_map(sky) is None
+    write_sources(other, 64, LAMPS, Sun.SEPARATE)
+    assert other_map(sky) is None  # that map is not there
+    Environment.load(sky).save(other)
+    assert other_map(sky) == other
+    assert other_map(other) is None
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", '{"map": 3}', '{"map": {"file": 7}}', '{"map": {"file": "a/../x\\u0000"}}']
+)
+def test_a_damaged_light_file_is_nobody_s(sky, text):
+    """It is replaced with the map: a prediction must not be lost for it."""
+    light_file(sky).write_text(text)
+    assert other_map(sky) is None

@@ -103,11 +103,8 @@ def distill(
             run, distill=distill, predict=predict, device=processes.device, seed=seed, scene_folder=scene, hdri=hdri,
             restart=restart, on_progress=meter.update, processes=processes,
         )  # fmt: skip
-    say(
-        f"Model: {folder.model_folder}\nNext: lightprobe eval {shell_word(run)}",
-        run=folder.path,
-        model=folder.model_folder,
-    )
+    next_one = f"Next: lightprobe eval {shell_word(run)}"
+    say(f"Model: {folder.model_folder}\n{next_one}", run=folder.path, model=folder.model_folder)
 
 
 def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: Seed = 0) -> None:

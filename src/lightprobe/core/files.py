@@ -127,7 +127,7 @@ def remove(*paths: Path) -> None:
 
 def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
     """Raise `ConfigError` where a file that is to be written is one that is read, or one of the other written ones."""
-    sources = {path.resolve(): path for path in read if path is not None}
+    sources = {path.resolve() for path in read if path is not None}
     taken: set[Path] = set()
     for path in written:
         if path is None:

@@ -83,10 +83,8 @@ def train(
     """
     _require_divisible(config, processes)
     first, second = passes = stages(config)
-    training = Training(
-        "Phase II", {**asdict(config), "maps": maps}, seed, passes, config.checkpoint_every, progress or Progress(),
-        processes,
-    )  # fmt: skip
+    known = asdict(config) | ({"maps": maps} if maps else {})
+    training = Training("Phase II", known, seed, passes, config.checkpoint_every, progress or Progress(), processes)
     network = new_network(config, seed).to(device)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:

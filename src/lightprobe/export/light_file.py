@@ -73,13 +73,26 @@ def write_sources(
     write_json(light_file(map_path), _map_and_sources(map_path, map_height, sources, sun, copies))
 
 
-def belongs_to(map_path: Path) -> str | None:
-    """Return the name of the map that the JSON beside `map_path` says it is of; None where there is none that does."""
-    path = light_file(map_path)
-    value = read_json(path) if path.is_file() else None
-    told = value.get("map") if isinstance(value, dict) else None
-    name = told.get("file") if isinstance(told, dict) else None
-    return name if isinstance(name, str) else None
+def other_map(map_path: Path) -> Path | None:
+    """Return the map in another format that the JSON beside `map_path` is of, if it is there; else None.
+
+    A JSON that cannot be read is nobody's.
+    """
+    try:
+        told = read_json(light_file(map_path))["map"]
+        other = map_path.with_name(Path(told["file"]).name)
+        return None if _is_of(told, map_path) or not other.is_file() else other
+    except (InputError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def _is_of(told: dict[str, Any], map_path: Path) -> bool:
+    """Return whether a JSON's "map" is the one at `map_path`: NAME.exr and NAME.hdr share NAME.light.json.
+
+    One that was renamed together with its map is still of it.
+    """
+    name = str(told.get("file", map_path.name))
+    return Path(name).stem != map_path.stem or map_path.name in (name, *told.get("copies", []))
 
 
 def _map_and_sources(
@@ -100,7 +113,7 @@ def _map_and_sources(
 def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
     """Return the sources in the JSON beside a map and whether the map has them; None where there is no such file.
 
-    Nor where it is that of the other format's map of the same name: NAME.exr and NAME.hdr share NAME.light.json.
+    Nor where it is that of the other format's map of the same name.
     Raises `InputError` for a file that is not of this format and version, or says what no source can be.
     """
     path = light_file(map_path)
@@ -113,11 +126,9 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         given = value["sources"]
         if not isinstance(given, list) or len(given) > MOST:
             raise ValueError(f"not a list of at most {MOST}")
-        told = value["map"]
-        name = str(told.get("file", map_path.name))
-        if Path(name).stem == map_path.stem and map_path.name not in (name, *told.get("copies", [])):
+        if not _is_of(value["map"], map_path):
             return None
-        return tuple(LightSource.from_json(one) for one in given), Sun(told["sun"])
+        return tuple(LightSource.from_json(one) for one in given), Sun(value["map"]["sun"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{path} says what no light source can be ({shown(str(error))}); remove it, and they are found in the map."

@@ -50,13 +50,9 @@ def read_photo(path: Path, *, size: tuple[int, int] | None = None) -> tuple[np.n
         for first, last in image.strips():
             clipped[first:last] = image.clipped_rows(first, last)
     else:
-        clipped = resize_rows(_as_floats(image.clipped_rows), (image.height, image.width, 3), *color.shape[:2]) > 0
+        whole = (image.height, image.width, 3)
+        clipped = resize_rows(lambda *rows: image.clipped_rows(*rows).astype(np.float32), whole, *color.shape[:2]) > 0
     return color, alpha, clipped
-
-
-def _as_floats(rows: Callable[[int, int], np.ndarray]) -> Callable[[int, int], np.ndarray]:
-    """Return what returns strips of rows (h, W, ...) as float32."""
-    return lambda first, last: rows(first, last).astype(np.float32)
 
 
 def _colors(image: PhotoFile, size: tuple[int, int] | None) -> tuple[np.ndarray, np.ndarray | None]:

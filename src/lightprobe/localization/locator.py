@@ -66,8 +66,9 @@ class Locator:
     def _locate(self, image: Path, mask: Path | None, focal: float | None) -> Located:
         begin = time.perf_counter()
         color, given, clipped = _read(image, mask)
-        if float(color.max()) <= _BLACK or clipped.mean() >= _WHITE:
-            raise InputError(f"{image} is {'black' if float(color.max()) <= _BLACK else 'white'} all over.")
+        for is_so, word in ((color.max() <= _BLACK, "black"), (clipped.mean() >= _WHITE, "white")):
+            if is_so:
+                raise InputError(f"{image} is {word} all over.")
         width, height = image_size(image)
         if focal is None:
             ratio = focal_ratio(image)

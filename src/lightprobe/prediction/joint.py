@@ -81,11 +81,9 @@ def _exposure(matrix: Tensor, color: Tensor, trust: Tensor, light: Tensor) -> Te
     1 where no pixel is trusted, as in a photo that is white all over: it tells nothing of its exposure.
     """
     render = torch.einsum("cpt,tc->pc", matrix, light)
-    explained = (trust * render.square()).sum()
-    if not bool(explained > 0):
-        return torch.ones_like(explained)
-    explained = explained.clamp(min=1e-12)
+    explained = (trust * render.square()).sum().clamp(min=1e-12)
     ratio = ((trust * render * color).sum() / explained).clamp(1e-3, 1e3)
     # Of ln s about ln ratio. The asset's errors are alike over a whole photo: its pixels count as one.
     variance = (trust * (ratio * render - color).square()).sum() / (ratio.square() * explained)
-    return (ratio.log() * _SPREAD**2 / (_SPREAD**2 + variance)).exp()
+    found = (ratio.log() * _SPREAD**2 / (_SPREAD**2 + variance)).exp()
+    return torch.where(trust.any(), found, 1.0)

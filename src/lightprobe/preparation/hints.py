@@ -10,7 +10,7 @@ from lightprobe.core.errors import ConfigError, InputError, shown
 from lightprobe.core.files import read_json, write_json
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.photos import SourcePhoto
-from lightprobe.scene.masks import mask_turn
+from lightprobe.scene.masks import mask_turn, same_shape
 
 _NUMBER = r"\s*(-?(?:\d+\.?\d*|\.\d+))\s*"
 _BOX = re.compile(",".join([_NUMBER] * 4))
@@ -47,8 +47,7 @@ def find_photo(photos: Sequence[SourcePhoto], name: str, option: str) -> int:
 
     Raises `ConfigError` for none, or for several of that name in different folders.
     """
-    wanted = PurePath(name)
-    parts = wanted.parts
+    parts = PurePath(name).parts
     found = [
         index for index, photo in enumerate(photos)
         if name == photo.name
@@ -80,7 +79,7 @@ def read_hint(text: str, photos: Sequence[SourcePhoto]) -> tuple[int, np.ndarray
         return index, _box_mask([float(number) for number in box.groups()], photo)
     turn = mask_turn(Path(value), photo.path, (photo.width, photo.height))
     mask = read_mask(Path(value), turn=turn)
-    if abs(mask.shape[1] * photo.height - mask.shape[0] * photo.width) > 0.02 * mask.shape[0] * photo.width:
+    if not same_shape((mask.shape[1], mask.shape[0]), (photo.width, photo.height)):
         raise InputError(
             f"{value} is {mask.shape[1]} x {mask.shape[0]}, but {photo.path.name} is {photo.width} x {photo.height}; "
             "a mask has the shape of its photo."

@@ -22,7 +22,7 @@ from lightprobe.imaging import (
 )
 from lightprobe.scene.frame import unique_names
 from lightprobe.scene.loading import has_cameras
-from lightprobe.scene.masks import MaskFolder, mask_turn
+from lightprobe.scene.masks import MaskFolder, mask_turn, same_shape
 from lightprobe.scene.plain_photos import list_photos
 
 FEWEST = 4  # photos from which shape can be found at all
@@ -111,7 +111,7 @@ def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
         return read_alpha(photo.path, size=size) if photo.cutout else None
     turn = mask_turn(photo.mask, photo.path, (photo.width, photo.height))
     width, height = turned_size(image_size(photo.mask, orient=False), turn)
-    if abs(width * photo.height - height * photo.width) > 0.02 * height * photo.width:
+    if not same_shape((width, height), (photo.width, photo.height)):
         raise InputError(
             f"{photo.mask} is {width} x {height}, but its photo {photo.path.name} is "
             f"{photo.width} x {photo.height}; a mask has the shape of its photo."

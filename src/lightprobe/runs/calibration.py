@@ -77,7 +77,7 @@ def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Pat
         if int(whole.sum()) < _FEWEST:
             raise InputError(f"{photo} shows too little of the object that is not clipped; expose it for the object.")
         factor = factor * _median_ratio(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
-        explained = _explained(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
+    explained = _explained(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
     found = _stored(opened.run, factor, f"{photo.name} under {environment.name}")
     _warn_unexplained(explained, photo, environment)
     return found

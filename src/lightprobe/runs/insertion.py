@@ -8,6 +8,7 @@ import torch
 
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
+from lightprobe.core.files import refuse_replacing
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import check_room
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
@@ -52,14 +53,15 @@ def insert_object(
     that cannot be meant; nothing is written then.
     """
     start, output, image = time.perf_counter(), Path(output), Path(photo)
-    _check_name(output, image)
+    _check_name(output)
+    given, files = photo_mask(image, None if mask is None else Path(mask)), LayerFiles.of(output)
+    refuse_replacing(vars(files).values(), [image, given, Path(thing), *(Path(path) for path in (env, camera) if path)])
     wish = Wish(at, scale, turn)
     wish.check()
     found, folder, where = load_thing(Path(thing)), RunFolder.open(Path(run)), resolve_device(device)
     light = None if env is None else whole_light(Path(env), where)
     if camera is None:
         read_record(folder)  # it has the cameras
-    given = photo_mask(image, None if mask is None else Path(mask))
     location = LocationFiles().within(folder.path / "predictions", image)
     photos = NewPhotos(folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True)
     loaded = LoadedRun(folder, where)
@@ -70,7 +72,6 @@ def insert_object(
         prediction = loaded.predictor.predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
     inserted = insert(loaded.predictor.decomposition, light, _view(image, photos, new), found, wish)
-    files = LayerFiles.of(output)
     inserted.write(files)
     return InsertedObject(
         files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
@@ -84,9 +85,7 @@ def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
     return PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
 
 
-def _check_name(output: Path, image: Path) -> None:
-    """Raise `ConfigError` for a picture that cannot be written under this name, or would replace the photo."""
+def _check_name(output: Path) -> None:
+    """Raise `ConfigError` for a picture that cannot be written under this name."""
     if output.suffix.lower() != ".png":
         raise ConfigError(f"Cannot write the picture as '{output.name}': name it .png; its layers are OpenEXR files.")
-    if output.resolve() == image.resolve():
-        raise ConfigError(f"The picture would replace the photo {image}; give it another name.")

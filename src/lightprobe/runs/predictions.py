@@ -17,7 +17,7 @@ from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import refuse_replacing, remove
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
-from lightprobe.export.light_file import PhotoFacts, belongs_to, light_file, write_light_file
+from lightprobe.export.light_file import PhotoFacts, light_file, other_map, write_light_file
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for
 from lightprobe.prediction.verdict import tells_nothing
 from lightprobe.runs.loaded import LoadedRun
@@ -93,11 +93,11 @@ class MapFiles:
 
     def write(self, prediction: Prediction, facts: PhotoFacts) -> None:
         """Write the map and what goes with it; the .light.json comes last, and an older one goes first."""
-        told = belongs_to(self.output)
-        if told not in (None, self.output.name) and self.output.with_name(str(told)).is_file():
+        other = other_map(self.output)
+        if other is not None:
             warnings.warn(
-                f"{light_file(self.output)} told the sources of {told} and is now that of {self.output.name}; give "
-                "maps of one folder different names.", LightprobeWarning, stacklevel=2,
+                f"{light_file(self.output)} told the sources of {other.name} and is now that of {self.output.name}; "
+                "give maps of one folder different names.", LightprobeWarning, stacklevel=2,
             )  # fmt: skip
         remove(light_file(self.output))
         if self.kept:

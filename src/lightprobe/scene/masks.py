@@ -74,11 +74,13 @@ def mask_turn(mask: Path, image: Path, size: tuple[int, int]) -> int:
     """
     own, tag = read_orientation(mask), read_orientation(image) or 1
     stored = image_size(mask, orient=False)
-    for turn in (tag, 1) if own is None else (own, tag, 1):
-        width, height = turned_size(stored, turn)
-        if abs(width * size[1] - height * size[0]) <= _SAME_SHAPE * height * size[0]:
-            return turn
-    return 1
+    turns = (tag, 1) if own is None else (own, tag, 1)
+    return next((turn for turn in turns if same_shape(turned_size(stored, turn), size)), 1)
+
+
+def same_shape(size: tuple[int, int], photo: tuple[int, int]) -> bool:
+    """Return whether a mask of `size` (width, height) has the shape of a photo of that size, or of a smaller copy."""
+    return abs(size[0] * photo[1] - size[1] * photo[0]) <= _SAME_SHAPE * size[1] * photo[0]
 
 
 def without_background(alphas: Mapping[str, np.ndarray]) -> list[str]:

@@ -11,7 +11,7 @@ A photo whose camera has a lens is resampled to the pinhole camera's picture bef
 """
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -152,16 +152,23 @@ class _Opened:
 
         The object's colour is averaged with its coverage as weight, where it has any: none of the background bleeds in.
         """
+
+        def planes(first: int, last: int) -> np.ndarray:
+            color, alpha, clipped = self._stored(first, last)
+            return np.dstack([color * alpha[..., None], alpha, color, clipped])
+
+        found = self._straight(planes, first, last)
+        alpha = np.ascontiguousarray(found[..., 3])
+        own = found[..., :3] / np.maximum(alpha, 1e-6)[..., None]
+        return np.where(alpha[..., None] > 1e-6, own, found[..., 4:7]), alpha, found[..., 7:] > 0
+
+    def _straight(self, read: Callable[[int, int], np.ndarray], first: int, last: int) -> np.ndarray:
+        """Return rows first..last - 1 (h, W, C) of the pinhole's picture; `read` returns such rows of the lens' one."""
         if self._resampling is None:
             raise ValueError("The photo has no lens.")
         places, shown = self._resampling.places(first, last)
         top, bottom = span(places, shown)
-        color, alpha, clipped = self._stored(top, min(bottom, self.size[0]))
-        planes = np.dstack([color * alpha[..., None], alpha, color, clipped])
-        found = bilinear(planes, top, places) * shown[..., None]
-        alpha = np.ascontiguousarray(found[..., 3])
-        own = found[..., :3] / np.maximum(alpha, 1e-6)[..., None]
-        return np.where(alpha[..., None] > 1e-6, own, found[..., 4:7]), alpha, found[..., 7:] > 0
+        return bilinear(read(top, min(bottom, self.size[0])), top, places) * shown[..., None]
 
     def whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return linear straight colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3) bool."""
@@ -191,12 +198,11 @@ class _Opened:
     def _everything(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return `rows`, the photo's white beside the object included, (h, W, 3) float32 in [0, 1]."""
         color, alpha, _ = self.rows(first, last)
-        if self._resampling is None:
-            return color, alpha, self._image.clipped_rows(first, last).astype(np.float32)
-        places, shown = self._resampling.places(first, last)
-        top, bottom = span(places, shown)
-        white = self._image.clipped_rows(top, min(bottom, self.size[0])).astype(np.float32)
-        return color, alpha, bilinear(white, top, places) * shown[..., None]
+
+        def white(first: int, last: int) -> np.ndarray:
+            return self._image.clipped_rows(first, last).astype(np.float32)
+
+        return color, alpha, white(first, last) if self._resampling is None else self._straight(white, first, last)
 
     def check_seen(self) -> None:
         """Raise `InputError` when all coverage has been handed out and no pixel shows the object."""

@@ -13,6 +13,7 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import inside, read_json, shell_word
 from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_area, write_png
 from lightprobe.preparation.hints import store_hint, stored_hint
+from lightprobe.scene.masks import same_shape
 from lightprobe.scene.plain_photos import list_photos
 from lightprobe.view.sources import PREPARED, SceneSource
 
@@ -87,7 +88,7 @@ def save_mask(photos: ScenePhotos, index: int, painted: Path) -> Path:
         raise ConfigError("This folder has no masks yet; draw a box and prepare it first.")
     width, height = image_size(photos.image(index))
     mask = read_mask(painted)
-    if abs(mask.shape[1] * height - mask.shape[0] * width) > 0.02 * mask.shape[0] * width:
+    if not same_shape((mask.shape[1], mask.shape[0]), (width, height)):
         raise InputError(f"The painted mask is {mask.shape[1]} x {mask.shape[0]}, but the photo is {width} x {height}.")
     if not 0 < (mask >= 0.5).mean() < 1:
         raise InputError("The mask shows no object, or nothing but it; paint the object and leave the rest free.")

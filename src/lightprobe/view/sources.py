@@ -45,15 +45,17 @@ class RunSource:
 
     def image_file(self, photo: RunPhoto) -> Path:
         """Return the file of a photo; raise `InputError` when it is gone or lies outside of the run's scene."""
-        record = self.run.scene()
-        entry = record["photos"][photo.split][photo.name]
-        return inside(Path(record["root"]), entry["image"], source=self.run.scene_file)
+        return self._file(photo, "image")
 
     def mask_file(self, photo: RunPhoto) -> Path | None:
         """Return the file of a photo's mask, None where it has none of its own; errors as `image_file`."""
+        has_one = "mask" in self.run.scene()["photos"][photo.split][photo.name]
+        return self._file(photo, "mask") if has_one else None
+
+    def _file(self, photo: RunPhoto, kind: str) -> Path:
         record = self.run.scene()
-        entry = record["photos"][photo.split][photo.name]
-        return None if "mask" not in entry else inside(Path(record["root"]), entry["mask"], source=self.run.scene_file)
+        name = record["photos"][photo.split][photo.name][kind]
+        return inside(Path(record["root"]), name, source=self.run.scene_file)
 
 
 @dataclass(frozen=True)
