@@ -13,6 +13,7 @@ from triton.runtime import driver
 from triton.runtime.jit import JITFunction
 
 from lightprobe.kernels.reference import occlusion as reference_occlusion
+from lightprobe.kernels.sparse import CompressedRows
 from tests.kernels import test_gather, test_hash_grid, test_occlusion, test_rasterize, test_stacking
 
 
@@ -59,6 +60,10 @@ def call_all():
     call("occlusion", "occluded_light", *case)
     call("occlusion", "light_gradient", grad, *case[1:])
     call("occlusion", "normal_gradient", grad, reference_occlusion.occluded_light(*case), *case)
+    for columns in (1, 500):
+        entries = torch.zeros(columns, dtype=torch.int32)
+        call("sparse", "product", CompressedRows(torch.tensor([0, columns]).int(), entries, entries.float(), columns),
+             torch.ones(columns, 3), None)  # fmt: skip
     screen, faces = test_rasterize.soup(40, 64, 64)
     call("rasterize", "rasterize", screen, faces, 64, 64)
     call("rasterize", "rasterize", screen, faces[:1].long(), 64, 1)

@@ -7,12 +7,15 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.light.prefilter import cached
+from lightprobe.reconstruction import lights as lights_module
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
+from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import sky, sphere_gbuffer
 from tests.shapes import camera_at
+from tests.tape import compute_as_a_gpu_does, record_on_tape
 
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(light_solve_pixels=500)
@@ -50,6 +53,51 @@ def test_rows_lie_in_the_mask_and_come_once():
     assert len(lights.rows(target, gbuffer, 3, 5000)) == 1000  # all there are
     assert torch.equal(rows, lights.rows(target, gbuffer, 3, 400))
     assert not torch.equal(rows, lights.rows(target, gbuffer, 4, 400))
+
+
+@pytest.mark.slow
+def test_recorded_visits_solve_what_single_ones_do(monkeypatch):
+    compute_as_a_gpu_does(monkeypatch)
+    gbuffer, target, _ = ball()
+    few = replace(CONFIG, light_solve_pixels=200)
+    open_sphere = VertexVisibility(torch.full((4, 384), 200, dtype=torch.uint8), torch.full((4, 3), 0.2))
+    corners = torch.arange(1500)[:, None] % 4
+    shadowed = replace(gbuffer, visibility=PointVisibility(open_sphere, corners, torch.ones(1500, 1)))
+
+    def visits():
+        lights, found = Lights(["ball"], few, CPU, 0), []
+        for step, seen in enumerate([gbuffer] * 6 + [shadowed] * 6):
+            lights.levels(target, seen, step)
+            found.append(lights.maps[0].clone())
+        return found
+
+    single, recorders = visits(), record_on_tape(monkeypatch, lights_module)
+    recorded = visits()
+    assert [(recorder.recordings, recorder.replays) for recorder in recorders] == [(2, 6)]
+    for one, other in zip(single, recorded, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+    assert not torch.allclose(single[4], single[5], rtol=1e-3)  # other pixels, another light
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+@pytest.mark.filterwarnings("error:Steps cannot be recorded")
+def test_a_gpu_solves_from_a_recording_what_it_solves_singly(monkeypatch):
+    device = torch.device("cuda", 0)
+    gbuffer, target, _ = ball()
+    gbuffer = gbuffer.holding([tensor.to(device) for tensor in gbuffer.tensors()])
+    moved = {name: getattr(target, name).to(device) for name in ("color", "alpha", "clipped")}
+    target = replace(target, view=View.of(camera_at((3.0, 0, 0), size=1, width=1500), device), **moved)
+
+    def visits():
+        lights = Lights(["ball"], CONFIG, device, 0)
+        for step in range(8):
+            lights.levels(target, gbuffer, step)
+        return lights.maps[0]
+
+    recorded = visits()
+    monkeypatch.setattr(lights_module, "recorder_for", lambda device: None)
+    torch.testing.assert_close(recorded, visits(), rtol=1e-3, atol=1e-4)
 
 
 def test_a_visit_solves_the_light_or_leaves_it_to_gradients():

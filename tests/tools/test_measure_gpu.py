@@ -1,5 +1,6 @@
 """Parts that end, fail and hang; the page they make; and the whole command, briefly, on the CPU."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -7,9 +8,10 @@ from pathlib import Path
 import pytest
 import torch
 
+from gpu import boxes
 from gpu import page as pages
 from gpu.boxes import Outcome, Pace, Setting, pace_rows, run_part
-from gpu.checks import summary
+from gpu.checks import marked, summary
 from gpu.kernels import TITLES, device_limits, difference, kernel_row
 from gpu.page import BOXES, Box, measure, page
 from speed.ball import CPU
@@ -21,7 +23,7 @@ import sys, time
 from pathlib import Path
 folder, part = Path(sys.argv[1]), sys.argv[2]
 (folder / f"{part}.rows").write_text("| measured |\\n")
-(folder / f"{part}.json").write_text('{"pass1": [3, 10, 0.2]}')
+(folder / f"{part}.json").write_text('{"pass1": [3, 10, 0.2, 2]}')
 if part == "fails":
     sys.exit("No CUDA device is free.")
 if part == "hangs":
@@ -46,7 +48,7 @@ def test_what_a_part_had_measured_stays_whatever_becomes_of_it(setting, part, fa
     outcome = run_part(command(setting, part), part, setting, 2.0 if part == "hangs" else 60.0)
     assert outcome.failure == failure
     assert outcome.rows == ["| measured |"]
-    assert outcome.state == {"pass1": [3, 10, 0.2]}
+    assert outcome.state == {"pass1": [3, 10, 0.2, 2]}
     assert outcome.seconds < 60
 
 
@@ -72,7 +74,10 @@ def test_the_page_says_what_it_is_not(setting):
     text = page(setting, {box.part: Outcome([], {}, 1.0) for box in BOXES}, "python tools/measure_gpu.py", 60.0)
     for words in ("**No GPU was measured**", "**A brief measurement**", "- commit: ", "- machine: ", "- seed: 0"):
         assert words in text
+    assert "left out" not in text
     assert sum(box.minutes for box in BOXES) <= 25
+    some = page(setting, {BOXES[0].part: Outcome([], {}, 1.0)}, "python tools/measure_gpu.py", 60.0, BOXES[:1])
+    assert f"- left out: {BOXES[1].title}, " in some
 
 
 def test_a_setting_survives_the_command_line(setting):
@@ -84,8 +89,26 @@ def test_pace_is_written_down_and_told(setting):
     for step in (1, 2, 3):
         pace.step("pass1", step, 3)
     assert setting.state_file("standard").is_file()
-    assert pace_rows({"pass1": [3, 10, 0.2]})[-1] == "| pass1 | 3 | 10 | 100.0 | 1 |"
+    assert pace_rows({"pass1": [3, 10, 0.2, 2]})[-1] == "| pass1 | 3 | 10 | 100.0 | 1 |"
     assert pace_rows({}) == []
+
+
+def test_steps_told_at_once_took_no_time_of_their_own(setting, monkeypatch):
+    now = iter([10.0, 10.001, 12.0, 12.001])
+    pace = Pace("standard", setting)
+    monkeypatch.setattr(boxes.time, "perf_counter", lambda: next(now))
+    for step in (1, 2, 3, 4):
+        pace.step("pass1", step, 100)
+    done, steps, seconds, timed = json.loads(setting.state_file("standard").read_text())["pass1"]
+    assert (done, steps, timed) == (3, 100, 1)
+    assert seconds == pytest.approx(2.0)
+
+
+def test_the_tests_that_need_a_gpu_are_found():
+    places = marked(TOOL.parents[1] / "tests")
+    assert "tests/kernels" in places
+    assert "tests/cli/test_cuda.py" in places
+    assert "tests/tools/test_measure_gpu.py" not in places
 
 
 def test_failed_tests_are_named():

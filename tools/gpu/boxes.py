@@ -16,6 +16,7 @@ from pathlib import Path
 from lightprobe.core.files import write_json
 
 _LAST_WORDS = 400  # characters of what a failed part printed last
+_BUNCH = 0.02  # seconds: steps told within them were told together, their losses having been read at once
 _PATIENCE = 10.0  # seconds that a part has to end when it is told to
 
 
@@ -57,7 +58,7 @@ class Outcome:
     """What became of a part."""
 
     rows: list[str]
-    state: dict[str, list[float]]  # stage -> steps done, steps in all, seconds
+    state: dict[str, list[float]]  # stage -> steps done, steps in all, seconds, steps that took them
     seconds: float
     failure: str | None = None
 
@@ -110,14 +111,17 @@ class Pace:
         self._file = setting.state_file(part)
         self._begin = time.perf_counter()
         self._stages: dict[str, list[float]] = {}
-        self._since: dict[str, float] = {}
+        self._since: dict[str, tuple[float, int]] = {}  # stage -> when its first bunch of steps was told, and its end
         self._written = 0.0
 
     def step(self, stage: str, done: int, steps: int) -> None:
-        """Note that a step of a stage is done; the first of a stage only starts its time."""
+        """Note that a step of a stage is done; the first of a stage, or its first bunch, only starts its time."""
         now = time.perf_counter()
-        begin = self._since.setdefault(stage, now)
-        self._stages[stage] = [done, steps, now - begin]
+        begin, first = self._since.get(stage, (now, done))
+        if now - begin < _BUNCH:
+            first = done
+        self._since[stage] = begin, first
+        self._stages[stage] = [done, steps, now - begin, done - first]
         if now - self._written > 1 or done == steps:
             write_json(self._file, self._stages)
             self._written = now
@@ -132,8 +136,8 @@ def pace_rows(state: dict[str, list[float]]) -> list[str]:
     if not state:
         return []
     rows = ["| stage | steps | of | ms a step | all of them, s |", "| --- | ---: | ---: | ---: | ---: |"]
-    for stage, (done, steps, seconds) in state.items():
-        each = seconds / max(done - 1, 1)
+    for stage, (done, steps, seconds, timed) in state.items():
+        each = seconds / max(timed, 1)
         rows.append(f"| {stage} | {done:.0f} | {steps:.0f} | {1000 * each:.1f} | {each * steps:.0f} |")
     return rows
 

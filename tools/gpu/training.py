@@ -1,4 +1,4 @@
-"""Whole trainings on the bundled scene: the demo's on the device and on the CPU, and `standard` on the device."""
+"""Trainings on the bundled scene: the demo's on device and CPU; `standard` on the device, begun and whole."""
 
 import time
 from dataclasses import dataclass, replace
@@ -32,6 +32,7 @@ SCORES = (
     "psnr_masked", "psnr_unseen", "relit_psnr_scaled", "diffuse_si_rmse", "matte_si_rmse", "mirror_si_rmse",
     "light_log_rmse_scaled", "base_color_psnr_scaled", "chamfer",
 )  # fmt: skip
+_BEGUN = {"pass1": 250, "pass2": 150, "pass3": 150, "network": 300, "sphere": 300}  # steps of each stage of `pace`
 _HEADINGS = {**IMAGES, **LIGHTS, **MAPS, **OBJECT}
 
 
@@ -64,13 +65,38 @@ def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, Distil
     return reconstruction.demo(), distillation.demo()
 
 
-def learn(preset: str, place: str, device: torch.device, setting: Setting, pace: Pace) -> Learned:
-    """Train both phases on the bundled scene; the stages' names begin with `place`."""
+def stage_steps(first: DecomposeConfig, second: DistillConfig) -> dict[str, int]:
+    """Return how many steps each stage of a training takes."""
+    return {
+        "pass1": first.pass1_iterations, "pass2": first.pass2_iterations, "pass3": first.pass3_iterations,
+        "network": second.steps, "sphere": second.sphere_steps,
+    }  # fmt: skip
+
+
+def begun(first: DecomposeConfig, second: DistillConfig) -> tuple[DecomposeConfig, DistillConfig]:
+    """Return configurations of at most `_BEGUN` steps."""
+    steps = {stage: min(whole, _BEGUN[stage]) for stage, whole in stage_steps(first, second).items()}
+    return (
+        replace(first, pass1_iterations=steps["pass1"], pass2_iterations=steps["pass2"],
+                pass3_iterations=steps["pass3"]),
+        replace(second, steps=steps["network"], sphere_steps=steps["sphere"],
+                synthetic_lessons=min(second.synthetic_lessons, _BEGUN["sphere"])),
+    )  # fmt: skip
+
+
+def learn(preset: str, place: str, device: torch.device, setting: Setting, pace: Pace, *, whole: bool = True
+          ) -> Learned:  # fmt: skip
+    """Train both phases on the bundled scene, or only begin each stage; the stages' names begin with `place`."""
     photos, (first, second) = scene(brief=setting.brief), configurations(preset, brief=setting.brief)
+    full = stage_steps(first, second)
+    if not whole:
+        first, second = begun(first, second)
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
     begin = time.perf_counter()
-    progress = Progress(on_step=lambda stage, step, steps, loss: pace.step(f"{place}: {stage}", step, steps))
+    progress = Progress(
+        on_step=lambda stage, step, steps, loss: pace.step(f"{place}: {stage}", step, full.get(stage, steps))
+    )
     found = decompose(photos, first, device, setting.seed, progress)
     middle = time.perf_counter()
     model = distill(
@@ -127,6 +153,13 @@ def quality_part(setting: Setting) -> None:
         if name == setting.device:
             keep(learned, setting.folder / "run")
         setting.write("quality", score_rows(place, learned, device, setting))
+
+
+def pace_part(setting: Setting) -> None:
+    """Begin each stage of `standard` on the device; the table of stages tells how long all of them would take."""
+    device = resolve_device(setting.device)
+    learned = learn("standard", f"standard on {device.type}", device, setting, Pace("pace", setting), whole=False)
+    setting.write("pace", [f"Memory: {learned.memory}."])
 
 
 def standard_part(setting: Setting) -> None:

@@ -4,17 +4,15 @@
     x (N, 3)   product y (M, 3), or of chosen rows alone (K, 3): they cost only what they hold
 
 On the CPU both are loops, because PyTorch's own needs MKL, which not every build has; sums have a fixed order, so
-results do not depend on the number of threads. On a GPU the product is PyTorch's CSR product, whose order of summation
-is not promised: bits may differ from call to call. The matrix is constant: to differentiate a product in x, multiply
-its gradient by the transpose.
+results do not depend on the number of threads. On a GPU only whole products are formed, by Triton in a fixed order as
+well: PyTorch's CSR product took 0.47 ms there for 6.3 million entries, 3 % of what memory allows. The matrix is
+constant: to differentiate a product in x, multiply its gradient by the transpose.
 """
 
-import functools
 from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from lightprobe.kernels import dispatch
@@ -33,12 +31,6 @@ class CompressedRows:
     value: Tensor
     columns: int  # N
 
-    @functools.cached_property
-    def on_gpu(self) -> Tensor:
-        """The matrix (M, N) as PyTorch's, made once: its checks wait for the device."""
-        shape = (self.start.numel() - 1, self.columns)
-        return torch.sparse_csr_tensor(self.start, self.column, self.value, shape)
-
 
 def sparse_product(matrix: CompressedRows, x: Tensor, rows: Tensor | None = None) -> Tensor:
     """Return the product (M, 3) with x (N, 3), or only its `rows` (K,) int32, as (K, 3); not differentiable.
@@ -47,10 +39,7 @@ def sparse_product(matrix: CompressedRows, x: Tensor, rows: Tensor | None = None
     Raises ValueError on a wrong shape.
     """
     dispatch.require_shape("x", x, matrix.columns, 3)
-    x = x.detach()
-    if x.is_cuda and rows is None:
-        return matrix.on_gpu @ x.to(matrix.value.dtype)
-    return _body(matrix).product(matrix, x, rows)
+    return _body(matrix).product(matrix, x.detach(), rows)
 
 
 def sparse_product_transposed(matrix: CompressedRows, y: Tensor, rows: Tensor, bounds: np.ndarray) -> Tensor:

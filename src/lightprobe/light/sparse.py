@@ -24,7 +24,8 @@ class SparseOperator:
     def build(matrix: scipy.sparse.csr_array, device: torch.device | str = "cpu") -> "SparseOperator":
         """Return the operator of a SciPy matrix; entries are rounded to float32, or shared where they are.
 
-        On a CPU rows keep the order of their entries; PyTorch's product on a GPU wants them sorted.
+        On a CPU rows keep the order of their entries. On a GPU they are sorted: lanes beside each other then read
+        texels beside each other.
         """
         if torch.device(device).type != "cpu" and not matrix.has_sorted_indices:
             matrix = matrix.T.tocsr().T.tocsr()  # a transpose is sorted, stably, and quicker to find than an order

@@ -4,7 +4,7 @@ With geometry and material held, a photo is linear in its light. So each visit c
 (`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor
@@ -18,13 +18,14 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
 from lightprobe.training import ParameterGroup
+from lightprobe.training.recording import RecordedStep, recorder_for
 
 
 def solve_target_light(
-    observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor, config: DecomposeConfig,
+    observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor | None, config: DecomposeConfig,
     times: int = 1,
 ) -> Tensor:  # fmt: skip
-    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer best, from `start`.
+    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from `start`.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
     not pin are pulled towards the mean colour of `start`. It is solved so `times` times, each time from the last light.
@@ -42,6 +43,37 @@ def solve_target_light(
     return light
 
 
+class _VisitSolver:
+    """`solve_target_light` for visits of the photos, recorded on a GPU: a thousand small operators, the same each time.
+
+    The record holds for a surface of one number of vertices, and as many pixels in every photo; others are solved
+    singly.
+    """
+
+    def __init__(self, config: DecomposeConfig, device: torch.device):
+        self._config, self._recorder = config, recorder_for(device)
+        self._vertices = 0
+        self._solve: RecordedStep | None = None
+
+    @torch.no_grad()
+    def __call__(self, target: Target, gbuffer: GBuffer, rows: Tensor, start: Tensor) -> Tensor:
+        """Return the light from `start` (6, R, R, 3), solved once from the pixels `rows` (K,) of the G-buffer."""
+        part = gbuffer.select(rows)
+        observed, clipped = target.color[part.pixel], target.clipped[part.pixel]
+        if self._recorder is None:
+            return solve_target_light(observed, clipped, part, start, None, self._config)
+        vertices = 0 if part.visibility is None else len(part.visibility.vertices.unoccluded)
+        if self._solve is None or vertices != self._vertices:  # the old record would never fit again
+            self._vertices, self._solve = vertices, RecordedStep(self._step(part), self._recorder)
+        return self._solve(observed, clipped, start, *part.tensors())
+
+    def _step(self, like: GBuffer) -> Callable[..., Tensor]:
+        def step(observed: Tensor, clipped: Tensor, start: Tensor, *tensors: Tensor) -> Tensor:
+            return solve_target_light(observed, clipped, like.holding(tensors), start, None, self._config)
+
+        return step
+
+
 class Lights:
     """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights alone."""
 
@@ -54,6 +86,7 @@ class Lights:
         shape = (6, resolution, resolution, 3)
         self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
         self.prefilter = prefilters.cached(resolution, device)
+        self._solver = _VisitSolver(config, device)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
         """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""
@@ -68,10 +101,7 @@ class Lights:
             return self.prefilter.apply(self.maps[row]), self.regularisation(row)
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
-            at = gbuffer.pixel[rows]
-            self.maps[row] = solve_target_light(
-                target.color[at], target.clipped[at], gbuffer, self.maps[row], rows, self.config
-            )
+            self.maps[row] = self._solver(target, gbuffer, rows, self.maps[row])
         return self.prefilter.apply(self.maps[row]), self.regularisation(row)
 
     def regularisation(self, row: int) -> Tensor:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.render.visibility import PointVisibility
+from lightprobe.render.visibility import PointVisibility, VertexVisibility
+
+_PER_PIXEL = ("pixel", "face", "position", "normal", "view", "base_color", "roughness", "metallic")
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,20 @@ class GBuffer:
             self.view[rows], self.base_color[rows], self.roughness[rows], self.metallic[rows], visibility,
         )  # fmt: skip
 
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Return all tensors, those of the visibility last."""
+        own = tuple(getattr(self, name) for name in _PER_PIXEL)
+        if self.visibility is None:
+            return own
+        seen = self.visibility
+        return (*own, seen.vertices.unoccluded, seen.vertices.occluder_color, seen.index, seen.weight)
+
+    def holding(self, tensors: Sequence[Tensor]) -> "GBuffer":
+        """Return a G-buffer of as many pixels that holds `tensors`, in the order of its own."""
+        seen = tensors[len(_PER_PIXEL) :]
+        visibility = PointVisibility(VertexVisibility(*seen[:2]), *seen[2:]) if seen else None
+        return GBuffer(self.height, self.width, *tensors[: len(_PER_PIXEL)], visibility)
+
     @staticmethod
     def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
         """Return several views of one object as a single picture, each below the one before, as wide as the widest."""
@@ -45,8 +61,7 @@ class GBuffer:
             pixels.append((top + row) * width + column)
             top += part.height
         face, position, normal, view, base_color, roughness, metallic = (
-            torch.cat([getattr(part, name) for part in parts])
-            for name in ("face", "position", "normal", "view", "base_color", "roughness", "metallic")
+            torch.cat([getattr(part, name) for part in parts]) for name in _PER_PIXEL[1:]
         )
         seen = [part.visibility for part in parts]
         visibility = None if seen[0] is None else PointVisibility.of_all([one for one in seen if one is not None])

@@ -143,7 +143,7 @@ class _ChannelCoupling:
             return None
         mean = prior.mean((0, 1, 2))
         grey = mean.mean()
-        mean = mean.clamp(min=_LEAST_SHARE * float(grey) + _TINY)
+        mean = torch.maximum(mean, (_LEAST_SHARE * grey.double() + _TINY).to(mean.dtype))
         return _ChannelCoupling(chroma * grey.square() / (1 + (light / mean).mean(-1, keepdim=True)), mean)
 
     def weighted(self, factor: Tensor) -> "_ChannelCoupling":

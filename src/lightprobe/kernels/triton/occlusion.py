@@ -11,7 +11,7 @@ from torch import Tensor
 
 DIRECTIONS = 512  # of one program, summed over at once
 LANES = 128  # directions of one program that walks through pixels
-SHARE = 512  # pixels it walks through
+SHARE = 64  # pixels it walks through
 TINY = 1e-12  # keeps a division by nothing finite
 
 
