@@ -48,9 +48,11 @@ class GBuffer:
 
     def holding(self, tensors: Sequence[Tensor]) -> "GBuffer":
         """Return a G-buffer of as many pixels that holds `tensors`, in the order of its own."""
-        seen = tensors[len(_PER_PIXEL) :]
+        pixel, face, position, normal, view, base_color, roughness, metallic, *seen = tensors
         visibility = PointVisibility(VertexVisibility(*seen[:2]), *seen[2:]) if seen else None
-        return GBuffer(self.height, self.width, *tensors[: len(_PER_PIXEL)], visibility)
+        return GBuffer(
+            self.height, self.width, pixel, face, position, normal, view, base_color, roughness, metallic, visibility
+        )  # fmt: skip
 
     @staticmethod
     def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
