@@ -92,6 +92,7 @@ def learn(preset: str, place: str, device: torch.device, setting: Setting, pace:
     if not whole:
         first, second = begun(first, second)
     if device.type == "cuda":
+        torch.cuda.init()  # until then a device that was named by its number has no memory to ask about
         torch.cuda.reset_peak_memory_stats(device)
     begin = time.perf_counter()
     progress = Progress(
