@@ -28,12 +28,12 @@ AGREEMENTS = (0.7, 0.8, 0.9, 0.9)  # of the photos, for the hull of the first cu
 _MANY = 10  # photos from which a part of them may err
 _RESOLUTION = 96  # voxels along an edge of the hull
 _DEEP = 1.5  # margins inside the hull from which a pixel is surely the object
-_DOT = 0.012  # of the longer side: radius around a point that has its label
+DOT = 0.012  # of the longer side: radius around a point that has its label
 _REACH = 1.35  # radii of the object's points within which it may reach
 _BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
-_NEAR_PHOTOS = 2  # whose points mark the object beside those of the photo itself
+NEAR_PHOTOS = 2  # whose points mark the object beside those of the photo itself
 _FEWEST = 12  # points from which the object's place is known
-_SHARP_POINT = 2.0  # pixels of mean error up to which a point is trusted
+SHARP_POINT = 2.0  # pixels of mean error up to which a point is trusted
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
     shows outside of one is off the object; without, the object is what the cameras look at.
     Raises `InputError` where no point is left for the object.
     """
-    sharp = solution.errors <= _SHARP_POINT
+    sharp = solution.errors <= SHARP_POINT
     hinted = {index: view for index, view in views.items() if view.given is not None}
     inside = np.zeros(len(solution.points), int)
     outside, framed = np.zeros((2, len(solution.points)), bool)
@@ -94,7 +94,7 @@ def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarr
 
     Others merely lie behind or before the object in that photo.
     """
-    own = _seen_by(solution, list(hinted)) & shown
+    own = seen_by(solution, list(hinted)) & shown
     if own.sum() < _FEWEST:
         return shown
     center = np.median(solution.points[own], axis=0)
@@ -111,7 +111,7 @@ def _grown(mask: np.ndarray | None) -> np.ndarray | None:
     """Return a mask (h, w) bool with what lies as near to it as a point's mark reaches."""
     if mask is None or not mask.any():
         return mask
-    return scipy.ndimage.distance_transform_edt(~mask) < _DOT * max(mask.shape)
+    return scipy.ndimage.distance_transform_edt(~mask) < DOT * max(mask.shape)
 
 
 def _shown_radius(view: View, center: np.ndarray) -> float:
@@ -169,9 +169,9 @@ def first_trimap(view: View, solution: Solution, labels: np.ndarray, photo: int)
     """Return the trimap (h, w) uint8 of a photo by the points' labels (P,)."""
     camera = view.camera
     shape = (camera.height, camera.width)
-    dot = max(1.0, _DOT * max(shape))
-    mine = _seen_by(solution, [photo])
-    sure = (labels == 1) & _seen_by(solution, _photos_from_near(solution, photo, solution.points[labels == 1]))
+    dot = max(1.0, DOT * max(shape))
+    mine = seen_by(solution, [photo])
+    sure = (labels == 1) & seen_by(solution, photos_from_near(solution, photo, solution.points[labels == 1]))
     on = _dots(camera, solution.points[sure if sure.sum() >= _FEWEST else labels == 1], shape)
     off = _dots(camera, solution.points[(labels == -1) & mine], shape)
     reach = _reach(camera, solution.points[labels == 1], shape)
@@ -184,22 +184,22 @@ def first_trimap(view: View, solution: Solution, labels: np.ndarray, photo: int)
     return trimap
 
 
-def _seen_by(solution: Solution, photos: Sequence[int]) -> np.ndarray:
+def seen_by(solution: Solution, photos: Sequence[int]) -> np.ndarray:
     """Return which points some of the photos saw, (P,) bool."""
     seen = np.zeros(len(solution.points), bool)
     seen[solution.seen[np.isin(solution.seen_by, photos)]] = True
     return seen
 
 
-def _photos_from_near(solution: Solution, photo: int, points: np.ndarray) -> list[int]:
-    """Return a photo and those that look at `points` (P, 3) from nearly where it does.
+def photos_from_near(solution: Solution, photo: int, points: np.ndarray, others: int = NEAR_PHOTOS) -> list[int]:
+    """Return a photo and the `others` that look at `points` (P, 3) from nearly where it does.
 
     What these saw falls on the object in it, too: errors of cameras far apart put points beside it.
     """
     towards = solution.pose[:, :3, 3] - np.median(points, axis=0)
     towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
     alike = towards @ towards[list(solution.photo).index(photo)]
-    return [int(other) for other in solution.photo[np.argsort(-alike, kind="stable")[: 1 + _NEAR_PHOTOS]]]
+    return [int(other) for other in solution.photo[np.argsort(-alike, kind="stable")[: 1 + others]]]
 
 
 def _dots(camera: Camera, points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -258,20 +258,33 @@ def silhouette_of(cutout: Cutout, view: View) -> np.ndarray:
     return silhouette(cutout.hull, view.camera, cutout.similarity, shape)
 
 
-def cut_near_hull(view: View, shape: np.ndarray, mask: np.ndarray, margin: float) -> np.ndarray:
-    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h, w)."""
+def rim(shape: np.ndarray, margin: float) -> float:
+    """Return how many pixels `margin` of the size of the object are, whose hull shows as `shape` (h, w) bool."""
+    return max(2.0, margin * float(np.sqrt(shape.sum())))
+
+
+def cut_near_hull(
+    view: View, shape: np.ndarray, mask: np.ndarray, margin: float, opening: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h, w).
+
+    opening: where the photo seems to look through the hull, (h, w) bool; there and around it the colours decide.
+    """
     if view.fixed and view.given is not None:
         return view.given
     if not shape.any():
         return mask
-    size = np.sqrt(shape.sum())
-    width = max(2.0, margin * size)
+    width = rim(shape, margin)
     within = scipy.ndimage.distance_transform_edt(np.pad(shape, 1, mode="edge"))[1:-1, 1:-1]
     beyond = scipy.ndimage.distance_transform_edt(~shape)
     trimap = np.where(mask, MAYBE_OBJECT, MAYBE_BACKGROUND).astype(np.uint8)
     trimap[within > width] = MAYBE_OBJECT
     trimap[within > _DEEP * width] = OBJECT
     trimap[beyond > width] = BACKGROUND
+    if opening is not None and opening.any():
+        beside = scipy.ndimage.distance_transform_edt(~opening) < width
+        trimap[beside & (trimap == OBJECT)] = MAYBE_OBJECT
+        trimap[opening & (trimap == MAYBE_OBJECT)] = MAYBE_BACKGROUND
     if view.given is not None:  # a hint that may be coarse: surely where it and the hull agree
         trimap[view.given & shape] = OBJECT
         trimap[~view.given] = BACKGROUND

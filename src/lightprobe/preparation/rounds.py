@@ -25,6 +25,7 @@ from lightprobe.preparation.masks import (
     object_points,
     silhouette_of,
 )
+from lightprobe.preparation.openings import openings
 from lightprobe.preparation.options import Masker, PrepareOptions
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.rembg import rembg_mask
@@ -78,8 +79,10 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
+        # What a hull of first cuts holds too much of is no opening yet.
+        opened = openings(choice.kept.solution, views, labels, cutout, margin) if done > 0 else {}
         masks = {
-            index: cut_near_hull(view, silhouette_of(cutout, view), cutout.masks[index], margin)
+            index: cut_near_hull(view, silhouette_of(cutout, view), cutout.masks[index], margin, opened.get(index))
             for index, view in views.items()
         }
         cutout = carve(views, masks, agreement)
