@@ -1,0 +1,69 @@
+"""A ball with a hole in one photo: told by points behind it that this photo saw, and by the colours around them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lightprobe.preparation.masks import View, carve, cut_near_hull, silhouette_of
+from lightprobe.preparation.openings import openings
+from lightprobe.scene.consistency import overlap
+from tests.preparation.ring import SIZE, ball_points, photographed, ring_cameras
+from tests.preparation.test_masks import disc
+
+pytest.importorskip("cv2")
+
+HOLED, MARGIN = 3, 0.05
+HOLE = np.hypot(*(np.mgrid[:SIZE, :SIZE] - SIZE / 2)) < 18
+
+
+def world(*, painted=True, behind=12):
+    """Return what was seen of the ball, of points behind it through the hole, too; views, labels, and the hull."""
+    cameras, rng = ring_cameras(12), np.random.default_rng(1)
+    eye = cameras[HOLED].position
+    through = -0.6 * eye + rng.normal(0, 0.05, (behind, 3))
+    ball = ball_points(150)
+    _, _, solution = photographed(cameras, np.concatenate([ball, through]))
+    labels = np.where(np.arange(len(solution.points)) < len(ball), 1, -1).astype(np.int8)
+    facing = np.stack([ball @ camera.position > 0.2 for camera in cameras])  # (photos, points)
+    saw = np.concatenate([facing, np.arange(12)[:, None] == np.full(behind, HOLED)], 1)
+    photo, point = np.nonzero(saw)
+    solution = replace(solution, seen_by=photo, seen=point)
+    views = {}
+    for index, camera in enumerate(cameras):
+        inside = disc(camera) & ~(HOLE if painted and index == HOLED else np.zeros_like(HOLE))
+        color = np.where(inside[..., None], [170, 70, 50], [60, 110, 120]) + rng.normal(0, 18, (SIZE, SIZE, 3))
+        views[index] = View(camera, np.clip(color, 0, 255).astype(np.uint8), None, False)
+    return solution, views, labels, carve(views, {index: disc(view.camera) for index, view in views.items()})
+
+
+def test_a_hole_is_found_where_points_behind_show_among_strange_colours():
+    found = openings(*world(), MARGIN)
+    assert set(found) == {HOLED}  # its neighbours look past the points, at the ball's own colours
+    assert overlap(found[HOLED], HOLE) > 0.8
+
+
+@pytest.mark.parametrize("case", [{"painted": False}, {"behind": 2}, {"behind": 0}])
+def test_neither_points_nor_colours_do_alone(case):
+    assert openings(*world(**case), MARGIN) == {}
+
+
+def test_a_point_of_the_far_side_is_no_sight_through():
+    solution, views, labels, cutout = world(behind=0)
+    every = replace(solution, seen=np.arange(150), seen_by=np.full(150, HOLED))  # a hull of false masks hides them
+    assert openings(every, views, labels, cutout, MARGIN) == {}
+
+
+def test_without_a_hull_there_is_nothing_to_look_through():
+    solution, views, labels, cutout = world()
+    assert openings(solution, views, labels, replace(cutout, hull=None), MARGIN) == {}
+
+
+def test_a_cut_opens_what_the_hull_holds_closed():
+    solution, views, labels, cutout = world()
+    view, shape = views[HOLED], silhouette_of(cutout, views[HOLED])
+    closed = cut_near_hull(view, shape, cutout.masks[HOLED], MARGIN)
+    assert closed[HOLE].all()
+    opened = cut_near_hull(view, shape, closed, MARGIN, openings(solution, views, labels, cutout, MARGIN)[HOLED])
+    assert not opened[HOLE].mean() > 0.05
+    assert overlap(opened, disc(view.camera) & ~HOLE) > 0.95
