@@ -59,6 +59,14 @@ def test_runs_of_other_options_and_a_folder_without_scenes_are_told(scenes, tmp_
         train_fleet(scenes / "cup", tmp_path / "others", Stub(finished), OPTIONS)
 
 
+def test_scenes_of_another_collection_are_not_taken_for_finished(scenes, tmp_path):
+    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
+    others = tmp_path / "others"
+    (others / "cup").mkdir(parents=True)
+    with pytest.raises(ConfigError, match=r"scenes = .*/scenes, not .*/others; choose another folder"):
+        train_fleet(others, tmp_path / "runs", Stub(finished), OPTIONS)
+
+
 def test_a_scene_that_cannot_be_trained_on_says_why(scenes, tmp_path):
     row = train_scene(SceneTask(Place.of(scenes / "empty"), Place.of(tmp_path / "runs" / "empty"), OPTIONS))
     assert row.state == "failed"

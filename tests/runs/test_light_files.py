@@ -11,8 +11,9 @@ from lightprobe.core.errors import InputError
 from lightprobe.export.light_file import light_file, other_map, write_sources
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
+from lightprobe.light.files import write_map
 from lightprobe.light.sources import LightSource
-from lightprobe.runs.light_files import whole_light
+from lightprobe.runs.light_files import scene_light, whole_light
 
 LAMPS = (
     LightSource((0.48, 0.6, 0.64), math.radians(6), (3.0, 2.4, 1.5)),
@@ -85,3 +86,36 @@ def test_a_damaged_light_file_is_nobody_s(sky, text):
     """It is replaced with the map: a prediction must not be lost for it."""
     light_file(sky).write_text(text)
     assert other_map(sky) is None
+
+
+def flux(image: np.ndarray) -> float:
+    """The radiance of a map over the sphere."""
+    light = Environment.from_panorama(image, 64)
+    return float((light.texels * light.solid_angles()[..., None]).sum())
+
+
+@pytest.mark.parametrize("rows", [64, 512])
+def test_a_sharp_sun_is_either_a_lamp_or_in_the_map(tmp_path, rows):
+    """The sun is one pixel, which the search for sources sees as part of a texel."""
+    image = np.full((rows, 2 * rows, 3), 0.5, np.float32)
+    bare = flux(image)
+    image[round(0.3 * rows), round(0.71 * rows)] += 0.1 * rows**2
+    write_map(tmp_path / "light.exr", image)
+    light = scene_light(tmp_path / "light.exr", Sun.SEPARATE)
+    assert len(light.lamps) == 1
+    assert flux(light.image) < 1.05 * bare
+    assert flux(light.image) + sum(light.lamps[0].irradiance) == pytest.approx(flux(image), rel=0.01)
+    assert np.array_equal(scene_light(tmp_path / "light.exr", Sun.INSIDE).image, image)
+
+
+def test_lamps_of_a_light_file_are_those_found_in_its_map(tmp_path):
+    """Its second lamp is nowhere in the map, and its third source of light no lamp of it: neither may come twice."""
+    inside = LightSource((0.0, 0.6, 0.8), math.radians(6), (3.0, 2.4, 1.5))
+    other = LightSource((0.6, -0.8, 0.0), math.radians(6), (4.0, 4.0, 4.0))
+    texels = torch.full((6, 64, 64, 3), 0.1) + inside.texels(64) + other.texels(64)
+    Environment(texels).save(tmp_path / "light.exr")
+    fitted = LightSource((0.02, 0.6, 0.8), math.radians(5), (2.0, 2.0, 2.0))
+    nowhere = LightSource((0.0, 0.0, -1.0), math.radians(6), (9.0, 9.0, 9.0))
+    write_sources(tmp_path / "light.exr", 128, (nowhere, fitted), Sun.INSIDE)
+    lamps = scene_light(tmp_path / "light.exr", Sun.SEPARATE).lamps
+    assert sorted(lamp.irradiance[0] for lamp in lamps) == [2.0, pytest.approx(4.0, rel=0.05)]

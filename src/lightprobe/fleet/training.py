@@ -36,15 +36,15 @@ def train_fleet(
 
     The same call goes on where an interrupted one stopped: finished scenes are left alone, interrupted ones go on from
     their checkpoints, and those that failed are tried again. needs: what a task takes. Raises `InputError` when there
-    is no scene or the index of earlier calls cannot be used, `ConfigError` when these had other options, `BusyError`
-    when another process writes `output`.
+    is no scene or the index of earlier calls cannot be used, `ConfigError` when these had other options or were of
+    another folder of scenes, `BusyError` when another process writes `output`.
     """
     place, wanted, runs = Place.of(scenes), needs or Needs(), Place.of(output)
     found = [place.child(name) for name in place.names() if place.child(name).is_folder()]
     if not found:
         raise InputError(f"{place} holds no scenes: it needs a folder for each, as `lightprobe train` takes one.")
     with held(runs):
-        check_record(runs, {"options": asdict(options)}, alone=False)
+        check_record(runs, {"scenes": str(place), "options": asdict(options)}, alone=False)
         index = SceneIndex(runs)
         _train(found, index, executor, options, wanted, runs, on_progress)
     rows = {scene.name: index.rows[scene.name] for scene in found}

@@ -1,5 +1,7 @@
 """Maps from anywhere, as a light to render or to export with: their suns and lamps inside or apart."""
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +13,11 @@ from lightprobe.export.light_file import read_sources
 from lightprobe.imaging import resize_area
 from lightprobe.light.environment import Environment, read_map
 from lightprobe.light.files import panorama
-from lightprobe.light.sources import split_light
+from lightprobe.light.sources import LightSource, split_light
 
 _RESOLUTION = 64  # texels along a cubemap edge at which sources are told from the rest
-_TINY = 1e-12  # of radiance: black is black without its sources
+_ROUNDING = 1e-4  # of a texel's radiance: less is no part of a source
+_SAME = math.cos(math.radians(10))  # sources nearer to each other are the same one
 
 
 def whole_light(path: Path, device: torch.device | None = None) -> Environment:
@@ -48,11 +51,23 @@ def scene_light(path: Path, sun: Sun) -> SceneLight:
     split = split_light(environment)
     if not split.sources:
         return SceneLight(image, ())
-    share = split.rest.texels / environment.texels.clamp(min=_TINY)
-    return SceneLight(_dimmed(image, share), known[0] if known is not None and known[0] else split.sources)
+    lamps = tuple(_as_known(source, () if known is None else known[0]) for source in split.sources)
+    return SceneLight(_without_sources(image, environment, split.rest), lamps)
 
 
-def _dimmed(image: np.ndarray, share: torch.Tensor) -> np.ndarray:
-    """Return a map (H, 2H, 3) times `share` (6, R, R, 3) in [0, 1] of every direction."""
-    kept = resize_area(panorama(share), *image.shape[:2])
-    return image * np.clip(kept, 0, 1)
+def _as_known(found: LightSource, known: Sequence[LightSource]) -> LightSource:
+    """Return the source of a .light.json that was found in its map: what a photo told of it is nearer to the truth."""
+    cosines = [float(np.dot(found.direction, source.direction)) for source in known]
+    return known[int(np.argmax(cosines))] if cosines and max(cosines) > _SAME else found
+
+
+def _without_sources(image: np.ndarray, environment: Environment, rest: Environment) -> np.ndarray:
+    """Return a map (H, 2H, 3) that has the colours of `rest` wherever that differs from the whole `environment`.
+
+    A source may be a single pixel of the map, far smaller than a texel of either: only replacing all that lies in such
+    texels takes all of it out, and what remains there is as smooth as they are.
+    """
+    size = image.shape[:2]
+    taken = (rest.texels < (1 - _ROUNDING) * environment.texels).any(-1, keepdim=True)
+    within = resize_area(panorama(taken.float()), *size) > 0
+    return np.where(within, resize_area(panorama(rest.texels), *size), image)
