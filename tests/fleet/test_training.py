@@ -63,7 +63,7 @@ def test_scenes_of_another_collection_are_not_taken_for_finished(scenes, tmp_pat
     train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
     others = tmp_path / "others"
     (others / "cup").mkdir(parents=True)
-    with pytest.raises(ConfigError, match=r"scenes = .*/scenes, not .*/others; choose another folder"):
+    with pytest.raises(ConfigError, match=r"""scenes = .*/scenes", not .*/others"; choose another folder"""):
         train_fleet(others, tmp_path / "runs", Stub(finished), OPTIONS)
 
 

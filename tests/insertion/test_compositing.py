@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy
 import torch
 
 from lightprobe.evaluation import relight
@@ -71,6 +72,15 @@ def test_the_thing_is_drawn_and_throws_a_soft_shadow(studio, beside):
     steps = np.abs(np.diff(beside.shadow.mean(-1), axis=1))[ground[:, 1:] & ground[:, :-1]]
     assert steps.max() < 0.35
     assert (beside.shadow[:3] == pytest.approx(1, abs=0.03)) or photo.mask[:3].any()
+
+
+def test_the_ground_at_the_thing_s_edge_is_as_dark_as_beside_it(studio, beside):
+    """Under the thing it is black, and a pixel that the thing covers in part shows what is beside."""
+    photo = studio[2]
+    open_ground = np.where((beside.mask < 0.01)[..., None], beside.shadow, np.inf)
+    edge = (beside.mask > 0.05) & (beside.mask < 0.95) & (photo.mask == 0)
+    assert edge.sum() > 20
+    assert (beside.shadow >= scipy.ndimage.minimum_filter(open_ground, (5, 5, 1)))[edge].all()
 
 
 def test_what_is_far_from_the_thing_stays(studio, beside):

@@ -29,6 +29,7 @@ from lightprobe.scene.camera import Camera
 
 _LARGEST_FACTOR = 4.0  # that a photo's pixel is multiplied by
 _SOLID = 0.5  # coverage from which a pixel of the mask is the object's own
+_TOUCHED = 0.01  # coverage by the thing from which the ground's factor at a pixel's centre may be that under the thing
 _WRONG_EXPOSURE = 2.0  # ratio of rendered and seen known object from which a warning says so
 
 
@@ -69,6 +70,7 @@ def insert(
     else:
         drawn = draw_thing(placed.thing, stage, window.cut(camera))
         beauty[window.slices], mask[window.slices] = _behind(drawn, change, photo.mask, window)
+        shadow = _spread(shadow, mask < _TOUCHED)
     warnings += _exposure_warnings(change, photo)
     color, alpha = _composed(photo, beauty, shadow, mask, seed)
     return Insertion(color, alpha, beauty, shadow, mask, placed.at, placed.scale, tuple(warnings))

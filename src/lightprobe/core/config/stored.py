@@ -45,7 +45,7 @@ def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] 
 
 def _brief(value: Any) -> str:
     text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return text if len(text) <= 60 else f"{text[:20]}...{text[-37:]}"  # of paths the ends differ
 
 
 def _typed(kind: Any, value: Any, what: str) -> Any:
