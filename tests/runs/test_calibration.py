@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
-from lightprobe.export.light_file import candela_per_unit
+from lightprobe.export.light_file import candela_per_unit, light_file, write_sources
 from lightprobe.imaging import read_ldr, write_exr, write_png
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
@@ -20,6 +21,7 @@ from lightprobe.models.calibration import Calibration
 from lightprobe.prediction import Predictor
 from lightprobe.runs import calibration as calibrations
 from lightprobe.runs.calibration import Point, calibrate_by_albedo, calibrate_by_light, calibrate_by_meter
+from lightprobe.runs.outputs import export_run, render_run
 from lightprobe.scene import load_photo
 from lightprobe.scene.record import scene_record
 from tests.known_scene import CPU, known_scene
@@ -73,6 +75,23 @@ def test_a_known_light_tells_the_factor(clean):
     assert loaded.lights[name].mean().tolist() == pytest.approx(found.factor)
     again = calibrate_by_light(run.path, shot, folder / "light.exr", camera=folder / "camera.json", mask=None)
     assert again == found  # not on top of itself
+
+
+def test_a_map_that_was_predicted_before_is_told_to_be_too_dark(clean, tmp_path):
+    run, _, shot, folder, light = clean
+    light.save(tmp_path / "light.exr")
+    write_sources(tmp_path / "light.exr", 64, (), Sun.INSIDE)
+    file = light_file(tmp_path / "light.exr")
+    file.write_text(json.dumps({**json.loads(file.read_text()), "calibration": None}))
+    picture = tmp_path / "picture.png"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", LightprobeWarning)
+        render_run(run.path, tmp_path / "light.exr", folder / "camera.json", picture)
+    calibrate_by_light(run.path, shot, folder / "light.exr", camera=folder / "camera.json", mask=None)
+    with pytest.warns(LightprobeWarning, match="was predicted without a calibration"):
+        render_run(run.path, tmp_path / "light.exr", folder / "camera.json", picture)
+    with pytest.warns(LightprobeWarning, match="was predicted without a calibration"):
+        export_run(run.path, tmp_path / "files", environment=tmp_path / "light.exr")
 
 
 def test_a_light_of_another_photo_is_doubtful(clean):

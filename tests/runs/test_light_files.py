@@ -1,5 +1,6 @@
 """Lights that runs are rendered under, from maps with and without their suns and lamps."""
 
+import json
 import math
 
 import numpy as np
@@ -13,7 +14,8 @@ from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import write_map
 from lightprobe.light.sources import LightSource
-from lightprobe.runs.light_files import scene_light, whole_light
+from lightprobe.models.calibration import Calibration
+from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light
 
 LAMPS = (
     LightSource((0.48, 0.6, 0.64), math.radians(6), (3.0, 2.4, 1.5)),
@@ -119,3 +121,26 @@ def test_lamps_of_a_light_file_are_those_found_in_its_map(tmp_path):
     write_sources(tmp_path / "light.exr", 128, (nowhere, fitted), Sun.INSIDE)
     lamps = scene_light(tmp_path / "light.exr", Sun.SEPARATE).lamps
     assert sorted(lamp.irradiance[0] for lamp in lamps) == [2.0, pytest.approx(4.0, rel=0.05)]
+
+
+CALIBRATED = Calibration((2.0, 2.0, 2.0), "a grey card")
+
+
+@pytest.mark.parametrize(
+    ("told", "calibration", "words"),
+    [
+        (None, CALIBRATED, "without a calibration, and this run has one"),
+        (CALIBRATED.to_json(), None, "with a calibration, and this run has none"),
+        (None, None, None),
+        (CALIBRATED.to_json(), CALIBRATED, None),
+        ("nothing", CALIBRATED, None),  # a map from elsewhere
+    ],
+)
+def test_a_map_of_before_a_calibration_is_told(sky, recwarn, told, calibration, words):
+    write_sources(sky, 64, LAMPS, Sun.INSIDE)
+    file = light_file(sky)
+    if told != "nothing":
+        file.write_text(json.dumps({**json.loads(file.read_text()), "calibration": told}))
+    tell_of_scale(sky, calibration)
+    said = [str(one.message) for one in recwarn]
+    assert said == [] if words is None else words in said[0]

@@ -135,6 +135,18 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         ) from error
 
 
+def is_calibrated(map_path: Path) -> bool | None:
+    """Return whether a predicted map has been through a calibration; None where no JSON tells of a prediction.
+
+    One that cannot be read tells nothing here; `read_sources` refuses it.
+    """
+    try:
+        value = read_json(light_file(map_path))
+        return value["calibration"] is not None if _is_of(value["map"], map_path) else None
+    except (InputError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
 def _harmonics(light: Environment) -> dict[str, Any]:
     return {
         "of": "radiance of the whole light, sources included",

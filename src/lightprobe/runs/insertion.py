@@ -13,7 +13,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import check_room
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
-from lightprobe.runs.light_files import whole_light
+from lightprobe.runs.light_files import tell_of_scale, whole_light
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
@@ -71,6 +71,8 @@ def insert_object(
     if light is None:
         prediction = loaded.predictor.predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
+    elif env is not None:
+        tell_of_scale(Path(env), loaded.predictor.decomposition.calibration)
     inserted = insert(loaded.predictor.decomposition, light, _view(image, photos, new), found, wish)
     inserted.write(files)
     return InsertedObject(

@@ -1,6 +1,7 @@
 """Maps from anywhere, as a light to render or to export with: their suns and lamps inside or apart."""
 
 import math
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,12 +9,14 @@ import numpy as np
 import torch
 
 from lightprobe.core.config.prediction import Sun
+from lightprobe.core.errors import LightprobeWarning
 from lightprobe.export import SceneLight
-from lightprobe.export.light_file import read_sources
+from lightprobe.export.light_file import is_calibrated, read_sources
 from lightprobe.imaging import resize_area
 from lightprobe.light.environment import Environment, read_map
 from lightprobe.light.files import panorama
 from lightprobe.light.sources import LightSource, split_light
+from lightprobe.models.calibration import Calibration
 
 _RESOLUTION = 64  # texels along a cubemap edge at which sources are told from the rest
 _ROUNDING = 1e-4  # of a texel's radiance: less is no part of a source
@@ -33,6 +36,20 @@ def whole_light(path: Path, device: torch.device | None = None) -> Environment:
     for source in known[0]:
         texels += source.texels(light.resolution, light.device)
     return Environment(texels)
+
+
+def tell_of_scale(path: Path, calibration: Calibration | None) -> None:
+    """Warn where a map was predicted before a calibration and is used with an object after one, or the other way."""
+    predicted = is_calibrated(path)
+    if predicted is None or predicted is (calibration is not None):
+        return
+    known = (
+        "without a calibration, and this run has one" if calibration else "with a calibration, and this run has none"
+    )
+    warnings.warn(
+        f"{path} was predicted {known}: the light and the object are not of one brightness. Predict the map anew.",
+        LightprobeWarning, stacklevel=3,
+    )  # fmt: skip
 
 
 def scene_light(path: Path, sun: Sun) -> SceneLight:

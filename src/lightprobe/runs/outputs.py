@@ -16,7 +16,7 @@ from lightprobe.export import export, write_picture
 from lightprobe.export.blender import write_addon
 from lightprobe.export.usd import check_usd
 from lightprobe.models import Decomposition
-from lightprobe.runs.light_files import scene_light, whole_light
+from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import read_camera
 from lightprobe.scene.record import read_record
@@ -40,7 +40,9 @@ def render_run(
     refuse_replacing([output], [environment, camera])
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     view = read_camera(camera, None if frame is None else Path(frame))
-    image, cover = relight(Decomposition.load(run, where), whole_light(environment, where), view, config)
+    decomposition, light = Decomposition.load(run, where), whole_light(environment, where)
+    tell_of_scale(environment, decomposition.calibration)
+    image, cover = relight(decomposition, light, view, config)
     write_picture(output, image, cover)
 
 
@@ -59,6 +61,7 @@ def relight_run(
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
     decomposition, light = Decomposition.load(run, where), whole_light(environment, where)
+    tell_of_scale(environment, decomposition.calibration)
     cameras = read_record(run).cameras
     circle = turntable(list(cameras["train"].values()), decomposition.similarity.center, frames, side)
     views = {Path("turntable") / f"{i:03d}.png": camera for i, camera in enumerate(circle)}
@@ -87,6 +90,8 @@ def export_run(
         check_usd()
     light = None if environment is None else scene_light(environment, sun)
     decomposition = Decomposition.load(run, resolve_device(device))
+    if environment is not None:
+        tell_of_scale(environment, decomposition.calibration)
     with filled_folder(output) as files:
         written = export(decomposition, files, decomposition.lights, light=light, height=height, usd=usd)
         written.append(write_addon(files))
