@@ -1,7 +1,7 @@
 """Run by a Python that has bpy: import what a test wrote through the add-on's operator, and tell what is in Blender.
 
 One JSON argument: {"addon", "folder", "files", "then": [files of another import, ...], "views": {name: camera
-position}, "side"}. The answer is the last line.
+position}, "side"}. Files named "new scene" begin another scene in the same file. The answer is the last line.
 """
 
 import importlib.util
@@ -57,10 +57,13 @@ def main(given):
     addon.register()
     try:
         for names in (given["files"], *given.get("then", [])):
+            if names == ["new scene"]:
+                bpy.context.window.scene = bpy.data.scenes.new("another")
+                continue
             files = [{"name": name} for name in names]
             result = list(bpy.ops.import_scene.lightprobe(directory=given["folder"], files=files))
     except RuntimeError as error:
-        print(json.dumps({"error": str(error)}))
+        print(json.dumps({"error": str(error), "objects": len(bpy.data.objects)}))
         return
     bpy.context.view_layer.update()
     meshes = [item for item in bpy.data.objects if item.type == "MESH"]
@@ -71,7 +74,9 @@ def main(given):
     lamps = [lamp(item) for item in bpy.data.objects if item.type == "LIGHT"]
     views = given.get("views", {})
     answer = {
-        "result": result, "map": images, "lamps": lamps, "distributions": [node.distribution for node in shaders],
+        "result": result, "map": images, "lamps_by_scene": [
+            sum(item.type == "LIGHT" for item in scene.collection.all_objects) for scene in bpy.data.scenes
+        ], "lamps": lamps, "distributions": [node.distribution for node in shaders],
         "low": [min(c[i] for c in corners) for i in range(3)] if corners else None,
         "high": [max(c[i] for c in corners) for i in range(3)] if corners else None,
         "view_transform": bpy.context.scene.view_settings.view_transform,

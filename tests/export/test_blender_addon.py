@@ -24,6 +24,7 @@ from tests.marked_light import SIMILARITY, marked_cubemap
 from tests.shapes import sphere_mesh
 
 SCRIPT = Path(__file__).with_name("blender_scene.py")
+TOLD = {"format": "lightprobe light", "version": 1}
 ROOT = Path(__file__).parents[2]
 
 
@@ -85,7 +86,7 @@ def assert_lambert(pixel: list[float], irradiance: np.ndarray) -> None:
 
 def light_file(path: Path, sun: str, **changed) -> None:
     source = {"direction": [0, 0, 2], "angular_radius_deg": 0.5, "irradiance_rgb": [2.0, 1.0, 0.5], "uncertainty": 0.1}
-    path.write_text(json.dumps({"map": {"sun": sun}, "sources": [{**source, **changed}]}))
+    path.write_text(json.dumps({**TOLD, "map": {"sun": sun}, "sources": [{**source, **changed}]}))
 
 
 def test_mesh_and_world_are_in_the_user_s_frame(exported):
@@ -134,7 +135,11 @@ def test_what_is_in_the_map_is_not_lit_twice_and_a_bad_file_says_so(exported):
         Environment(torch.ones(6, 8, 8, 3)).save(exported / f"{name}.exr")
         light_file(exported / f"{name}.light.json", sun, **changed)
     assert in_blender(exported, "inside.exr")["lamps"] == []
-    assert "bad.light.json is no light file" in in_blender(exported, "bad.exr")["error"]
+    found = in_blender(exported, "mesh.glb", "bad.exr")
+    assert "bad.light.json is no light file" in found["error"]
+    assert found["objects"] == 0  # told before the mesh is imported
+    (exported / "bad.light.json").write_text(json.dumps({**TOLD, "version": 2, "map": {"sun": "separate"}}))
+    assert "no light file of version 1" in in_blender(exported, "bad.exr")["error"]
     assert "Choose a .glb file" in in_blender(exported, "mesh.txt")["error"]
 
 
@@ -146,10 +151,16 @@ def test_another_light_takes_the_lamps_of_the_one_before_away(exported):
     assert in_blender(exported, "bare.exr", then=[["full.exr"]])["lamps"] == []
 
 
+def test_another_scene_of_the_file_keeps_its_lamps(exported):
+    Environment(torch.ones(6, 8, 8, 3)).save(exported / "bare.exr")
+    light_file(exported / "bare.light.json", "separate")
+    assert in_blender(exported, "bare.exr", then=[["new scene"], ["bare.exr"]])["lamps_by_scene"] == [1, 1]
+
+
 def test_a_light_file_of_the_other_format_s_map_brings_no_lamps(exported):
     Environment(torch.ones(6, 8, 8, 3)).save(exported / "two.exr")
     source = {"direction": [0, 0, 2], "angular_radius_deg": 0.5, "irradiance_rgb": [2.0, 1.0, 0.5], "uncertainty": 0.1}
-    told = {"map": {"file": "two.hdr", "copies": [], "sun": "separate"}, "sources": [source]}
+    told = {**TOLD, "map": {"file": "two.hdr", "copies": [], "sun": "separate"}, "sources": [source]}
     (exported / "two.light.json").write_text(json.dumps(told))
     assert in_blender(exported, "two.exr")["lamps"] == []
     told["map"]["copies"] = ["two.exr"]

@@ -31,6 +31,8 @@ bl_info = {
 }
 
 _NAME = "lightprobe light"  # of the world and of the collection of lamps
+_OWN = "lightprobe_lamps"  # property of such a collection, which users may rename
+_FORMAT, _VERSION = "lightprobe light", 1  # of a .light.json
 _MAPS = (".exr", ".hdr")
 _LARGEST_JSON = 2**24  # bytes
 _MOST_LAMPS = 64  # that a file may bring; lightprobe writes at most eight
@@ -101,6 +103,8 @@ def lamps_beside(path: Path) -> list[dict[str, Any]]:
         raise LightFileError(f"{file} is too large for a light file")
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
+        if (stored["format"], stored["version"]) != (_FORMAT, _VERSION):
+            raise LightFileError(f"{file} is no light file of version {_VERSION}; remove it to import the map alone")
         told = stored["map"]
         name = str(told.get("file", path.name))
         others = Path(name).stem == path.stem and path.name not in (name, *told.get("copies", []))
@@ -137,10 +141,13 @@ def _add_lamp(lamp: dict[str, Any], index: int) -> Any:
 
 
 def _collection() -> Any:
-    found = bpy.data.collections.get(_NAME)
+    """Return the present scene's collection of lamps; another scene of the file has its own, which stays as it is."""
+    children = bpy.context.scene.collection.children
+    found = next((one for one in children if one.get(_OWN)), None)
     if found is None:
         found = bpy.data.collections.new(_NAME)
-        bpy.context.scene.collection.children.link(found)
+        found[_OWN] = True
+        children.link(found)
     return found
 
 
@@ -188,6 +195,8 @@ class LIGHTPROBE_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 (as 
             self.report({"ERROR"}, "Choose a .glb file, an .exr or .hdr map, or both")
             return {"CANCELLED"}
         try:
+            for path in maps[:1]:
+                lamps_beside(path)  # one that cannot be used is told before anything is imported
             objects = [item for path in meshes for item in import_object(path)]
             lamps = [lamp for path in maps[:1] for lamp in import_light(path)]
         except (LightFileError, RuntimeError) as error:
