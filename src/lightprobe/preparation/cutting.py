@@ -3,10 +3,18 @@
 A trimap holds one of four labels for each pixel, OpenCV's: surely or probably background or object.
 """
 
+import os
+from collections.abc import Callable, Hashable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
 import numpy as np
 import scipy
 
 from lightprobe.preparation.libraries import opencv_library
+
+Key = TypeVar("Key", bound=Hashable)
+Result = TypeVar("Result")
 
 BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = 0, 1, 2, 3  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
 _ROUNDS = 3  # of fitting colours and cutting
@@ -32,6 +40,16 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
     mask = np.zeros(trimap.shape, bool)
     mask[box] = (labels & 1).astype(bool)
     return tidy(mask)
+
+
+def for_each(work: Callable[[Key], Result], keys: Iterable[Key]) -> dict[Key, Result]:
+    """Return what `work` makes of each key, several at a time: OpenCV frees Python's lock.
+
+    Results do not depend on the number of threads, as each has random numbers of its own, which `cut` seeds.
+    """
+    each = list(keys)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        return dict(zip(each, pool.map(work, each), strict=True))
 
 
 def tidy(mask: np.ndarray) -> np.ndarray:

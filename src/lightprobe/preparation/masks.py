@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from lightprobe.core.errors import InputError
-from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut
+from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut, for_each
 from lightprobe.preparation.solution import Solution
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.consistency import fitted_hull, overlap, silhouette
@@ -224,11 +224,14 @@ def _reach(camera: Camera, points: np.ndarray, shape: tuple[int, int]) -> np.nda
 
 def cut_all(views: Mapping[int, View], solution: Solution, labels: np.ndarray) -> dict[int, np.ndarray]:
     """Return the first masks (h, w) bool by the points' labels (P,)."""
-    return {
-        photo: view.given if view.fixed and view.given is not None
-        else cut(view.color, first_trimap(view, solution, labels, photo))
-        for photo, view in views.items()
-    }  # fmt: skip
+
+    def first(photo: int) -> np.ndarray:
+        view = views[photo]
+        if view.fixed and view.given is not None:
+            return view.given
+        return cut(view.color, first_trimap(view, solution, labels, photo))
+
+    return for_each(first, views)
 
 
 def carve(views: Mapping[int, View], masks: Mapping[int, np.ndarray], agreement: float = AGREEMENTS[-1]) -> Cutout:

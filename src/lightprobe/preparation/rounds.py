@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from lightprobe.core.stored import read_object
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.candidates import Choice
+from lightprobe.preparation.cutting import for_each
 from lightprobe.preparation.features import Features
 from lightprobe.preparation.looking import Seen
 from lightprobe.preparation.masks import (
@@ -81,13 +83,17 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
             break
         # What a hull of first cuts holds too much of is no opening yet.
         opened = openings(choice.kept.solution, views, labels, cutout, margin) if done > 0 else {}
-        masks = {
-            index: cut_near_hull(view, silhouette_of(cutout, view), cutout.masks[index], margin, opened.get(index))
-            for index, view in views.items()
-        }
+        masks = for_each(partial(_cut_again, views, cutout, opened, margin), views)
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))
+
+
+def _cut_again(views: Mapping[int, View], cutout: Cutout, opened: Mapping[int, np.ndarray], margin: float, index: int
+               ) -> np.ndarray:  # fmt: skip
+    """Return the mask of a photo cut anew around the hull."""
+    view = views[index]
+    return cut_near_hull(view, silhouette_of(cutout, view), cutout.masks[index], margin, opened.get(index))
 
 
 def _view(photo: SourcePhoto, each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool,
