@@ -21,6 +21,15 @@ def ball_points(count: int, seed: int = 0) -> np.ndarray:
     return directions / np.linalg.norm(directions, axis=1, keepdims=True) * 0.7
 
 
+def disc(camera: Camera, radius: float = 0.7) -> np.ndarray:
+    """Return the ball's true mask (h, w) bool: a cone around the ray to its centre."""
+    rows, columns = np.mgrid[:SIZE, :SIZE] + 0.5
+    rays = np.stack([(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones((SIZE, SIZE))], -1)
+    rays = rays @ camera.camera_to_world[:3, :3].T
+    cosine = -(rays @ camera.position) / np.linalg.norm(rays, axis=-1) / np.linalg.norm(camera.position)
+    return cosine > np.sqrt(1 - (radius / np.linalg.norm(camera.position)) ** 2)
+
+
 def photographed(cameras: list[Camera], points: np.ndarray) -> tuple[list[Features], dict, Solution]:
     """Return features, matches of neighbours and the true solution; every photo sees every point."""
     features = [

@@ -20,19 +20,10 @@ from lightprobe.preparation.masks import (
     silhouette_of,
 )
 from lightprobe.scene.consistency import overlap
-from tests.preparation.ring import SIZE, ball_points, photographed, ring_cameras
+from tests.preparation.ring import SIZE, ball_points, disc, photographed, ring_cameras
 from tests.shapes import camera_at
 
 pytest.importorskip("cv2")
-
-
-def disc(camera, radius=0.7):
-    """The ball's true mask: a cone around the ray to its centre."""
-    rows, columns = np.mgrid[:SIZE, :SIZE] + 0.5
-    rays = np.stack([(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones((SIZE, SIZE))], -1)
-    rays = rays @ camera.camera_to_world[:3, :3].T
-    cosine = -(rays @ camera.position) / np.linalg.norm(rays, axis=-1) / np.linalg.norm(camera.position)
-    return cosine > np.sqrt(1 - (radius / np.linalg.norm(camera.position)) ** 2)
 
 
 @pytest.fixture(scope="module")

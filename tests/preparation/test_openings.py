@@ -8,8 +8,7 @@ import pytest
 from lightprobe.preparation.masks import View, carve, cut_near_hull, silhouette_of
 from lightprobe.preparation.openings import openings
 from lightprobe.scene.consistency import overlap
-from tests.preparation.ring import SIZE, ball_points, photographed, ring_cameras
-from tests.preparation.test_masks import disc
+from tests.preparation.ring import SIZE, ball_points, disc, photographed, ring_cameras
 
 pytest.importorskip("cv2")
 

@@ -13,6 +13,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import check_room
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
+from lightprobe.light.environment import Environment
 from lightprobe.runs.light_files import tell_of_scale, whole_light
 from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
@@ -69,8 +70,8 @@ def insert_object(
     new = photos.read(0)
     warnings = [] if new.location is None else new.location.warnings()
     if light is None:
-        prediction = loaded.predictor.predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
-        light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
+        light, sentences = _predicted_light(loaded, new)
+        warnings += sentences
     elif env is not None:
         tell_of_scale(Path(env), loaded.predictor.decomposition.calibration)
     inserted = insert(loaded.predictor.decomposition, light, _view(image, photos, new), found, wish)
@@ -79,6 +80,13 @@ def insert_object(
         files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
         time.perf_counter() - start, (*warnings, *inserted.warnings), new.location,
     )  # fmt: skip
+
+
+def _predicted_light(loaded: LoadedRun, new: NewPhoto) -> tuple[Environment, tuple[str, ...]]:
+    """Return the light in a photo and what its verdict says."""
+    predict = loaded.predictor.predict
+    found = predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
+    return found.environment, tuple(found.verdict.sentences)
 
 
 def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
