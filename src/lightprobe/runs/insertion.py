@@ -70,8 +70,7 @@ def insert_object(
     new = photos.read(0)
     warnings = [] if new.location is None else new.location.warnings()
     if light is None:
-        light, sentences = _predicted_light(loaded, new)
-        warnings += sentences
+        light = _predicted_light(loaded, new, warnings)
     elif env is not None:
         tell_of_scale(Path(env), loaded.predictor.decomposition.calibration)
     inserted = insert(loaded.predictor.decomposition, light, _view(image, photos, new), found, wish)
@@ -82,11 +81,12 @@ def insert_object(
     )  # fmt: skip
 
 
-def _predicted_light(loaded: LoadedRun, new: NewPhoto) -> tuple[Environment, tuple[str, ...]]:
-    """Return the light in a photo and what its verdict says."""
+def _predicted_light(loaded: LoadedRun, new: NewPhoto, warnings: list[str]) -> Environment:
+    """Return the light in a photo, and add what its verdict says to the warnings."""
     predict = loaded.predictor.predict
     found = predict(new.pixels, new.pixel_camera, background=new.background, doubt=new.doubt)
-    return found.environment, tuple(found.verdict.sentences)
+    warnings += found.verdict.sentences
+    return found.environment
 
 
 def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
