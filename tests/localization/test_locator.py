@@ -38,6 +38,13 @@ def test_a_mask_that_is_given_stays_as_it_is(locator, camera, photo, file, tmp_p
 
 
 @pytest.mark.slow
+def test_a_mask_with_black_and_white_exchanged_is_told(locator, camera, photo, file, tmp_path):
+    write_png(tmp_path / "mask.png", np.repeat(1 - photo[1][..., None], 3, 2), srgb=False)
+    with pytest.raises(InputError, match=r"looks inverted: the object must be white\.$"):
+        locator.locate(file, mask=tmp_path / "mask.png", focal=camera.fx)
+
+
+@pytest.mark.slow
 def test_a_photo_without_the_object_is_refused_by_name(locator, tmp_path):
     grey = np.full((96, 128, 3), 0.3) + 0.2 * np.linspace(0, 1, 128)[:, None]
     write_png(tmp_path / "wall.png", grey)

@@ -24,6 +24,7 @@ from lightprobe.localization.views import KnownViews
 from lightprobe.models import Decomposition
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.consistency import look_inverted
 from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.record import read_record
 
@@ -77,12 +78,13 @@ class Locator:
         small = shrink_area(seen, _SIDE)
         found = self._finder.find(small, None if focal is None else focal * max(small.shape[:2]) / max(width, height))
         if not found:
-            raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
+            sentence = "nothing in this photo looks like the object; give its camera with --camera."
+            raise InputError(f"{image}: {sentence}{_inverted(given)}")
         best = found[0]
         camera = best.camera.resized(width, height)
         verdict = self._verdict(found, camera)
         if verdict.status is PoseStatus.REFUSED:
-            raise InputError(f"{image}: {' '.join(verdict.sentences)}")
+            raise InputError(f"{image}: {' '.join(verdict.sentences)}{_inverted(given)}")
         restored = _restored(camera, self._decomposition.similarity)
         if given is None:
             cover = silhouette(self._decomposition.asset, camera.resized(color.shape[1], color.shape[0]))
@@ -95,6 +97,12 @@ class Locator:
         return PoseVerdict(
             best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores)
         )  # fmt: skip
+
+
+def _inverted(mask: np.ndarray | None) -> str:
+    """Return a sentence where a mask (H, W) seems to have the object black, else nothing."""
+    inverted = mask is not None and look_inverted([mask])
+    return " Its mask looks inverted: the object must be white." if inverted else ""
 
 
 @contextmanager
