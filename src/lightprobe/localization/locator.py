@@ -24,7 +24,7 @@ from lightprobe.localization.views import KnownViews
 from lightprobe.models import Decomposition
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera, Similarity
-from lightprobe.scene.consistency import look_inverted
+from lightprobe.scene.consistency import look_inverted, overlap
 from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.record import read_record
 
@@ -78,18 +78,26 @@ class Locator:
         small = shrink_area(seen, _SIDE)
         found = self._finder.find(small, None if focal is None else focal * max(small.shape[:2]) / max(width, height))
         if not found:
-            sentence = "nothing in this photo looks like the object; give its camera with --camera."
-            raise InputError(f"{image}: {sentence}{_inverted(given)}")
+            raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
         best = found[0]
         camera = best.camera.resized(width, height)
+        if given is not None and self._is_inverted(given, camera):
+            raise InputError(f"{mask or image} looks inverted; the object must be white or opaque.")
         verdict = self._verdict(found, camera)
         if verdict.status is PoseStatus.REFUSED:
-            raise InputError(f"{image}: {' '.join(verdict.sentences)}{_inverted(given)}")
+            raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         restored = _restored(camera, self._decomposition.similarity)
         if given is None:
             cover = silhouette(self._decomposition.asset, camera.resized(color.shape[1], color.shape[0]))
             given = cover * (1 - magnified(hidden_share(self._known, Levels(small), best.camera), cover.shape))
         return Located(restored, given, verdict, color, clipped, time.perf_counter() - begin)
+
+    def _is_inverted(self, mask: np.ndarray, camera: Camera) -> bool:
+        """Tell whether a mask (H, W) that fills the photo's rim leaves out the object where `camera` sees it."""
+        if not look_inverted([mask]):
+            return False
+        shape = silhouette(self._decomposition.asset, camera.resized(mask.shape[1], mask.shape[0])) >= 0.5
+        return overlap(mask < 0.5, shape) > overlap(mask >= 0.5, shape)
 
     def _verdict(self, found: list[Candidate], camera: Camera) -> PoseVerdict:
         best, scores = found[0], [candidate.fit.score for candidate in found]
@@ -97,12 +105,6 @@ class Locator:
         return PoseVerdict(
             best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores)
         )  # fmt: skip
-
-
-def _inverted(mask: np.ndarray | None) -> str:
-    """Return a sentence where a mask (H, W) seems to have the object black, else nothing."""
-    inverted = mask is not None and look_inverted([mask])
-    return " Its mask looks inverted: the object must be white." if inverted else ""
 
 
 @contextmanager
