@@ -1,13 +1,12 @@
 """Openings that the hull closes: places deep inside its outline where a photo sees what lies behind the object.
 
 Masks that close an opening have a hull that is solid there, and a cut around the hull would take what is deep inside
-it for the object. Two things together tell otherwise: points that the photo, or one from nearly the same place, saw
-although much of the hull lies before them, and that lie behind the hull; and the colours around them, which are those
-of the surroundings and not those of the object's points.
+it for the object. Two things together tell otherwise: points behind the hull that the photo, or one from nearly the
+same place, saw although much of the hull lies before them; and the colours around them, which are those of the
+surroundings and not those of the object's points.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -20,21 +19,13 @@ from lightprobe.scene.hull import Hull
 _THICK = 0.25  # of the object's size: so much of the hull lies before a point that is seen through an opening
 _THIN = 0.1  # of the object's size: so little at most lies before a point on the side that the photo sees
 _BEHIND = 2.0  # voxels off the hull from which a point does not belong to the object
-_OTHERS = 3  # photos from nearly the same place whose points are looked at, too
+_OTHERS = 6  # photos from nearly the same place whose points are looked at, too
 _FEWEST = 3  # points seen through an opening
 _OBJECT_PIXELS = 100  # around points of the object, from which its colours are known
 _BINS = 24  # of each channel, in histograms of colours
 _UNLIKELY = 1e-6  # share of a colour that a histogram does not hold
 _LIKELIER = 1.5  # logarithm of how much likelier a colour is among the surroundings'
 _STEPS = 256  # along a ray
-
-
-@dataclass(frozen=True)
-class Sights:
-    """Where a photo shows points, (K, 2) pixels each."""
-
-    behind: np.ndarray  # what lies behind the hull, and much of the hull before it
-    front: np.ndarray  # the side of the object that the photo sees
 
 
 def openings(solution: Solution, views: Mapping[int, View], labels: np.ndarray, cutout: Cutout, margin: float
@@ -45,33 +36,48 @@ def openings(solution: Solution, views: Mapping[int, View], labels: np.ndarray, 
     """
     if cutout.hull is None or cutout.similarity is None:
         return {}
-    far = _distance(cutout.hull, cutout.similarity.apply(solution.points)) > _BEHIND
-    found = {}
+    depths = _Depths(solution, cutout.hull, cutout.similarity)
+    through, found = {photo: depths.through(photo, view.camera) for photo, view in views.items()}, {}
     for photo, view in views.items():
-        sights = _sights(solution, labels, far, photo, view.camera, cutout.hull, cutout.similarity)
-        if len(sights.behind) < _FEWEST:
+        near = photos_from_near(solution, photo, solution.points[labels == 1], _OTHERS)
+        # A neighbour's point that it saw beside the object tells nothing here, although much of the hull may hide it.
+        candidates = np.unique(np.concatenate([through[other] for other in near if other in through]))
+        behind = depths.places(candidates, view.camera, _THICK, np.inf)[0]
+        if len(behind) < _FEWEST:
             continue
-        opening = opening_around(view.color, silhouette_of(cutout, view), sights, margin)
+        mine = np.flatnonzero(depths.sharp & (labels == 1) & seen_by(solution, [photo]))
+        front = depths.places(mine, view.camera, -1.0, _THIN)[0]
+        opening = opening_around(view.color, silhouette_of(cutout, view), behind, front, margin)
         if opening.any():
             found[photo] = opening
     return found
 
 
-def _sights(solution: Solution, labels: np.ndarray, far: np.ndarray, photo: int, camera: Camera, hull: Hull,
-            similarity: Similarity) -> Sights:  # fmt: skip
-    sharp, size = solution.errors <= SHARP_POINT, float(hull.occupancy.sum() ** (1 / 3) * hull.voxel.mean())
-    near = photos_from_near(solution, photo, solution.points[labels == 1], _OTHERS)
+class _Depths:
+    """How much of the hull lies before points."""
 
-    def shown(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        points = solution.points[sharp & chosen]
-        x, y, depth = camera.project(points).T
+    def __init__(self, solution: Solution, hull: Hull, similarity: Similarity):
+        self._solution, self._hull, self._similarity = solution, hull, similarity
+        self._points = similarity.apply(solution.points)
+        self._size = float(hull.occupancy.sum() ** (1 / 3) * hull.voxel.mean())
+        self.sharp = solution.errors <= SHARP_POINT
+        self._behind = self.sharp & (_distance(hull, self._points) > _BEHIND)
+
+    def through(self, photo: int, camera: Camera) -> np.ndarray:
+        """Return the points (K,) int64 that a photo saw through the hull."""
+        return self.places(np.flatnonzero(self._behind & seen_by(self._solution, [photo])), camera, _THICK, np.inf)[1]
+
+    def places(self, chosen: np.ndarray, camera: Camera, least: float, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pixels (K, 2), and the points (K,), of those `chosen` with so much of the hull before them.
+
+        Only what lies in the camera's frame; `least` and `most` are relative to the object's size.
+        """
+        x, y, depth = camera.project(self._solution.points[chosen]).T
         framed = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-        before = _hull_before(hull, camera.normalised(similarity).position, similarity.apply(points[framed]))
-        return np.stack([x, y], 1)[framed], before / size
-
-    behind, thickness = shown(seen_by(solution, near) & far)
-    front, thinness = shown(seen_by(solution, [photo]) & (labels == 1))
-    return Sights(behind[thickness > _THICK], front[thinness < _THIN])
+        chosen, place = chosen[framed], np.stack([x, y], 1)[framed]
+        before = _hull_before(self._hull, camera.normalised(self._similarity).position, self._points[chosen])
+        fits = (before > least * self._size) & (before < most * self._size)
+        return place[fits], chosen[fits]
 
 
 def _hull_before(hull: Hull, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -98,19 +104,22 @@ def _voxels(hull: Hull, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ((voxel >= 0) & (voxel < hull.occupancy.shape)).all(-1), voxel
 
 
-def opening_around(color: np.ndarray, shape: np.ndarray, sights: Sights, margin: float) -> np.ndarray:
+def opening_around(
+    color: np.ndarray, shape: np.ndarray, behind: np.ndarray, front: np.ndarray, margin: float
+) -> np.ndarray:
     """Return the pieces (h, w) bool of the hull's `shape` (h, w) like the surroundings that show points behind it.
 
-    color (h, w, 3) uint8: the photo. margin: of the object's size, beyond which the surroundings begin.
+    color (h, w, 3) uint8: the photo. behind, front (K, 2): pixels of points seen through the hull, and of the object's.
+    margin: of the object's size, beyond which the surroundings begin.
     """
     dot = max(1.0, DOT * max(shape.shape))
-    known = shape & (_away_from(sights.front, shape) < dot)
+    known = shape & (_away_from(front, shape) < dot)
     around = scipy.ndimage.distance_transform_edt(~shape) > rim(shape, margin)
     if known.sum() < _OBJECT_PIXELS or not around.any():
         return np.zeros(shape.shape, bool)
     strange = scipy.ndimage.gaussian_filter(_likelier_around(color, known, around), 1.0) > _LIKELIER
     pieces, _ = scipy.ndimage.label(scipy.ndimage.binary_opening(strange & shape))
-    marked = np.unique(pieces[_away_from(sights.behind, shape) < dot])
+    marked = np.unique(pieces[_away_from(behind, shape) < dot])
     return np.isin(pieces, marked[marked > 0])
 
 
