@@ -10,8 +10,8 @@ import lightprobe
 from lightprobe.kernels import dispatch
 from lightprobe.kernels.numba import stacking as numba_stacking
 from lightprobe.kernels.numba import voxels as numba_voxels
-from lightprobe.kernels.reference import sparse as reference_sparse
 from lightprobe.kernels.reference import stacking as reference_stacking
+from lightprobe.kernels.reference import voxels as reference_voxels
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_arrays_are_the_cpu_s():
 
 def test_an_op_without_a_body_for_the_device_gets_the_reference(monkeypatch):
     monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.TRITON)
-    assert dispatch.choose("sparse", torch.zeros(3)) is reference_sparse
+    assert dispatch.choose("voxels", torch.zeros(3)) is reference_voxels
 
 
 def test_loops_are_compiled_here_alone():

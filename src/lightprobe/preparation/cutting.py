@@ -4,17 +4,13 @@ A trimap holds one of four labels for each pixel, OpenCV's: surely or probably b
 """
 
 import os
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
 
 import numpy as np
 import scipy
 
 from lightprobe.preparation.libraries import opencv_library
-
-Key = TypeVar("Key", bound=Hashable)
-Result = TypeVar("Result")
 
 BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = 0, 1, 2, 3  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
 _ROUNDS = 3  # of fitting colours and cutting
@@ -42,12 +38,12 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
     return tidy(mask)
 
 
-def for_each(work: Callable[[Key], Result], keys: Iterable[Key]) -> dict[Key, Result]:
-    """Return what `work` makes of each key, several at a time: OpenCV frees Python's lock.
+def masks_of(work: Callable[[int], np.ndarray], photos: Iterable[int]) -> dict[int, np.ndarray]:
+    """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's lock.
 
     Results do not depend on the number of threads, as each has random numbers of its own, which `cut` seeds.
     """
-    each = list(keys)
+    each = list(photos)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         return dict(zip(each, pool.map(work, each), strict=True))
 

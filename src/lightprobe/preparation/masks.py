@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from lightprobe.core.errors import InputError
-from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut, for_each
+from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut, masks_of
 from lightprobe.preparation.solution import Solution
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.consistency import fitted_hull, overlap, silhouette
@@ -231,7 +231,7 @@ def cut_all(views: Mapping[int, View], solution: Solution, labels: np.ndarray) -
             return view.given
         return cut(view.color, first_trimap(view, solution, labels, photo))
 
-    return for_each(first, views)
+    return masks_of(first, views)
 
 
 def carve(views: Mapping[int, View], masks: Mapping[int, np.ndarray], agreement: float = AGREEMENTS[-1]) -> Cutout:

@@ -13,7 +13,7 @@ from lightprobe.core.stored import read_object
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.candidates import Choice
-from lightprobe.preparation.cutting import for_each
+from lightprobe.preparation.cutting import masks_of
 from lightprobe.preparation.features import Features
 from lightprobe.preparation.looking import Seen
 from lightprobe.preparation.masks import (
@@ -83,7 +83,7 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
             break
         # What a hull of first cuts holds too much of is no opening yet.
         opened = openings(choice.kept.solution, views, labels, cutout, margin) if done > 0 else {}
-        masks = for_each(partial(_cut_again, views, cutout, opened, margin), views)
+        masks = masks_of(partial(_cut_again, views, cutout, opened, margin), views)
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))

@@ -39,7 +39,7 @@ class GBuffer:
         )  # fmt: skip
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """Return all tensors, those of the visibility last."""
+        """Return all tensors, (P, ...) each, and last the four of the visibility, of which two are (V, ...)."""
         own = tuple(getattr(self, name) for name in _PER_PIXEL)
         if self.visibility is None:
             return own
@@ -47,7 +47,7 @@ class GBuffer:
         return (*own, seen.vertices.unoccluded, seen.vertices.occluder_color, seen.index, seen.weight)
 
     def holding(self, tensors: Sequence[Tensor]) -> "GBuffer":
-        """Return a G-buffer of as many pixels that holds `tensors`, in the order of its own."""
+        """Return a G-buffer that holds `tensors` (P, ...), in the order of `tensors()`."""
         pixel, face, position, normal, view, base_color, roughness, metallic, *seen = tensors
         visibility = PointVisibility(VertexVisibility(*seen[:2]), *seen[2:]) if seen else None
         return GBuffer(
