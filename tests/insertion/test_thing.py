@@ -133,7 +133,8 @@ def no_extent(made: Writer) -> None:
     ("spoil", "word"),
     [
         (external, "refers to other files"), (external_picture, "refers to other files"),
-        (ten_million_faces, "10000000 faces"), (many_copies, "simplify"), (not_a_number, "NaN"),
+        (ten_million_faces, "10000000 faces"), (not_a_number, "NaN"),
+        pytest.param(many_copies, "simplify", marks=pytest.mark.slow),
         (own_parent, "no sound GLB"), (out_of_range, "no sound GLB"), (animations_only, "no triangles"),
         (beyond_the_file, "no sound GLB"), (compressed, "KHR_draco_mesh_compression"), (huge_texture, "60000"),
         (infinite_node, "far"), (no_extent, "no extent"),
