@@ -30,6 +30,7 @@ from lightprobe.scene.camera import Camera
 _LARGEST_FACTOR = 4.0  # that a photo's pixel is multiplied by
 _SOLID = 0.5  # coverage from which a pixel of the mask is the object's own
 _TOUCHED = 0.01  # coverage by the thing from which the ground's factor at a pixel's centre may be that under the thing
+_EDGE = 1.5  # pixels from one that is not touched within which the thing covers a pixel in part
 _WRONG_EXPOSURE = 2.0  # ratio of rendered and seen known object from which a warning says so
 
 
@@ -70,7 +71,7 @@ def insert(
     else:
         drawn = draw_thing(placed.thing, stage, window.cut(camera))
         beauty[window.slices], mask[window.slices] = _behind(drawn, change, photo.mask, window)
-        shadow = _spread(shadow, mask < _TOUCHED)
+        shadow = _edge_from_beside(shadow, mask < _TOUCHED)
     warnings += _exposure_warnings(change, photo)
     color, alpha = _composed(photo, beauty, shadow, mask, seed)
     return Insertion(color, alpha, beauty, shadow, mask, placed.at, placed.scale, tuple(warnings))
@@ -90,6 +91,15 @@ def _spread(values: np.ndarray, covered: np.ndarray) -> np.ndarray:
         return np.ones_like(values)
     row, column = scipy.ndimage.distance_transform_edt(~covered, return_distances=False, return_indices=True)
     return values[row, column]
+
+
+def _edge_from_beside(factor: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Return the factor (H, W, 3) with that at the thing's edge taken from the nearest pixel `beside` it (H, W) bool.
+
+    Further in it stays: there one may look through a thing onto the ground below it.
+    """
+    edge = ~beside & (scipy.ndimage.distance_transform_edt(~beside) < _EDGE)
+    return np.where(edge[..., None], _spread(factor, beside), factor)
 
 
 def _resized(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
