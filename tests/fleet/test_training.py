@@ -1,6 +1,7 @@
 """Fleets of trainings: a row for each scene, what is finished left alone, what failed tried again."""
 
 import dataclasses
+import json
 from collections.abc import Callable
 
 import pyarrow.parquet as pq
@@ -57,6 +58,15 @@ def test_runs_of_other_options_and_a_folder_without_scenes_are_told(scenes, tmp_
         train_fleet(scenes, tmp_path / "runs", Stub(finished), dataclasses.replace(OPTIONS, seed=1))
     with pytest.raises(InputError, match="holds no scenes"):
         train_fleet(scenes / "cup", tmp_path / "others", Stub(finished), OPTIONS)
+
+
+def test_a_fleet_of_before_scenes_were_recorded_goes_on(scenes, tmp_path):
+    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
+    record = tmp_path / "runs" / "fleet.json"
+    record.write_text(json.dumps({"options": json.loads(record.read_text())["options"]}))
+    second = Stub(finished)
+    train_fleet(scenes, tmp_path / "runs", second, OPTIONS)
+    assert second.tasks == []
 
 
 def test_scenes_of_another_collection_are_not_taken_for_finished(scenes, tmp_path):

@@ -47,6 +47,21 @@ def test_neither_points_nor_colours_do_alone(case):
     assert openings(*world(**case), MARGIN) == {}
 
 
+def test_what_a_neighbour_saw_beside_the_object_tells_nothing():
+    """Points behind the ball for this photo, which has a patch of their colours: it cannot see them, others can."""
+    solution, views, labels, cutout = world()
+    beside = HOLED + 1
+    eye, side = views[HOLED].camera.position, views[beside].camera.position
+    past = -4 * eye / np.linalg.norm(eye) + np.random.default_rng(2).normal(0, 0.05, (12, 3))
+    moved = replace(
+        solution, points=np.concatenate([solution.points[:150], past]),
+        seen_by=np.where(solution.seen >= 150, beside, solution.seen_by),
+    )  # fmt: skip
+    off = np.linalg.norm(np.cross(past - side, side), axis=1) / np.linalg.norm(past - side, axis=1)
+    assert off.min() > 0.8  # the ball's radius is .7
+    assert openings(moved, views, labels, cutout, MARGIN) == {}
+
+
 def test_a_point_of_the_far_side_is_no_sight_through():
     solution, views, labels, cutout = world(behind=0)
     every = replace(solution, seen=np.arange(150), seen_by=np.full(150, HOLED))  # a hull of false masks hides them

@@ -123,6 +123,16 @@ def test_lamps_of_a_light_file_are_those_found_in_its_map(tmp_path):
     assert sorted(lamp.irradiance[0] for lamp in lamps) == [2.0, pytest.approx(4.0, rel=0.05)]
 
 
+def test_a_lamp_that_is_found_as_two_comes_once(tmp_path):
+    spots = [LightSource((math.sin(a), 0.0, math.cos(a)), math.radians(2), (3.0, 3.0, 3.0)) for a in (-0.105, 0.105)]
+    texels = torch.full((6, 64, 64, 3), 0.05) + spots[0].texels(64) + spots[1].texels(64)
+    Environment(texels).save(tmp_path / "light.exr")
+    assert len(scene_light(tmp_path / "light.exr", Sun.SEPARATE).lamps) == 2
+    whole = LightSource((0.0, 0.0, 1.0), math.radians(8), (6.0, 6.0, 6.0))
+    write_sources(tmp_path / "light.exr", 128, (whole,), Sun.INSIDE)
+    assert [one.irradiance[0] for one in scene_light(tmp_path / "light.exr", Sun.SEPARATE).lamps] == [6.0]
+
+
 CALIBRATED = Calibration((2.0, 2.0, 2.0), "a grey card")
 
 

@@ -3,12 +3,12 @@
 A trimap holds one of four labels for each pixel, OpenCV's: surely or probably background or object.
 """
 
-import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import scipy
+import torch
 
 from lightprobe.preparation.libraries import opencv_library
 
@@ -41,10 +41,11 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
 def masks_of(work: Callable[[int], np.ndarray], photos: Iterable[int]) -> dict[int, np.ndarray]:
     """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's lock.
 
-    Results do not depend on the number of threads, as each has random numbers of its own, which `cut` seeds.
+    Results do not depend on the number of threads, as each has random numbers of its own, which `cut` seeds. Compiled
+    loops, which have threads of their own, are not for `work`.
     """
     each = list(photos)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(torch.get_num_threads()) as pool:
         return dict(zip(each, pool.map(work, each), strict=True))
 
 

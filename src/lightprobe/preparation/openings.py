@@ -25,7 +25,7 @@ _OBJECT_PIXELS = 100  # around points of the object, from which its colours are 
 _BINS = 24  # of each channel, in histograms of colours
 _UNLIKELY = 1e-6  # share of a colour that a histogram does not hold
 _LIKELIER = 1.5  # logarithm of how much likelier a colour is among the surroundings'
-_STEPS = 256  # along a ray
+_STEPS = 128  # along a ray's way through the hull's grid
 
 
 def openings(solution: Solution, views: Mapping[int, View], labels: np.ndarray, cutout: Cutout, margin: float
@@ -83,11 +83,14 @@ class _Depths:
 def _hull_before(hull: Hull, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return how much of the way from `eye` (3,) to each of the `points` (K, 3) lies in the hull, (K,)."""
     away = points - eye
-    places = eye + away[:, None] * np.linspace(0, 1, _STEPS)[:, None]
-    inside, voxel = _voxels(hull, places)
-    solid = np.zeros(inside.shape, bool)
-    solid[inside] = hull.occupancy[tuple(voxel[inside].T)]
-    return solid.mean(1) * np.linalg.norm(away, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # along an axis a ray enters nowhere, or is within for good
+        ends = np.sort(np.stack([(hull.lo - eye) / away, (hull.hi - eye) / away]), axis=0)
+    enters, leaves = np.nanmax(ends[0], axis=1).clip(0, 1), np.nanmin(ends[1], axis=1).clip(0, 1)
+    solid = np.zeros((_STEPS, len(points)))
+    for step, share in enumerate((np.arange(_STEPS) + 0.5) / _STEPS):
+        inside, voxel = _voxels(hull, eye + away * (enters + share * (leaves - enters))[:, None])
+        solid[step, inside] = hull.occupancy[tuple(voxel[inside].T)]
+    return solid.mean(0) * (leaves - enters).clip(0) * np.linalg.norm(away, axis=1)
 
 
 def _distance(hull: Hull, points: np.ndarray) -> np.ndarray:

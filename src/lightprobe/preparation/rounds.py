@@ -35,6 +35,7 @@ from lightprobe.preparation.solution import straightened
 from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 
+Masks = Mapping[int, np.ndarray]  # (h, w) bool by photo
 OnProgress = Callable[[str, int, int], None]
 WRITTEN = "written.json"  # in the hidden folder: checksums of the masks as they were written
 
@@ -77,23 +78,25 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
         masks = {i: v.given if v.fixed and v.given is not None else rembg_mask(v.color) for i, v in views.items()}
     else:
         masks = cut_all(views, choice.kept.solution, labels)
-    cutout = carve(views, masks, AGREEMENTS[0])
+    cutout, opened = carve(views, masks, AGREEMENTS[0]), dict[int, np.ndarray]()
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
-        # What a hull of first cuts holds too much of is no opening yet.
-        opened = openings(choice.kept.solution, views, labels, cutout, margin) if done > 0 else {}
-        masks = masks_of(partial(_cut_again, views, cutout, opened, margin), views)
+        if done > 0:  # what a hull of first cuts holds too much of is no opening yet
+            found = openings(choice.kept.solution, views, labels, cutout, margin)
+            # An opened hull has less before the points that told of it.
+            opened |= {index: opening | opened.get(index, False) for index, opening in found.items()}
+        shapes = {index: silhouette_of(cutout, view) for index, view in views.items()}
+        masks = masks_of(partial(_cut_again, views, shapes, cutout.masks, opened, margin), views)
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))
 
 
-def _cut_again(views: Mapping[int, View], cutout: Cutout, opened: Mapping[int, np.ndarray], margin: float, index: int
+def _cut_again(views: Mapping[int, View], shapes: Masks, masks: Masks, opened: Masks, margin: float, photo: int
                ) -> np.ndarray:  # fmt: skip
-    """Return the mask of a photo cut anew around the hull."""
-    view = views[index]
-    return cut_near_hull(view, silhouette_of(cutout, view), cutout.masks[index], margin, opened.get(index))
+    """Return the mask (h, w) bool of a photo cut anew around the hull's shape."""
+    return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opened.get(photo))
 
 
 def _view(photo: SourcePhoto, each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool,

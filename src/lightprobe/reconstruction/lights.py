@@ -44,14 +44,14 @@ def solve_target_light(
 
 
 class _VisitSolver:
-    """`solve_target_light` for visits of the photos, recorded on a GPU: a thousand small operators, the same each time.
+    """`solve_target_light` for visits of the photos, recorded on a GPU: many small operators, the same each time.
 
     The record holds for a surface of one number of vertices, and as many pixels in every photo; others are solved
     singly.
     """
 
     def __init__(self, config: DecomposeConfig, device: torch.device):
-        self._config, self._recorder = config, recorder_for(device)
+        self._config, self._device = config, device
         self._vertices = 0
         self._solve: RecordedStep | None = None
 
@@ -60,11 +60,9 @@ class _VisitSolver:
         """Return the light from `start` (6, R, R, 3), solved once from the pixels `rows` (K,) of the G-buffer."""
         part = gbuffer.select(rows)
         observed, clipped = target.color[part.pixel], target.clipped[part.pixel]
-        if self._recorder is None:
-            return solve_target_light(observed, clipped, part, start, None, self._config)
         vertices = 0 if part.visibility is None else len(part.visibility.vertices.unoccluded)
         if self._solve is None or vertices != self._vertices:  # the old record would never fit again
-            self._vertices, self._solve = vertices, RecordedStep(self._step(part), self._recorder)
+            self._vertices, self._solve = vertices, RecordedStep(self._step(part), recorder_for(self._device))
         return self._solve(observed, clipped, start, *part.tensors())
 
     def _step(self, like: GBuffer) -> Callable[..., Tensor]:

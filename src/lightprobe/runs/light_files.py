@@ -53,7 +53,7 @@ def tell_of_scale(path: Path, calibration: Calibration | None) -> None:
 
 
 def scene_light(path: Path, sun: Sun) -> SceneLight:
-    """Return a map's light; its lamps are those of its .light.json, or else are found in it.
+    """Return a map's light; its lamps are those that are found in it, as bright as its .light.json says if it has them.
 
     sun: with `Sun.INSIDE` the map keeps them and there are no lamps. A map that was written without its lamps stays so,
     and they come from its .light.json either way. Raises `InputError` for a map or .light.json that cannot be used.
@@ -68,14 +68,20 @@ def scene_light(path: Path, sun: Sun) -> SceneLight:
     split = split_light(environment)
     if not split.sources:
         return SceneLight(image, ())
-    lamps = tuple(_as_known(source, () if known is None else known[0]) for source in split.sources)
+    lamps = _as_known(split.sources, () if known is None else known[0])
     return SceneLight(_without_sources(image, environment, split.rest), lamps)
 
 
-def _as_known(found: LightSource, known: Sequence[LightSource]) -> LightSource:
-    """Return the source of a .light.json that was found in its map: what a photo told of it is nearer to the truth."""
-    cosines = [float(np.dot(found.direction, source.direction)) for source in known]
-    return known[int(np.argmax(cosines))] if cosines and max(cosines) > _SAME else found
+def _as_known(found: Sequence[LightSource], known: Sequence[LightSource]) -> tuple[LightSource, ...]:
+    """Return the sources of a .light.json that were found in its map, and those that it does not know.
+
+    What a photo told of a source is nearer to the truth. One that was found as two, or two as one, come as it has them.
+    """
+
+    def same(one: LightSource, others: Sequence[LightSource]) -> bool:
+        return any(float(np.dot(one.direction, other.direction)) > _SAME for other in others)
+
+    return (*(one for one in known if same(one, found)), *(one for one in found if not same(one, known)))
 
 
 def _without_sources(image: np.ndarray, environment: Environment, rest: Environment) -> np.ndarray:

@@ -31,7 +31,7 @@ bl_info = {
 }
 
 _NAME = "lightprobe light"  # of the world and of the collection of lamps
-_OWN = "lightprobe_lamps"  # property of such a collection, which users may rename
+_OWN = "lightprobe_lamps"  # property of such a collection, which users may rename and move
 _FORMAT, _VERSION = "lightprobe light", 1  # of a .light.json
 _MAPS = (".exr", ".hdr")
 _LARGEST_JSON = 2**24  # bytes
@@ -142,12 +142,12 @@ def _add_lamp(lamp: dict[str, Any], index: int) -> Any:
 
 def _collection() -> Any:
     """Return the present scene's collection of lamps; another scene of the file has its own, which stays as it is."""
-    children = bpy.context.scene.collection.children
-    found = next((one for one in children if one.get(_OWN)), None)
+    root = bpy.context.scene.collection
+    found = next((one for one in root.children_recursive if one.get(_OWN) or one.name == _NAME), None)
     if found is None:
         found = bpy.data.collections.new(_NAME)
         found[_OWN] = True
-        children.link(found)
+        root.children.link(found)
     return found
 
 
