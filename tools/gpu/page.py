@@ -27,7 +27,7 @@ BOXES = (
     Box(
         "quality", "Quality beside the CPU", 6.0,
         "The demo's training, same seed, on the device and on the CPU; scores on its test photos. Steps of Phase I are "
-        "alike on both only until rounding tells them apart, so scores agree within the spread of seeds, not in bits.",
+        "alike on both only until rounding tells them apart, so scores differ as those of two seeds do.",
     ),
     Box(
         "prediction", "Predictions", 2.0,
