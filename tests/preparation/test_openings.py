@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lightprobe.preparation import openings as finding
 from lightprobe.preparation.masks import View, carve, cut_near_hull, silhouette_of
-from lightprobe.preparation.openings import openings
 from lightprobe.scene.consistency import overlap
 from tests.preparation.ring import SIZE, ball_points, disc, photographed, ring_cameras
 
@@ -34,6 +34,11 @@ def world(*, painted=True, behind=12):
         color = np.where(inside[..., None], [170, 70, 50], [60, 110, 120]) + rng.normal(0, 18, (SIZE, SIZE, 3))
         views[index] = View(camera, np.clip(color, 0, 255).astype(np.uint8), None, False)
     return solution, views, labels, carve(views, {index: disc(view.camera) for index, view in views.items()})
+
+
+def openings(solution, views, labels, cutout, margin):
+    shapes = {index: silhouette_of(cutout, view) for index, view in views.items()}
+    return finding.openings(solution, views, labels, cutout, shapes, margin)
 
 
 def test_a_hole_is_found_where_points_behind_show_among_strange_colours():

@@ -28,7 +28,7 @@ AGREEMENTS = (0.7, 0.8, 0.9, 0.9)  # of the photos, for the hull of the first cu
 _MANY = 10  # photos from which a part of them may err
 _RESOLUTION = 96  # voxels along an edge of the hull
 _DEEP = 1.5  # margins inside the hull from which a pixel is surely the object
-DOT = 0.012  # of the longer side: radius around a point that has its label
+_DOT = 0.012  # of the longer side: radius around a point that has its label
 _REACH = 1.35  # radii of the object's points within which it may reach
 _BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
 NEAR_PHOTOS = 2  # whose points mark the object beside those of the photo itself
@@ -111,7 +111,7 @@ def _grown(mask: np.ndarray | None) -> np.ndarray | None:
     """Return a mask (h, w) bool with what lies as near to it as a point's mark reaches."""
     if mask is None or not mask.any():
         return mask
-    return scipy.ndimage.distance_transform_edt(~mask) < DOT * max(mask.shape)
+    return scipy.ndimage.distance_transform_edt(~mask) < _DOT * max(mask.shape)
 
 
 def _shown_radius(view: View, center: np.ndarray) -> float:
@@ -157,29 +157,31 @@ def _looked_at(views: Mapping[int, View]) -> tuple[np.ndarray, float]:
 
 def _at(camera: Camera, mask: np.ndarray | None, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return which points (P, 3) lie in the frame of a camera, and which of all show inside its mask, (P,) bool."""
+    visible, rows, columns = in_frame(camera, points)
+    shown = np.zeros(len(points), bool)
+    shown[visible] = False if mask is None else mask[rows, columns]
+    return visible, shown
+
+
+def in_frame(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which points (P, 3) lie in the frame of a camera, (P,) bool, and the rows and columns (K,) of these."""
     x, y, depth = camera.project(points).T
     visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-    shown = np.zeros(len(points), bool)
-    if mask is not None:
-        shown[visible] = mask[y[visible].astype(int), x[visible].astype(int)]
-    return visible, shown
+    return visible, y[visible].astype(int), x[visible].astype(int)
 
 
 def first_trimap(view: View, solution: Solution, labels: np.ndarray, photo: int) -> np.ndarray:
     """Return the trimap (h, w) uint8 of a photo by the points' labels (P,)."""
     camera = view.camera
     shape = (camera.height, camera.width)
-    dot = max(1.0, DOT * max(shape))
+    dot = dot_radius(shape)
     mine = seen_by(solution, [photo])
     sure = (labels == 1) & seen_by(solution, photos_from_near(solution, photo, solution.points[labels == 1]))
-    on = _dots(camera, solution.points[sure if sure.sum() >= _FEWEST else labels == 1], shape)
-    off = _dots(camera, solution.points[(labels == -1) & mine], shape)
+    near = away_from(camera, solution.points[sure if sure.sum() >= _FEWEST else labels == 1])
     reach = _reach(camera, solution.points[labels == 1], shape)
-    near = scipy.ndimage.distance_transform_edt(~on) if on.any() else np.full(shape, np.inf)
     trimap = np.where(reach, MAYBE_BACKGROUND, BACKGROUND).astype(np.uint8)
     trimap[reach & (near < 5 * dot)] = MAYBE_OBJECT
-    if off.any():
-        trimap[scipy.ndimage.distance_transform_edt(~off) < dot] = BACKGROUND
+    trimap[away_from(camera, solution.points[(labels == -1) & mine]) < dot] = BACKGROUND
     trimap[near < dot] = OBJECT
     return trimap
 
@@ -202,13 +204,17 @@ def photos_from_near(solution: Solution, photo: int, points: np.ndarray, others:
     return [int(other) for other in solution.photo[np.argsort(-alike, kind="stable")[: 1 + others]]]
 
 
-def _dots(camera: Camera, points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return a picture (h, w) bool of the pixels that points (P, 3) fall on."""
-    x, y, depth = camera.project(points).T
-    visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
-    picture = np.zeros(shape, bool)
-    picture[y[visible].astype(int), x[visible].astype(int)] = True
-    return picture
+def away_from(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """Return how far from each pixel (h, w) the nearest one is that points (P, 3) fall on; infinite where none does."""
+    _, rows, columns = in_frame(camera, points)
+    free = np.ones((camera.height, camera.width), bool)
+    free[rows, columns] = False
+    return np.full(free.shape, np.inf) if free.all() else scipy.ndimage.distance_transform_edt(free)
+
+
+def dot_radius(shape: tuple[int, ...]) -> float:
+    """Return the radius in pixels around a point, in a picture (h, w), that has its label."""
+    return max(1.0, _DOT * max(shape))
 
 
 def _reach(camera: Camera, points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

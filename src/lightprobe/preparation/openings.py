@@ -11,7 +11,17 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from lightprobe.preparation.masks import DOT, SHARP_POINT, Cutout, View, photos_from_near, rim, seen_by, silhouette_of
+from lightprobe.preparation.masks import (
+    SHARP_POINT,
+    Cutout,
+    View,
+    away_from,
+    dot_radius,
+    in_frame,
+    photos_from_near,
+    rim,
+    seen_by,
+)
 from lightprobe.preparation.solution import Solution
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull
@@ -28,11 +38,14 @@ _LIKELIER = 1.5  # logarithm of how much likelier a colour is among the surround
 _STEPS = 128  # along a ray's way through the hull's grid
 
 
-def openings(solution: Solution, views: Mapping[int, View], labels: np.ndarray, cutout: Cutout, margin: float
-             ) -> dict[int, np.ndarray]:  # fmt: skip
+def openings(
+    solution: Solution, views: Mapping[int, View], labels: np.ndarray, cutout: Cutout, shapes: Mapping[int, np.ndarray],
+    margin: float,
+) -> dict[int, np.ndarray]:  # fmt: skip
     """Return where photos seem to look through the hull of `cutout`, (h, w) bool, for those that do.
 
-    labels (P,): of the points, as from `masks.object_points`. margin: as in `masks.cut_near_hull`.
+    labels (P,): of the points, as from `masks.object_points`. shapes: the hull's picture (h, w) bool in each photo.
+    margin: as in `masks.cut_near_hull`.
     """
     if cutout.hull is None or cutout.similarity is None:
         return {}
@@ -42,12 +55,12 @@ def openings(solution: Solution, views: Mapping[int, View], labels: np.ndarray, 
         near = photos_from_near(solution, photo, solution.points[labels == 1], _OTHERS)
         # A neighbour's point that it saw beside the object tells nothing here, although much of the hull may hide it.
         candidates = np.unique(np.concatenate([through[other] for other in near if other in through]))
-        behind = depths.places(candidates, view.camera, _THICK, np.inf)[0]
+        behind = depths.within(candidates, view.camera, _THICK, np.inf)
         if len(behind) < _FEWEST:
             continue
         mine = np.flatnonzero(depths.sharp & (labels == 1) & seen_by(solution, [photo]))
-        front = depths.places(mine, view.camera, -1.0, _THIN)[0]
-        opening = opening_around(view.color, silhouette_of(cutout, view), behind, front, margin)
+        front = depths.within(mine, view.camera, -np.inf, _THIN)
+        opening = opening_around(view, shapes[photo], solution.points[behind], solution.points[front], margin)
         if opening.any():
             found[photo] = opening
     return found
@@ -65,19 +78,16 @@ class _Depths:
 
     def through(self, photo: int, camera: Camera) -> np.ndarray:
         """Return the points (K,) int64 that a photo saw through the hull."""
-        return self.places(np.flatnonzero(self._behind & seen_by(self._solution, [photo])), camera, _THICK, np.inf)[1]
+        return self.within(np.flatnonzero(self._behind & seen_by(self._solution, [photo])), camera, _THICK, np.inf)
 
-    def places(self, chosen: np.ndarray, camera: Camera, least: float, most: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pixels (K, 2), and the points (K,), of those `chosen` with so much of the hull before them.
+    def within(self, chosen: np.ndarray, camera: Camera, least: float, most: float) -> np.ndarray:
+        """Return those of the points `chosen` (K,) in the frame that have so much of the hull before them, (M,) int64.
 
-        Only what lies in the camera's frame; `least` and `most` are relative to the object's size.
+        least, most: relative to the object's size.
         """
-        x, y, depth = camera.project(self._solution.points[chosen]).T
-        framed = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-        chosen, place = chosen[framed], np.stack([x, y], 1)[framed]
+        chosen = chosen[in_frame(camera, self._solution.points[chosen])[0]]
         before = _hull_before(self._hull, camera.normalised(self._similarity).position, self._points[chosen])
-        fits = (before > least * self._size) & (before < most * self._size)
-        return place[fits], chosen[fits]
+        return chosen[(before > least * self._size) & (before < most * self._size)]
 
 
 def _hull_before(hull: Hull, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -107,30 +117,21 @@ def _voxels(hull: Hull, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ((voxel >= 0) & (voxel < hull.occupancy.shape)).all(-1), voxel
 
 
-def opening_around(
-    color: np.ndarray, shape: np.ndarray, behind: np.ndarray, front: np.ndarray, margin: float
-) -> np.ndarray:
+def opening_around(view: View, shape: np.ndarray, behind: np.ndarray, front: np.ndarray, margin: float) -> np.ndarray:
     """Return the pieces (h, w) bool of the hull's `shape` (h, w) like the surroundings that show points behind it.
 
-    color (h, w, 3) uint8: the photo. behind, front (K, 2): pixels of points seen through the hull, and of the object's.
-    margin: of the object's size, beyond which the surroundings begin.
+    behind, front (K, 3): points seen through the hull, and the object's. margin: of the object's size, beyond which the
+    surroundings begin.
     """
-    dot = max(1.0, DOT * max(shape.shape))
-    known = shape & (_away_from(front, shape) < dot)
+    dot = dot_radius(shape.shape)
+    known = shape & (away_from(view.camera, front) < dot)
     around = scipy.ndimage.distance_transform_edt(~shape) > rim(shape, margin)
     if known.sum() < _OBJECT_PIXELS or not around.any():
         return np.zeros(shape.shape, bool)
-    strange = scipy.ndimage.gaussian_filter(_likelier_around(color, known, around), 1.0) > _LIKELIER
+    strange = scipy.ndimage.gaussian_filter(_likelier_around(view.color, known, around), 1.0) > _LIKELIER
     pieces, _ = scipy.ndimage.label(scipy.ndimage.binary_opening(strange & shape))
-    marked = np.unique(pieces[_away_from(behind, shape) < dot])
+    marked = np.unique(pieces[away_from(view.camera, behind) < dot])
     return np.isin(pieces, marked[marked > 0])
-
-
-def _away_from(places: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Return how far from each pixel of `shape` (h, w) the nearest of the `places` (K, 2) is, (h, w)."""
-    free = np.ones(shape.shape, bool)
-    free[places[:, 1].astype(int), places[:, 0].astype(int)] = False
-    return np.full(shape.shape, np.inf) if free.all() else scipy.ndimage.distance_transform_edt(free)
 
 
 def _likelier_around(color: np.ndarray, known: np.ndarray, around: np.ndarray) -> np.ndarray:

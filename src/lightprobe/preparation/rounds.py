@@ -82,11 +82,11 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
+        shapes = {index: silhouette_of(cutout, view) for index, view in views.items()}
         if done > 0:  # what a hull of first cuts holds too much of is no opening yet
-            found = openings(choice.kept.solution, views, labels, cutout, margin)
+            found = openings(choice.kept.solution, views, labels, cutout, shapes, margin)
             # An opened hull has less before the points that told of it.
             opened |= {index: opening | opened.get(index, False) for index, opening in found.items()}
-        shapes = {index: silhouette_of(cutout, view) for index, view in views.items()}
         masks = masks_of(partial(_cut_again, views, shapes, cutout.masks, opened, margin), views)
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
