@@ -71,7 +71,7 @@ def insert(
     else:
         drawn = draw_thing(placed.thing, stage, window.cut(camera))
         beauty[window.slices], mask[window.slices] = _behind(drawn, change, photo.mask, window)
-        shadow = _edge_from_beside(shadow, mask < _TOUCHED)
+        shadow[window.slices] = _edge_from_beside(shadow[window.slices], mask[window.slices] < _TOUCHED)
     warnings += _exposure_warnings(change, photo)
     color, alpha = _composed(photo, beauty, shadow, mask, seed)
     return Insertion(color, alpha, beauty, shadow, mask, placed.at, placed.scale, tuple(warnings))
