@@ -1,5 +1,7 @@
 """Features of a picture are found again where it is shifted, and which pairs are worth matching."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.ndimage import zoom
@@ -16,8 +18,8 @@ def shifted():
     rng = np.random.default_rng(0)
     picture = sum(zoom(rng.normal(size=(n, n)), 240 / n, order=1) for n in (12, 30, 60))
     picture = 60 + 120 * (picture - picture.min()) / np.ptp(picture)
-    return [find_features((factor * part).astype(np.uint8)) for factor, part in
-            ((1.0, picture[:200, :200]), (0.7, picture[:200, 12:212]))]  # fmt: skip
+    parts = (1.0, picture[:200, :200]), (0.7, picture[:200, 12:212])
+    return find_features([(factor * part).astype(np.uint8) for factor, part in parts])
 
 
 def test_matches_are_the_same_places(shifted):
@@ -56,6 +58,23 @@ def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):
 
 
 def test_a_picture_without_anything_has_no_features():
-    empty = find_features(np.full((60, 60), 128, np.uint8))
+    empty, tiny = find_features([np.full((60, 60), 128, np.uint8), np.full((1, 3), 128, np.uint8)])
+    assert (empty.width, tiny.width, tiny.height) == (60, 3, 1)
+    assert tiny.points.shape == (0, 2)
     assert empty.points.shape == (0, 2)
     assert match(empty, empty).shape == (0, 2)
+
+
+def test_the_largest_blobs_are_kept_whichever_way_they_are_turned(monkeypatch):
+    monkeypatch.setattr(features, "MOST", 2)
+    size, angle = np.array([1.5, 4.0, 2.0, 3.0]), np.array([3.1, 0.1, -3.0, 0.2])
+    turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], 1) * size[:, None]
+    table = np.concatenate([np.arange(8.0).reshape(4, 2), turned], 1)
+    stored = SimpleNamespace(
+        exists_image=lambda name: True, read_image_with_name=lambda name: SimpleNamespace(image_id=1),
+        read_keypoints=lambda number: table,
+        read_descriptors=lambda number: SimpleNamespace(data=np.arange(4)[:, None].repeat(128, 1)),
+    )  # fmt: skip
+    kept = features._stored(stored, "0.png", np.zeros((10, 20), np.uint8))
+    assert kept.points.tolist() == [[2, 3], [6, 7]]
+    assert kept.descriptors[:, 0].tolist() == [1, 3]

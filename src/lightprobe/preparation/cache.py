@@ -24,7 +24,7 @@ _LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
 # What the parsers of the archive and of the arrays in it run into.
 _DAMAGE = (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, SyntaxError, RecursionError, MemoryError,
            RuntimeError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
-_VERSION = 1  # of all steps: raised when what they keep, or how they find it, changes
+_VERSION = 2  # of all steps: raised when what they keep, or how they find it, changes
 
 
 def key_of(*parts: Any) -> str:
@@ -41,15 +41,21 @@ class Cache:
 
     def arrays(self, name: str, key: str, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
         """Return the arrays, of any shape, of step `name`: those kept under `key`, or those that `make` returns."""
-        path = named_file(self.folder, name, ".npz")
-        found = _read(path, key)
-        if found is not None:
-            return found
-        values = dict(make())
+        found = self.find(name, key)
+        if found is None:
+            found = dict(make())
+            self.keep(name, key, found)
+        return found
+
+    def find(self, name: str, key: str) -> dict[str, np.ndarray] | None:
+        """Return the arrays, of any shape, of step `name` that are kept under `key`, None where none are."""
+        return _read(named_file(self.folder, name, ".npz"), key)
+
+    def keep(self, name: str, key: str, values: Mapping[str, np.ndarray]) -> None:
+        """Keep the arrays, of any shape, of step `name` under `key`."""
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **{**values, "key": np.array(key)})  # type: ignore[arg-type]
-        write_bytes(path, buffer.getvalue())
-        return values
+        write_bytes(named_file(self.folder, name, ".npz"), buffer.getvalue())
 
 
 def _read(path: Path, key: str) -> dict[str, np.ndarray] | None:

@@ -92,10 +92,12 @@ def _against_second(photos: Sequence[Features], matches: Matches, focal: Sequenc
     """Return the whole photos' reconstruction, or that of what does not fit it where this is the object."""
     good = f"it explains {whole.verdict.explained:.0%} of the matches on the object"
     plain = Choice(whole, (whole,), good, None, False)
+    if whole.verdict.explained >= _EXPLAINED:
+        return plain
     left = unexplained(photos, matches, whole.solution)
     everywhere = [np.ones(len(features.points), bool) for features in photos]
     asked = ObjectMatches(photos, left, everywhere, seed)
-    if len(asked.pairs) < _SECOND_PAIRS * len(photos) or whole.verdict.explained >= _EXPLAINED:
+    if len(asked.pairs) < _SECOND_PAIRS * len(photos):
         return plain
     on_model(SECOND)
     second = best_lenses(SECOND, photos, left, focal, asked, seed)

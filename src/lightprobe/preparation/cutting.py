@@ -4,12 +4,11 @@ A trimap holds one of four labels for each pixel, OpenCV's: surely or probably b
 """
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import scipy
-import torch
 
+from lightprobe.core.threads import in_threads
 from lightprobe.preparation.libraries import opencv_library
 
 BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = 0, 1, 2, 3  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
@@ -41,12 +40,10 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
 def masks_of(work: Callable[[int], np.ndarray], photos: Iterable[int]) -> dict[int, np.ndarray]:
     """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's lock.
 
-    Results do not depend on the number of threads, as each has random numbers of its own, which `cut` seeds. Compiled
-    loops, which have threads of their own, are not for `work`.
+    Results do not depend on the number of threads, as each has random numbers of its own, which `cut` seeds.
     """
     each = list(photos)
-    with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-        return dict(zip(each, pool.map(work, each), strict=True))
+    return dict(zip(each, in_threads(work, each), strict=True))
 
 
 def tidy(mask: np.ndarray) -> np.ndarray:

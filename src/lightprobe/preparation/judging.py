@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lightprobe.core.threads import in_threads
 from lightprobe.preparation.features import Features, moved
 from lightprobe.preparation.libraries import pycolmap_library
 from lightprobe.preparation.mapping import Matches
@@ -18,6 +19,7 @@ from lightprobe.scene.camera import Camera
 
 _OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
 _ENOUGH = 12  # matches of a pair on the object that say something
+_TRIALS = 10_000  # of a pair's geometry, as COLMAP has it for two views; where few matches fit, more take seconds
 _MOST_PAIRS = 600  # pairs that are asked; the strongest
 _STILL_PAIR = 0.5  # share of still matches of a pair from one tripod
 _STILL_SCENE = 0.5  # share of such pairs in photos from one tripod
@@ -116,12 +118,10 @@ class ObjectMatches:
         self._photos, self._inside = photos, inside
         chosen = {(i, j): rows[inside[i][rows[:, 0]] & inside[j][rows[:, 1]]] for (i, j), rows in matches.items()}
         strong = sorted((pair for pair in chosen if len(chosen[pair]) >= _ENOUGH), key=lambda p: (-len(chosen[p]), p))
-        self.pairs = {}
-        for i, j in strong[:_MOST_PAIRS]:
-            rows = chosen[i, j]
-            fitting = _fitting(photos[i], photos[j], rows, seed)
-            if fitting.sum() >= _ENOUGH:
-                self.pairs[i, j] = rows[fitting]
+        asked = strong[:_MOST_PAIRS]
+        fitting = in_threads(lambda pair: _fitting(photos[pair[0]], photos[pair[1]], chosen[pair], seed), asked)
+        fits = zip(asked, fitting, strict=True)
+        self.pairs = {pair: chosen[pair][kept] for pair, kept in fits if kept.sum() >= _ENOUGH}
 
     def judge(self, solution: Solution) -> Verdict:
         """Return how a reconstruction does on them."""
@@ -158,6 +158,7 @@ def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarra
     pycolmap = pycolmap_library()
     options = pycolmap.RANSACOptions()
     options.max_error, options.random_seed = _OFF * max(a.width, a.height), seed
+    options.max_num_trials = _TRIALS
     found = pycolmap.estimate_fundamental_matrix(
         a.points[rows[:, 0]].astype(np.float64), b.points[rows[:, 1]].astype(np.float64), options
     )

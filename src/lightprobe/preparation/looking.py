@@ -1,6 +1,6 @@
 """Every photo decoded once: its features, a small picture and the user's mask, kept for the same command to go on."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,9 @@ from lightprobe.preparation.judging import sampled
 from lightprobe.preparation.mapping import FEWEST_MATCHES
 from lightprobe.preparation.photos import SourcePhoto, copies, working_pictures
 
+OnPhoto = Callable[[int, int], None]
+
+_BATCH = 16  # photos whose features are found side by side, and lost when the command is killed
 _BLURRED = 0.5  # of the median sharpness of all photos: below, a photo without a camera is called blurred
 _FEW_FEATURES = 80  # from which few are left to match
 
@@ -26,20 +29,41 @@ class Seen:
     sharpness: float
 
 
-def look_at(photo: SourcePhoto, cache: Cache) -> Seen:
-    """Return what is kept of a photo, shapes as in `Seen`; raises `InputError` for a damaged file."""
-    key = key_of(photo.checksum, None if photo.mask is None else _stamp(photo), photo.cutout)
+def look_at_all(photos: Sequence[SourcePhoto], cache: Cache, on_photo: OnPhoto = lambda done, total: None
+                ) -> list[Seen]:  # fmt: skip
+    """Return what is kept of each photo, shapes as in `Seen`; raises `InputError` for a damaged file."""
+    keys = [key_of(photo.checksum, None if photo.mask is None else _stamp(photo), photo.cutout) for photo in photos]
+    kept = [cache.find(_step(photo), key) for photo, key in zip(photos, keys, strict=True)]
+    missing = [index for index, values in enumerate(kept) if values is None]
+    for first in range(0, len(missing), _BATCH):
+        batch = missing[first : first + _BATCH]
+        for index, values in zip(batch, _looked_at([photos[index] for index in batch]), strict=True):
+            cache.keep(_step(photos[index]), keys[index], values)
+            kept[index] = values
+        on_photo(len(photos) - len(missing) + first + len(batch), len(photos))
+    return [_seen(values) for values in kept if values is not None]
 
-    def make() -> dict[str, np.ndarray]:
-        pictures = working_pictures(photo)
-        found = find_features(pictures.grey)
-        values = {
-            "points": found.points, "descriptors": found.descriptors, "color": pictures.color,
-            "size": np.array([found.width, found.height]), "sharpness": np.array(pictures.sharpness),
-        }  # fmt: skip
-        return values if pictures.alpha is None else {**values, "given": pictures.alpha}
 
-    kept = cache.arrays(f"photo-{photo.name}", key, make)
+def _step(photo: SourcePhoto) -> str:
+    return f"photo-{photo.name}"
+
+
+def _looked_at(photos: Sequence[SourcePhoto]) -> list[dict[str, np.ndarray]]:
+    """Return what is kept of each photo as arrays; shapes as in `Seen`."""
+    pictures = [working_pictures(photo) for photo in photos]
+    found = find_features([each.grey for each in pictures])
+    return [
+        {
+            "points": features.points, "descriptors": features.descriptors, "color": each.color,
+            "size": np.array([features.width, features.height]), "sharpness": np.array(each.sharpness),
+            **({} if each.alpha is None else {"given": each.alpha}),
+        }
+        for each, features in zip(pictures, found, strict=True)
+    ]  # fmt: skip
+
+
+def _seen(kept: Mapping[str, np.ndarray]) -> Seen:
+    """Return the kept arrays, of any shape, of one photo as what they are."""
     width, height = (int(length) for length in kept["size"])
     features = Features(kept["points"], kept["descriptors"], width, height)
     return Seen(features, kept["color"], kept.get("given"), float(kept["sharpness"]))

@@ -16,7 +16,7 @@ from lightprobe.preparation.candidates import choose, within_masks
 from lightprobe.preparation.hints import find_photo, read_hint, stored_hint
 from lightprobe.preparation.judging import inside_masks, moving_features, spread
 from lightprobe.preparation.keeping import kept_choice
-from lightprobe.preparation.looking import Seen, look_at, match_all, refuse_copies
+from lightprobe.preparation.looking import Seen, look_at_all, match_all, refuse_copies
 from lightprobe.preparation.options import PrepareOptions
 from lightprobe.preparation.output import finished, write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, source_photos
@@ -84,10 +84,8 @@ def _key(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options
 def _work(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options: PrepareOptions, key: str,
           output: Path, on_progress: OnProgress) -> dict[str, Any]:  # fmt: skip
     """Do what is left to do, and return what prepare.json holds."""
-    cache, seen = Cache(output / HIDDEN), []
-    for index, photo in enumerate(photos):
-        seen.append(look_at(photo, cache))
-        on_progress("features", index + 1, len(photos))
+    cache = Cache(output / HIDDEN)
+    seen = look_at_all(photos, cache, lambda done, total: on_progress("features", done, total))
     matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
     cutting = _solve(photos, seen, matches, hints, options, key, cache, output, on_progress)
     return write_scene(output, photos, seen, matches, cutting, options, key_of(key, asdict(options)), on_progress)

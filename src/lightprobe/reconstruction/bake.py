@@ -30,7 +30,8 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tel
     mesh = mesh.to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
     textures = bake_textures(model, mesh, size)
-    return Asset(mesh, textures, textured_visibility(mesh, textures.flat()) if config.shadows else None)
+    seen = textured_visibility(mesh, textures.flat(), config.depth_map_side) if config.shadows else None
+    return Asset(mesh, textures, seen)
 
 
 @torch.no_grad()

@@ -207,7 +207,8 @@ class LatticeModel(nn.Module):
         """Find anew what the present surface sees of itself."""
         if self.config.shadows:
             vertices, faces = self.present()
-            self.visibility = MovingVisibility.of(vertices, faces, self.material(vertices)[:, :3])
+            side = self.config.depth_map_side // 2  # the surface will have moved on by the next step
+            self.visibility = MovingVisibility.of(vertices, faces, self.material(vertices)[:, :3], side)
 
     def project(self) -> None:
         """Do nothing: every quantity is valid by construction."""

@@ -11,7 +11,6 @@ from lightprobe.render.surface import Surface
 from lightprobe.render.vertex_visibility import vertex_visibility
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 
-_SIDE = 256  # pixels of a depth map: the surface will have moved on by the next step
 _TURN = 0.1  # a turned normal is as far away as this share of the object's radius: thin parts keep their sides apart
 _PAIRS = 1 << 25  # distances of a GPU's comparison that are held at a time
 
@@ -25,9 +24,9 @@ class MovingVisibility:
     vertices: VertexVisibility
 
     @staticmethod
-    def of(vertices: Tensor, faces: Tensor, colors: Tensor) -> "MovingVisibility":
-        """Return what the mesh (V, 3), (F, 3) with base colours (V, 3) sees."""
-        visible = vertex_visibility(vertices, faces, colors[faces.long()].mean(1), _SIDE)
+    def of(vertices: Tensor, faces: Tensor, colors: Tensor, side: int) -> "MovingVisibility":
+        """Return what the mesh (V, 3), (F, 3) with base colours (V, 3) sees; `side`: pixels of a depth map."""
+        visible = vertex_visibility(vertices, faces, colors[faces.long()].mean(1), side)
         points = _points(vertices, faces)
         return MovingVisibility(points, scipy.spatial.cKDTree(points.numpy()) if _searches(points) else None, visible)
 

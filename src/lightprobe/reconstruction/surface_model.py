@@ -136,7 +136,7 @@ class SurfaceModel(nn.Module):
     def update_visibility(self) -> None:
         """Find anew what the present surface sees of itself, if it is not the start's."""
         if self.config.shadows and not self._at_start():
-            self.visibility = textured_visibility(self.mesh(), self.texels())
+            self.visibility = textured_visibility(self.mesh(), self.texels(), self.config.depth_map_side)
 
     def _at_start(self) -> bool:
         return torch.equal(self.color, self.start_color) and not bool(self.displacement.any())

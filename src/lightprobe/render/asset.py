@@ -14,7 +14,7 @@ from lightprobe.light.prefilter import BLOCKS
 from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
-from lightprobe.render.vertex_visibility import vertex_visibility
+from lightprobe.render.vertex_visibility import SIDE, vertex_visibility
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from lightprobe.scene.camera import Camera
 
@@ -106,13 +106,13 @@ def mapped_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tens
     return torch.nn.functional.normalize(bent, dim=1, eps=1e-12)
 
 
-def textured_visibility(mesh: Mesh, flat: Tensor) -> VertexVisibility:
+def textured_visibility(mesh: Mesh, flat: Tensor, side: int = SIDE) -> VertexVisibility:
     """Return what the vertices of a textured mesh see of it; `flat` (S * S, 8) as `Textures.flat`.
 
-    A face has the base colour of its middle.
+    A face has the base colour of its middle. side: pixels of a depth map.
     """
     colors = sample(flat, mesh.uvs[mesh.uv_faces.long()].mean(1))[:, :3]
-    return vertex_visibility(mesh.vertices, mesh.faces, colors.contiguous())
+    return vertex_visibility(mesh.vertices, mesh.faces, colors.contiguous(), side)
 
 
 def uv_handedness(mesh: Mesh, face: Tensor | None = None) -> Tensor:

@@ -228,6 +228,13 @@ class DecomposeConfig:
         if self.start is StartShape.RANDOM and self.sdf is SdfMode.MLP:
             raise ConfigError("decompose.start random needs decompose.sdf direct: a network cannot hold noise.")
 
+    @property
+    def depth_map_side(self) -> int:
+        """Pixels along each edge of the depth maps that the object's shadows on itself come from: eight for a cell of
+        the lattice, so that each tells faces apart, and no more than a lattice of 64 cells needs.
+        """
+        return min(8 * self.lattice_cells, 512)
+
     @staticmethod
     def from_json(value: dict[str, Any]) -> "DecomposeConfig":
         """Return the configuration written as JSON."""
