@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.ndimage import zoom
+from scipy.ndimage import gaussian_filter1d, zoom
 
 from lightprobe.preparation import features
 from lightprobe.preparation.features import Features, find_features, likely_pairs, match, match_photos, moved
@@ -30,6 +30,18 @@ def test_matches_are_the_same_places(shifted):
     assert (np.abs(shift - [12, 0]).max(axis=1) < 1).mean() > 0.9
     assert moved(a, b, found).all()
     assert not moved(a, a, match(a, a)).any()
+
+
+def test_a_surface_at_a_slant_is_recognised():
+    rng = np.random.default_rng(5)
+    picture = sum(zoom(rng.normal(size=(n, n)), 400 / n, order=1) for n in (20, 40, 80))
+    picture = 60 + 120 * (picture - picture.min()) / np.ptp(picture)
+    slant = 0.45  # of its width is left: 63 degrees
+    squeezed = zoom(gaussian_filter1d(picture, 0.8, axis=1), (1, slant), order=1)
+    a, b = find_features([picture.astype(np.uint8), squeezed.astype(np.uint8)])
+    found = match(a, b)
+    off = np.abs(a.points[found[:, 0]] * [slant, 1] - b.points[found[:, 1]]).max(axis=1)
+    assert (off < 2).sum() > 300
 
 
 def test_what_may_not_be_matched_takes_no_match(shifted):

@@ -16,7 +16,7 @@ from PIL import Image
 from lightprobe.preparation.libraries import pycolmap_library
 
 MOST = 2500  # features of a photo: twice as many take four times as long to match and registered no photo more
-_PEAK = 0.003  # contrast from which a blob is a feature, half of COLMAP's: objects are smoother than houses
+_PEAK = 0.0015  # contrast from which a blob is a feature, a quarter of COLMAP's: objects are smoother than houses
 _RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
 _FEW = 300  # features of a photo that are compared to find out which photos match at all
@@ -46,6 +46,7 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = torch.get_num_threads(), False
     options.sift.max_num_features, options.sift.peak_threshold = MOST, _PEAK
+    options.sift.estimate_affine_shape = True  # an object is seen from all around, its surface at a slant
     names = [f"{index}.png" for index in range(len(pictures))]
     with tempfile.TemporaryDirectory() as temporary:  # COLMAP's own threads read files only
         folder, database = Path(temporary), Path(temporary) / "features.db"
