@@ -91,3 +91,9 @@ def test_the_reference_has_every_package_and_every_public_name():
     assert not {module for module in modules if not exists(module)}
     index = (folder / "index.md").read_text()
     assert not {name for name in lightprobe.__all__ if f"`lightprobe.{name}`" not in index}
+
+
+def test_every_decision_is_listed():
+    folder = ROOT / "docs" / "decisions"
+    listed = set(re.findall(r"\(([\w-]+)\.md\)", (folder / "index.md").read_text()))
+    assert {page.stem for page in folder.glob("*.md")} - {"index"} == listed

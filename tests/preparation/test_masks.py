@@ -14,11 +14,11 @@ from lightprobe.preparation.masks import (
     View,
     carve,
     cut_all,
-    cut_near_hull,
     first_trimap,
     object_points,
     silhouette_of,
 )
+from lightprobe.preparation.near_hull import cut_near_hull
 from lightprobe.scene.consistency import overlap
 from tests.preparation.ring import SIZE, ball_points, disc, photographed, ring_cameras
 from tests.shapes import camera_at

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lightprobe.preparation import openings as finding
-from lightprobe.preparation.masks import View, carve, cut_near_hull, silhouette_of
+from lightprobe.preparation.masks import View, carve, silhouette_of
+from lightprobe.preparation.near_hull import cut_near_hull
 from lightprobe.scene.consistency import overlap
 from tests.preparation.ring import SIZE, ball_points, disc, photographed, ring_cameras
 

@@ -20,6 +20,7 @@ _PEAK = 0.0015  # contrast from which a blob is a feature, a quarter of COLMAP's
 _RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
 _FEW = 300  # features of a photo that are compared to find out which photos match at all
+_LEAST_SIDE = 32  # pixels of a picture in which features are looked for: COLMAP's affine ones end the process below 16
 PARTNERS = 24  # photos that each photo is matched with; all others, where there are few
 STILL = 0.004  # of the longer side: what moves less between two photos stands still in them
 
@@ -47,17 +48,18 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
     options.num_threads, options.use_gpu = torch.get_num_threads(), False
     options.sift.max_num_features, options.sift.peak_threshold = MOST, _PEAK
     options.sift.estimate_affine_shape = True  # an object is seen from all around, its surface at a slant
-    names = [f"{index}.png" for index in range(len(pictures))]
+    names = {f"{index}.png": picture for index, picture in enumerate(pictures)}
+    looked_at = [name for name, picture in names.items() if min(picture.shape) >= _LEAST_SIDE]
     with tempfile.TemporaryDirectory() as temporary:  # COLMAP's own threads read files only
         folder, database = Path(temporary), Path(temporary) / "features.db"
-        for name, picture in zip(names, pictures, strict=True):
-            Image.fromarray(picture).save(folder / name, compress_level=0)
+        for name in looked_at:
+            Image.fromarray(names[name]).save(folder / name, compress_level=0)
         pycolmap.extract_features(
-            database, folder, names, pycolmap.CameraMode.PER_IMAGE, extraction_options=options,
+            database, folder, looked_at, pycolmap.CameraMode.PER_IMAGE, extraction_options=options,
             device=pycolmap.Device.cpu,
         )  # fmt: skip
         opened = pycolmap.Database.open(database)
-        found = [_stored(opened, name, picture) for name, picture in zip(names, pictures, strict=True)]
+        found = [_stored(opened, name, picture) for name, picture in names.items()]
         opened.close()
     return found
 
@@ -66,7 +68,7 @@ def _stored(database: Any, name: str, picture: np.ndarray) -> Features:
     """Return the features of a picture (H, W) that COLMAP's database has."""
     height, width = picture.shape
     none = Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8), width, height)
-    if not database.exists_image(name):  # it was too small to be looked at
+    if not database.exists_image(name):
         return none
     number = database.read_image_with_name(name).image_id
     rows = np.asarray(database.read_keypoints(number), np.float32)

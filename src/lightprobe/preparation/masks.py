@@ -27,7 +27,6 @@ AGREEMENTS = (0.7, 0.8, 0.9, 0.9)  # of the photos, for the hull of the first cu
 # parts that few points mark, such as a raised arm, and a strict hull would lose them in all photos
 _MANY = 10  # photos from which a part of them may err
 _RESOLUTION = 96  # voxels along an edge of the hull
-_DEEP = 1.5  # margins inside the hull from which a pixel is surely the object
 _DOT = 0.012  # of the longer side: radius around a point that has its label
 _REACH = 1.35  # radii of the object's points within which it may reach
 _BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
@@ -265,36 +264,3 @@ def silhouette_of(cutout: Cutout, view: View) -> np.ndarray:
     if cutout.hull is None or cutout.similarity is None:
         return np.zeros(shape, bool)
     return silhouette(cutout.hull, view.camera, cutout.similarity, shape)
-
-
-def rim(shape: np.ndarray, margin: float) -> float:
-    """Return how many pixels `margin` of the size of the object are, whose hull shows as `shape` (h, w) bool."""
-    return max(2.0, margin * float(np.sqrt(shape.sum())))
-
-
-def cut_near_hull(
-    view: View, shape: np.ndarray, mask: np.ndarray, margin: float, opening: np.ndarray | None = None
-) -> np.ndarray:
-    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h, w).
-
-    opening: where the photo seems to look through the hull, (h, w) bool; there and around it the colours decide.
-    """
-    if view.fixed and view.given is not None:
-        return view.given
-    if not shape.any():
-        return mask
-    width = rim(shape, margin)
-    within = scipy.ndimage.distance_transform_edt(np.pad(shape, 1, mode="edge"))[1:-1, 1:-1]
-    beyond = scipy.ndimage.distance_transform_edt(~shape)
-    trimap = np.where(mask, MAYBE_OBJECT, MAYBE_BACKGROUND).astype(np.uint8)
-    trimap[within > width] = MAYBE_OBJECT
-    trimap[within > _DEEP * width] = OBJECT
-    trimap[beyond > width] = BACKGROUND
-    if opening is not None and opening.any():
-        beside = scipy.ndimage.distance_transform_edt(~opening) < width
-        trimap[beside & (trimap == OBJECT)] = MAYBE_OBJECT
-        trimap[opening & (trimap == MAYBE_OBJECT)] = MAYBE_BACKGROUND
-    if view.given is not None:  # a hint that may be coarse: surely where it and the hull agree
-        trimap[view.given & shape] = OBJECT
-        trimap[~view.given] = BACKGROUND
-    return cut(view.color, trimap)

@@ -19,9 +19,9 @@ from lightprobe.preparation.masks import (
     dot_radius,
     in_frame,
     photos_from_near,
-    rim,
     seen_by,
 )
+from lightprobe.preparation.near_hull import rim
 from lightprobe.preparation.solution import Solution
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull
@@ -45,7 +45,7 @@ def openings(
     """Return where photos seem to look through the hull of `cutout`, (h, w) bool, for those that do.
 
     labels (P,): of the points, as from `masks.object_points`. shapes: the hull's picture (h, w) bool in each photo.
-    margin: as in `masks.cut_near_hull`.
+    margin: as in `near_hull.cut_near_hull`.
     """
     if cutout.hull is None or cutout.similarity is None:
         return {}

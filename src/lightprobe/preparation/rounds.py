@@ -23,10 +23,10 @@ from lightprobe.preparation.masks import (
     View,
     carve,
     cut_all,
-    cut_near_hull,
     object_points,
     silhouette_of,
 )
+from lightprobe.preparation.near_hull import cut_near_hull, point_marks
 from lightprobe.preparation.openings import openings
 from lightprobe.preparation.options import Masker, PrepareOptions
 from lightprobe.preparation.photos import SourcePhoto
@@ -79,6 +79,7 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
     else:
         masks = cut_all(views, choice.kept.solution, labels)
     cutout, opened = carve(views, masks, AGREEMENTS[0]), dict[int, np.ndarray]()
+    marks = {index: point_marks(view, choice.kept.solution, labels, index) for index, view in views.items()}
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
@@ -87,16 +88,17 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
             found = openings(choice.kept.solution, views, labels, cutout, shapes, margin)
             # An opened hull has less before the points that told of it.
             opened |= {index: opening | opened.get(index, False) for index, opening in found.items()}
-        masks = masks_of(partial(_cut_again, views, shapes, cutout.masks, opened, margin), views)
+        masks = masks_of(partial(_cut_again, views, shapes, cutout.masks, opened, marks, margin), views)
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))
 
 
-def _cut_again(views: Mapping[int, View], shapes: Masks, masks: Masks, opened: Masks, margin: float, photo: int
+def _cut_again(views: Mapping[int, View], shapes: Masks, masks: Masks, opened: Masks,
+               marks: Mapping[int, tuple[np.ndarray, np.ndarray]], margin: float, photo: int
                ) -> np.ndarray:  # fmt: skip
     """Return the mask (h, w) bool of a photo cut anew around the hull's shape."""
-    return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opened.get(photo))
+    return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opened.get(photo), marks[photo])
 
 
 def _view(photo: SourcePhoto, each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool,
