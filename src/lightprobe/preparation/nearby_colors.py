@@ -30,15 +30,27 @@ def likelier_inside(color: np.ndarray, inside: np.ndarray, outside: np.ndarray, 
     cv2.setRNGSeed(0)
     end = cv2.TERM_CRITERIA_MAX_ITER, _ROUNDS, 0.0
     kinds = cv2.kmeans(known[:: max(1, len(known) // _SAMPLES)], _KINDS, None, end, 1, cv2.KMEANS_PP_CENTERS)[2]
-    alike = np.stack([np.exp(-((lab - kind) ** 2).sum(-1) / (2 * _ALIKE**2)) for kind in kinds])
+    alike = np.stack([_alike(lab, kind) for kind in kinds])
     share = alike / np.maximum(alike.sum(0), 1e-9)
-    logarithms, far = [], np.zeros(color.shape[:2], bool)
+    height, width = color.shape[:2]
+    step = max(1, int(reach / 4))  # what is so smooth is found on a coarser grid
+    small = max(1, width // step), max(1, height // step)
+
+    def around(values: np.ndarray) -> np.ndarray:
+        coarse = cv2.resize(values, small, interpolation=cv2.INTER_AREA)
+        return cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach / step), (width, height))
+
+    logarithms, far = [], np.zeros((height, width), bool)
     for side in (inside, outside):
         weight = side.astype(np.float32)
-        total = cv2.GaussianBlur(weight, (0, 0), reach)
-        likeness = sum(
-            part * cv2.GaussianBlur(each * weight, (0, 0), reach) for part, each in zip(share, alike, strict=True)
-        )
+        total = around(weight)
+        likeness = sum(part * around(each * weight) for part, each in zip(share, alike, strict=True))
         logarithms.append(np.log(likeness / np.maximum(total, 1e-6) + _UNLIKELY))
         far |= total < 1e-3
     return cv2.GaussianBlur(np.where(far, 0.0, logarithms[0] - logarithms[1]), (0, 0), _SMOOTH)
+
+
+def _alike(lab: np.ndarray, kind: np.ndarray) -> np.ndarray:
+    """Return how alike each pixel (h, w, 3) float32 is to a colour (3,), (h, w) float32 from 0 to 1."""
+    lightness, a, b = (lab[..., channel] - kind[channel] for channel in range(3))
+    return np.exp((lightness * lightness + a * a + b * b) / np.float32(-2 * _ALIKE**2))
