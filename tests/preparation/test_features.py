@@ -75,12 +75,15 @@ def test_a_picture_without_anything_has_no_features():
     assert tiny.points.shape == (0, 2)
     assert empty.points.shape == (0, 2)
     assert match(empty, empty).shape == (0, 2)
+    assert find_features([]) == []
+    assert [len(each.points) for each in find_features([np.full((10, 200), 9, np.uint8)] * 2)] == [0, 0]
 
 
 def test_the_largest_blobs_are_kept_whichever_way_they_are_turned(monkeypatch):
     monkeypatch.setattr(features, "MOST", 2)
     size, angle = np.array([1.5, 4.0, 2.0, 3.0]), np.array([3.1, 0.1, -3.0, 0.2])
     turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], 1) * size[:, None]
+    turned *= np.array([[3, 1 / 3] * 2, [1 / 3, 3] * 2, [1, 1] * 2, [1 / 3, 3] * 2])  # ellipses of the same area
     table = np.concatenate([np.arange(8.0).reshape(4, 2), turned], 1)
     stored = SimpleNamespace(
         exists_image=lambda name: True, read_image_with_name=lambda name: SimpleNamespace(image_id=1),

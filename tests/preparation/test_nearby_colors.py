@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import torch
 
+from lightprobe.core.threads import in_threads
 from lightprobe.preparation.nearby_colors import likelier_inside
 
 pytest.importorskip("cv2")
@@ -32,6 +34,17 @@ def test_far_from_either_side_nothing_is_said():
     assert not likelier_inside(picture(), RADIUS < 22, RADIUS > 500, 8.0).any()
 
 
-def test_equal_pictures_have_equal_answers():
-    first, again = (likelier_inside(picture(), RADIUS < 22, RADIUS > 36, 8.0) for _ in range(2))
-    assert np.array_equal(first, again)
+@pytest.mark.parametrize("rim", [(50, 70, 150), (150, 60, 160), (250, 250, 250), (200, 30, 30)])
+def test_a_colour_that_neither_side_has_is_left_undecided(rim):
+    color = picture()
+    ring = (RADIUS > 24) & (RADIUS < 28)
+    color[ring] = rim
+    found = likelier_inside(color, RADIUS < 22, RADIUS > 36, 8.0)
+    assert (np.abs(found[(RADIUS > 25) & (RADIUS < 27)]) < 1).mean() > 0.95
+
+
+def test_several_threads_find_the_same(monkeypatch):
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 4)
+    alone = likelier_inside(picture(), RADIUS < 22, RADIUS > 36, 8.0)
+    together = in_threads(lambda _: likelier_inside(picture(), RADIUS < 22, RADIUS > 36, 8.0), range(8))
+    assert all(np.array_equal(alone, found) for found in together)

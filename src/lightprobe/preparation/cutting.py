@@ -40,7 +40,8 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
 def masks_of(work: Callable[[int], np.ndarray], photos: Iterable[int]) -> dict[int, np.ndarray]:
     """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's lock.
 
-    Results do not depend on the number of threads, as each has random numbers of its own, which `cut` seeds.
+    Results do not depend on the number of threads, as each has random numbers of its own, which are seeded before use.
+    As for `in_threads`, Numba's loops are not for `work`.
     """
     each = list(photos)
     return dict(zip(each, in_threads(work, each), strict=True))

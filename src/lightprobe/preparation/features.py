@@ -3,10 +3,8 @@
 Descriptors are compared by their scalar product, as COLMAP stores them: 128 bytes each, of nearly equal length.
 """
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +12,15 @@ import torch
 from PIL import Image
 
 from lightprobe.preparation.libraries import pycolmap_library
+from lightprobe.preparation.temporary import working_folder
 
 MOST = 2500  # features of a photo: twice as many take four times as long to match and registered no photo more
 _PEAK = 0.0015  # contrast from which a blob is a feature, a quarter of COLMAP's: objects are smoother than houses
 _RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
 _FEW = 300  # features of a photo that are compared to find out which photos match at all
+_THREADS = 4  # at most: each takes half a gigabyte for a picture of 1600 pixels
+_ROW = 200  # bytes of a feature in COLMAP's database, or a little less
 _LEAST_SIDE = 32  # pixels of a picture in which features are looked for: COLMAP's affine ones end the process below 16
 PARTNERS = 24  # photos that each photo is matched with; all others, where there are few
 STILL = 0.004  # of the longer side: what moves less between two photos stands still in them
@@ -45,13 +46,14 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
     """
     pycolmap = pycolmap_library()
     options = pycolmap.FeatureExtractionOptions()
-    options.num_threads, options.use_gpu = torch.get_num_threads(), False
+    options.num_threads, options.use_gpu = min(torch.get_num_threads(), _THREADS), False
     options.sift.max_num_features, options.sift.peak_threshold = MOST, _PEAK
     options.sift.estimate_affine_shape = True  # an object is seen from all around, its surface at a slant
     names = {f"{index}.png": picture for index, picture in enumerate(pictures)}
     looked_at = [name for name, picture in names.items() if min(picture.shape) >= _LEAST_SIDE]
-    with tempfile.TemporaryDirectory() as temporary:  # COLMAP's own threads read files only
-        folder, database = Path(temporary), Path(temporary) / "features.db"
+    needed = sum(names[name].size for name in looked_at) + len(looked_at) * 4 * MOST * _ROW
+    with working_folder(needed) as folder:  # COLMAP's own threads read files only
+        database = folder / "features.db"
         for name in looked_at:
             Image.fromarray(names[name]).save(folder / name, compress_level=0)
         pycolmap.extract_features(
@@ -74,7 +76,7 @@ def _stored(database: Any, name: str, picture: np.ndarray) -> Features:
     rows = np.asarray(database.read_keypoints(number), np.float32)
     if not len(rows):
         return none
-    size = np.hypot(rows[:, 2], rows[:, 4])  # columns: x, y and the matrix that a circle becomes the blob by
+    size = np.abs(rows[:, 2] * rows[:, 5] - rows[:, 3] * rows[:, 4])  # of x, y and the matrix from circle to blob
     order = np.argsort(-size, kind="stable")[:MOST]
     data = np.asarray(database.read_descriptors(number).data, np.uint8).reshape(len(rows), 128)
     return Features(rows[order, :2].copy(), data[order], width, height)

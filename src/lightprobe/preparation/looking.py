@@ -14,7 +14,7 @@ from lightprobe.preparation.photos import SourcePhoto, copies, working_pictures
 
 OnPhoto = Callable[[int, int], None]
 
-_BATCH = 16  # photos whose features are found side by side, and lost when the command is killed
+_BATCH = 8  # photos whose features are found side by side, and lost when the command is killed
 _BLURRED = 0.5  # of the median sharpness of all photos: below, a photo without a camera is called blurred
 _FEW_FEATURES = 80  # from which few are left to match
 
@@ -35,6 +35,8 @@ def look_at_all(photos: Sequence[SourcePhoto], cache: Cache, on_photo: OnPhoto =
     keys = [key_of(photo.checksum, None if photo.mask is None else _stamp(photo), photo.cutout) for photo in photos]
     kept = [cache.find(_step(photo), key) for photo, key in zip(photos, keys, strict=True)]
     missing = [index for index, values in enumerate(kept) if values is None]
+    if len(missing) < len(photos):
+        on_photo(len(photos) - len(missing), len(photos))
     for first in range(0, len(missing), _BATCH):
         batch = missing[first : first + _BATCH]
         for index, values in zip(batch, _looked_at([photos[index] for index in batch]), strict=True):

@@ -1,7 +1,6 @@
 """Structure from motion by COLMAP from features and matches that are already found."""
 
 import os
-import tempfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
@@ -13,11 +12,13 @@ import numpy as np
 from lightprobe.preparation.features import Features
 from lightprobe.preparation.libraries import pycolmap_library
 from lightprobe.preparation.solution import Solution
+from lightprobe.preparation.temporary import working_folder
 
 Pair = tuple[int, int]
 Matches = Mapping[Pair, np.ndarray]
 
 FEWEST_MATCHES = 15  # of a pair that may count
+_POINT, _MATCH = 40, 64  # bytes of a feature and of a match in all that is written, or a little less
 _FALLBACK_FOCAL = 1.2  # in the longer side, where nothing tells: COLMAP's
 _LARGEST_BEND = 0.6  # k beyond which no lens with a name is; what goes there has come apart
 _STOP = 1e-6  # relative change of the error that ends an adjustment
@@ -43,8 +44,9 @@ def reconstruct(photos: Sequence[Features], matches: Matches, focal: Sequence[fl
     equal models. Raises `ConfigError` without pycolmap.
     """
     pycolmap = pycolmap_library()
-    with tempfile.TemporaryDirectory() as folder:
-        database = Path(folder) / "database.db"
+    needed = sum(_POINT * len(each.points) for each in photos) + sum(_MATCH * len(rows) for rows in matches.values())
+    with working_folder(needed) as folder:
+        database = folder / "database.db"
         pycolmap.set_random_seed(seed)
         guessed = lenses is Lenses.BY_SIZE and any(focal)  # pairs are verified without it: a wrong one loses matches
         _write(pycolmap, database, photos, matches, focal, Lenses.EACH_ITS_OWN if guessed else lenses)

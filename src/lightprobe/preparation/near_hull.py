@@ -1,7 +1,8 @@
 """A mask cut anew around the hull of all masks: where its outline may be, what decides there, and what is known.
 
-Within a margin of the hull's outline these decide, the later over the earlier: what the mask was, the colours nearby,
-points that the photo itself saw, an opening that is looked through, the user's hint.
+From a margin beyond the hull's outline to one and a half within it these decide, the later over the earlier: what the
+mask was, the colours nearby, points that the photo itself saw. An opening that is looked through counts in all of the
+hull, the user's hint everywhere.
 """
 
 import numpy as np

@@ -12,6 +12,7 @@ _KINDS = 24  # of colours
 _SAMPLES = 4000  # pixels at least that these are found from, where there are as many
 _ROUNDS = 8  # of k-means
 _ALIKE = 14.0  # deviation of 8-bit CIELAB within which colours are the same
+_STRANGE = 0.135  # likeness to all kinds together, two deviations from one, below which a colour counts less
 _UNLIKELY = 0.01  # likeness that a colour has with none of its surroundings
 _SMOOTH = 0.7  # pixels over which the answer is averaged: noise of single pixels
 
@@ -20,7 +21,8 @@ def likelier_inside(color: np.ndarray, inside: np.ndarray, outside: np.ndarray, 
     """Return how much likelier the colour of each pixel is `inside` than `outside`, the natural logarithm, (h, w).
 
     color: (h, w, 3) uint8 sRGB. inside, outside: (h, w) bool, pixels whose side is known. reach: pixels, the deviation
-    with which those that are farther away count less. 0 where either has none nearby.
+    with which those that are farther away count less. Nearly 0 where either has none within some times that, or the
+    colour is like neither's.
     """
     cv2 = opencv_library()
     lab = cv2.cvtColor(color, cv2.COLOR_RGB2LAB).astype(np.float32)
@@ -31,7 +33,7 @@ def likelier_inside(color: np.ndarray, inside: np.ndarray, outside: np.ndarray, 
     end = cv2.TERM_CRITERIA_MAX_ITER, _ROUNDS, 0.0
     kinds = cv2.kmeans(known[:: max(1, len(known) // _SAMPLES)], _KINDS, None, end, 1, cv2.KMEANS_PP_CENTERS)[2]
     alike = np.stack([_alike(lab, kind) for kind in kinds])
-    share = alike / np.maximum(alike.sum(0), 1e-9)
+    share = alike / np.maximum(alike.sum(0), _STRANGE)  # what is like none of them is undecided
     height, width = color.shape[:2]
     step = max(1, int(reach / 4))  # what is so smooth is found on a coarser grid
     small = max(1, width // step), max(1, height // step)

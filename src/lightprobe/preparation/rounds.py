@@ -79,7 +79,9 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
     else:
         masks = cut_all(views, choice.kept.solution, labels)
     cutout, opened = carve(views, masks, AGREEMENTS[0]), dict[int, np.ndarray]()
-    marks = {index: point_marks(view, choice.kept.solution, labels, index) for index, view in views.items()}
+    marks = {
+        index: point_marks(view, choice.kept.solution, labels, index) for index, view in views.items() if not view.fixed
+    }
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
@@ -98,7 +100,7 @@ def _cut_again(views: Mapping[int, View], shapes: Masks, masks: Masks, opened: M
                marks: Mapping[int, tuple[np.ndarray, np.ndarray]], margin: float, photo: int
                ) -> np.ndarray:  # fmt: skip
     """Return the mask (h, w) bool of a photo cut anew around the hull's shape."""
-    return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opened.get(photo), marks[photo])
+    return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opened.get(photo), marks.get(photo))
 
 
 def _view(photo: SourcePhoto, each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool,

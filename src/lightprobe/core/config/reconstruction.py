@@ -230,8 +230,8 @@ class DecomposeConfig:
 
     @property
     def depth_map_side(self) -> int:
-        """Pixels along each edge of the depth maps that the object's shadows on itself come from: eight for a cell of
-        the lattice, so that each tells faces apart, and no more than a lattice of 64 cells needs.
+        """Pixels along each edge of the depth maps that the object's shadows on itself come from; the first pass takes
+        half. 512, and eight a cell for a lattice of less than 64 cells, whose faces need no more.
         """
         return min(8 * self.lattice_cells, 512)
 
