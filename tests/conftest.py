@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 if not torch.cuda.is_available():
     os.environ.setdefault("TRITON_INTERPRET", "1")
 
-# Files of tests that take longest, from 114 to 20 seconds on one core
+# Files of tests that take longest, 20 seconds and more of one core
 _LONGEST = tuple(
     f"tests/{name}.py"
     for name in (

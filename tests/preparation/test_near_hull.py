@@ -14,15 +14,12 @@ pytest.importorskip("cv2")
 GOLD, GREY, BLUE = (190, 150, 60), (120, 122, 125), (50, 70, 150)
 CAMERA = ring_cameras(12)[0]
 RADIUS = np.hypot(*(np.mgrid[:SIZE, :SIZE] + 0.5 - SIZE / 2))
-TRUE, RIDGE, KEPT = (
-    0.3 * SIZE,
-    0.26 * SIZE,
-    0.25 * SIZE,
-)  # radii: of the disc, of a dark ridge on it, of what masks kept
+# Radii: of the disc, of a dark ridge on it, of what masks kept.
+TRUE, RIDGE, KEPT = 0.3 * SIZE, 0.26 * SIZE, 0.25 * SIZE
 MARGIN = 0.16
 
 
-def view(rim_color=None, given=None):
+def view(rim_color=None):
     """A disc, left gold and right blue, with a ridge near its rim, before grey on the left and gold on the right."""
     left = (np.indices(RADIUS.shape)[1] < SIZE / 2)[..., None]
     color = np.where((RADIUS < TRUE)[..., None], np.where(left, GOLD, BLUE), np.where(left, GREY, GOLD))
@@ -30,7 +27,7 @@ def view(rim_color=None, given=None):
     if rim_color is not None:
         color = np.where(((RADIUS > RIDGE + 1) & (RADIUS < TRUE))[..., None], rim_color, color)
     color = color + np.random.default_rng(0).normal(0, 6, color.shape)
-    return View(CAMERA, np.clip(color, 0, 255).astype(np.uint8), given, False)
+    return View(CAMERA, np.clip(color, 0, 255).astype(np.uint8), None, False)
 
 
 @pytest.fixture

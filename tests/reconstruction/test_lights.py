@@ -73,10 +73,7 @@ def test_recorded_visits_solve_what_single_ones_do(monkeypatch):
 
     single, recorders = visits(), record_on_tape(monkeypatch, lights_module)
     recorded = visits()
-    assert [(recorder.recordings, recorder.replays) for recorder in recorders] == [
-        (1, 2),
-        (1, 2),
-    ]  # one for each surface
+    assert [(recorder.recordings, recorder.replays) for recorder in recorders] == 2 * [(1, 2)]  # one each surface
     for one, other in zip(single, recorded, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
     assert not torch.allclose(single[3], single[4], rtol=1e-3)  # other pixels, another light

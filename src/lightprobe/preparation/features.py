@@ -49,19 +49,19 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
     options.num_threads, options.use_gpu = min(torch.get_num_threads(), _THREADS), False
     options.sift.max_num_features, options.sift.peak_threshold = MOST, _PEAK
     options.sift.estimate_affine_shape = True  # an object is seen from all around, its surface at a slant
-    names = {f"{index}.png": picture for index, picture in enumerate(pictures)}
-    looked_at = [name for name, picture in names.items() if min(picture.shape) >= _LEAST_SIDE]
-    needed = sum(names[name].size for name in looked_at) + len(looked_at) * 4 * MOST * _ROW
+    named = {f"{index}.png": picture for index, picture in enumerate(pictures)}
+    looked_at = {name: picture for name, picture in named.items() if min(picture.shape) >= _LEAST_SIDE}
+    needed = sum(picture.size + 4 * MOST * _ROW for picture in looked_at.values())
     with working_folder(needed) as folder:  # COLMAP's own threads read files only
         database = folder / "features.db"
-        for name in looked_at:
-            Image.fromarray(names[name]).save(folder / name, compress_level=0)
+        for name, picture in looked_at.items():
+            Image.fromarray(picture).save(folder / name, compress_level=0)
         pycolmap.extract_features(
-            database, folder, looked_at, pycolmap.CameraMode.PER_IMAGE, extraction_options=options,
+            database, folder, list(looked_at), pycolmap.CameraMode.PER_IMAGE, extraction_options=options,
             device=pycolmap.Device.cpu,
         )  # fmt: skip
         opened = pycolmap.Database.open(database)
-        found = [_stored(opened, name, picture) for name, picture in names.items()]
+        found = [_stored(opened, name, picture) for name, picture in named.items()]
         opened.close()
     return found
 
