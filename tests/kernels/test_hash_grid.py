@@ -18,25 +18,50 @@ def problem(n=700, size=1024, features=2, *, seed=0):
     return points, table, torch.tensor(CELLS, dtype=torch.int32)
 
 
-def value_and_gradient(points, table, resolutions, grad):
-    table = table.clone().requires_grad_()
+def value_and_gradients(points, table, resolutions, grad):
+    """Return the features and the gradients to table and points."""
+    points, table = points.clone().requires_grad_(), table.clone().requires_grad_()
     out = hash_encode(points, table, resolutions)
-    return out.detach(), *torch.autograd.grad(out, table, grad)
+    return out.detach(), *torch.autograd.grad(out, (table, points), grad)
 
 
 @pytest.mark.parametrize("features", [1, 2, 4])
 def test_matches_the_reference(body, features):
     points, table, resolutions = body.move(*problem(features=features))
     grad = torch.randn(len(points), len(CELLS) * features, device=body.device)
-    out, grad_table = value_and_gradient(points, table, resolutions, grad)
+    out, grad_table, grad_points = value_and_gradients(points, table, resolutions, grad)
     torch.testing.assert_close(out, reference.encode(points, table, CELLS), rtol=1e-5, atol=1e-5)
     expected = reference.encode_backward(grad, points, CELLS, table.shape)
     torch.testing.assert_close(grad_table, expected, rtol=1e-4, atol=1e-5)
+    expected = reference.encode_backward_to_points(grad, points, table, CELLS)
+    torch.testing.assert_close(grad_points, expected, rtol=1e-4, atol=1e-3)
 
 
-def test_gradient_in_float64():
+def test_gradients_in_float64():
     points, table, resolutions = problem(n=5, size=16)
-    assert gradcheck(lambda t: hash_encode(points.double(), t, resolutions), (table.double().requires_grad_(),))
+    variables = points.double().requires_grad_(), table.double().requires_grad_()
+    assert gradcheck(lambda p, t: hash_encode(p, t, resolutions), variables)
+
+
+def test_only_what_is_asked_for_gets_a_gradient(monkeypatch):
+    points, table, resolutions = problem(n=5)
+    called = []
+    for name in ("encode_backward", "encode_backward_to_points"):
+        monkeypatch.setattr(reference, name, lambda *_, name=name: called.append(name))
+    for one in (0, 1):
+        variables = [tensor.double().requires_grad_(place == one) for place, tensor in enumerate((points, table))]
+        hash_encode(*variables, resolutions).sum().backward()
+    assert called == ["encode_backward_to_points", "encode_backward"]
+
+
+def test_a_clamped_point_does_not_move(body):
+    points, table, resolutions = body.move(*problem(n=6))
+    points[0, 0], points[1, 2], points[2, 1] = -0.2, 1.3, float("nan")
+    grad = torch.ones(6, 2 * len(CELLS), device=body.device)
+    _, _, to_points = value_and_gradients(points, table, resolutions, grad)
+    held = torch.zeros(6, 3, dtype=torch.bool)
+    held[0, 0] = held[1, 2] = held[2, 1] = True
+    assert torch.equal(to_points.cpu() == 0, held)
 
 
 def test_dense_level_reproduces_a_linear_function():
@@ -54,10 +79,10 @@ def test_dense_level_reproduces_a_linear_function():
 def test_corner_rows_follow_the_paper(body):
     points = torch.tensor([[5.0, 9.0, 14.0]], device=body.device) / 32  # a lattice corner: one row holds all the weight
     grad_out, cells = torch.ones(1, 1, device=body.device), torch.tensor([32])
-    _, grad = value_and_gradient(points, torch.zeros(1, 256, 1, device=body.device), cells, grad_out)
+    _, grad, _ = value_and_gradients(points, torch.zeros(1, 256, 1, device=body.device), cells, grad_out)
     row = (5 ^ (9 * 2654435761 % 2**32) ^ (14 * 805459861 % 2**32)) % 256
     assert grad[0, :, 0].nonzero().flatten().tolist() == [row]
-    _, grad = value_and_gradient(points, torch.zeros(1, 65536, 1, device=body.device), cells, grad_out)
+    _, grad, _ = value_and_gradients(points, torch.zeros(1, 65536, 1, device=body.device), cells, grad_out)
     assert grad[0, :, 0].nonzero().flatten().tolist() == [5 + 33 * (9 + 33 * 14)]
 
 
@@ -89,9 +114,9 @@ def test_same_bits_again_and_on_one_thread(body):
     count = body.size(3000, 100)
     case = body.move(*problem(n=count), torch.randn(count, len(CELLS) * 2))
     with torch_threads(2):
-        first, again = value_and_gradient(*case), value_and_gradient(*case)
+        first, again = value_and_gradients(*case), value_and_gradients(*case)
     with torch_threads(1):
-        alone = value_and_gradient(*case)
+        alone = value_and_gradients(*case)
     for a, b, c in zip(first, again, alone, strict=True):
         assert torch.equal(a, b)
         assert torch.equal(a, c)
@@ -99,7 +124,7 @@ def test_same_bits_again_and_on_one_thread(body):
 
 def test_no_points_give_no_features_and_no_gradient(body):
     _, table, resolutions = problem()
-    out, grad = value_and_gradient(*body.move(torch.zeros(0, 3), table, resolutions, torch.zeros(0, 8)))
+    out, grad, _ = value_and_gradients(*body.move(torch.zeros(0, 3), table, resolutions, torch.zeros(0, 8)))
     assert out.shape == (0, 8)
     assert not grad.any()
 
@@ -121,7 +146,7 @@ def test_points_that_are_nowhere_stay_within_the_table(body, value):
     """What is no number has no features, and touches no other level's or point's."""
     points, table, resolutions = body.move(*problem(n=8))
     points[3] = value
-    out, grad = value_and_gradient(points, table, resolutions, torch.ones(8, 2 * len(CELLS), device=body.device))
+    out, grad, _ = value_and_gradients(points, table, resolutions, torch.ones(8, 2 * len(CELLS), device=body.device))
     fine = torch.arange(8) != 3
     expected = reference.encode(points.cpu(), table.cpu(), CELLS)
     torch.testing.assert_close(out.cpu()[fine], expected[fine], rtol=1e-5, atol=1e-5)

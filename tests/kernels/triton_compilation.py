@@ -52,6 +52,7 @@ def call_all():
         call("hash_grid", "encode", points, table, test_hash_grid.CELLS)
         grad = torch.ones(len(points), len(test_hash_grid.CELLS) * features)
         call("hash_grid", "encode_backward", grad, points, test_hash_grid.CELLS, table.shape)
+        call("hash_grid", "encode_backward_to_points", grad, points, table, test_hash_grid.CELLS)
     for pixels, texels in ((100, 300), (1, 1)):
         case = test_stacking.problem(pixels, texels)
         call("stacking", "stack", *case)

@@ -1,19 +1,28 @@
-"""The first pass's model keeps its colours valid without losing its hold on them."""
+"""The first pass's model: its colours stay valid and can be learnt, and a texture in the photos moves its surface."""
 
 import numpy as np
+import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.start import start_from_hull
+from lightprobe.render.surface import View
 from lightprobe.scene.hull import Hull
+from tests.shapes import camera_at
+
+CPU = torch.device("cpu")
 
 
-def test_a_colour_beyond_white_shows_white_and_can_come_back():
+def ball_model():
     axis = np.linspace(-1.15, 1.15, 16)
     ball = sum(a**2 for a in np.meshgrid(axis, axis, axis)) < 0.8
     hull = Hull(ball, ball.astype(np.float32), np.full(3, -1.15), np.full(3, 1.15))
-    model = LatticeModel(start_from_hull(hull, 8), DecomposeConfig(), torch.device("cpu"), 0)
+    return LatticeModel(start_from_hull(hull, 8), DecomposeConfig(), CPU, 0)
+
+
+def test_a_colour_beyond_white_shows_white_and_can_come_back():
+    model = ball_model()
     model.brighten(10.0)
     color = model.material(torch.tensor([[0.1, 0.2, 0.3]]))[:, :3]
     assert torch.equal(color, torch.ones(1, 3))
@@ -21,3 +30,51 @@ def test_a_colour_beyond_white_shows_white_and_can_come_back():
     gradient = model.material.field.biases[-1].grad
     assert gradient is not None
     assert (gradient[:3] > 0).all()
+
+
+@pytest.mark.parametrize("deeper", [-0.02, 0.02])
+def test_a_texture_seen_too_high_or_too_deep_moves_the_surface(monkeypatch, deeper):
+    """The slope of what the picture is off by, as the ball shrinks or grows, against the difference."""
+    model, view = ball_model(), View.of(camera_at((3.0, 0.5, 1.0), size=48, focal=60), CPU)
+    model.offset.requires_grad_(False)
+
+    def striped(points):
+        color = 0.5 + 0.3 * torch.sin(6 * points)
+        return torch.cat([color, torch.full((len(points), 5), 0.4)], 1)
+
+    monkeypatch.setattr(model.material, "forward", striped)
+    start = model.distance.detach().clone()
+
+    def shown(shift):
+        with torch.no_grad():
+            model.distance.copy_(start + shift)
+        gbuffer = model.rasterise(view, 0, 0.0).gbuffer
+        image = torch.zeros(48 * 48, 3)
+        return image.index_copy(0, gbuffer.pixel, gbuffer.base_color)
+
+    photo = shown(0.0).detach()
+    common = torch.stack([shown(deeper + step).detach().sum(1) > 0 for step in (-0.004, 0, 0.004)]).all(0)
+    common &= photo.sum(1) > 0
+
+    def error(shift):
+        return (shown(shift) - photo)[common].square().mean()
+
+    difference = float(error(deeper + 0.004).detach() - error(deeper - 0.004).detach()) / 0.008
+    error(deeper).backward()
+    slope = float(model.distance.grad.sum())
+    assert slope * deeper > 0
+    assert slope == pytest.approx(difference, rel=0.1)
+
+
+def test_what_a_material_costs_moves_no_surface():
+    model, view = ball_model(), View.of(camera_at((3.0, 0.5, 1.0), size=48, focal=60), CPU)
+    with torch.no_grad():
+        model.material.field.table.normal_(generator=torch.Generator().manual_seed(0))
+    seen = model.rasterise(view, 0, 1.0)
+    model.config = DecomposeConfig(sdf_regularisation=0.0)
+    (with_distances,) = torch.autograd.grad(seen.regularisation, model.distance, retain_graph=True)
+    (without,) = torch.autograd.grad(
+        model.rasterise(view, 0, 1.0).regularisation, model.distance, allow_unused=True, materialize_grads=True
+    )
+    assert with_distances.any()
+    assert not without.any()

@@ -84,13 +84,18 @@ def grid_kernels(points: int, device: torch.device = CPU) -> list[Kernel]:
     grad, looked_up = torch.rand(points, features).to(device), points * table.shape[0] * 8 * 8.0
     outside = points * (12 + 4.0 * features)
     back = 2 * looked_up + outside + 4 * table.numel()
+    to_points = looked_up + outside + points * 12.0
     size = f"{points / 1000:.0f} k x 8 x 2"
     return [
         Kernel(f"hash grid, {size}", "hash_grid", lambda b: b.encode(at, table, cells), looked_up + outside, False),
         Kernel(
             "hash grid backward", "hash_grid", lambda b: b.encode_backward(grad, at, cells, table.shape), back, False
         ),
-    ]
+        Kernel(
+            "hash grid backward, to points", "hash_grid",
+            lambda b: b.encode_backward_to_points(grad, at, table, cells), to_points, False,
+        ),
+    ]  # fmt: skip
 
 
 def gather_kernels(queries: int, device: torch.device = CPU) -> list[Kernel]:

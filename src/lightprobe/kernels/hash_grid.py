@@ -16,10 +16,11 @@ from lightprobe.kernels import dispatch
 
 
 def hash_encode(points: Tensor, table: Tensor, resolutions: Tensor) -> Tensor:
-    """Return the features (N, L*F) of `points`, levels side by side; differentiable in `table` only.
+    """Return the features (N, L*F) of `points`, levels side by side; differentiable in both.
 
     points (N, 3), clamped to [0, 1], and table (L, T, F): float32 (float64 goes to the reference); resolutions (L,)
-    integers from 1 to 2^20. The gradient repeats to the bit. Differentiable once.
+    integers from 1 to 2^20. Within a cell features are trilinear, and so the gradient to a point is the slope there; it
+    is 0 along an axis on which the point is clamped. Gradients repeat to the bit. Differentiable once.
     Raises ValueError on wrong shapes or dtypes, a T that is no power of two, or a resolution out of range.
     """
     dispatch.require_shape("points", points, None, 3)
@@ -31,19 +32,24 @@ def hash_encode(points: Tensor, table: Tensor, resolutions: Tensor) -> Tensor:
     cells = [int(cell) for cell in resolutions.tolist()]
     if any(not 1 <= cell <= 1 << 20 for cell in cells):
         raise ValueError(f"Resolutions must lie between 1 and 2^20 cells per edge, not {cells}.")
-    return _HashEncode.apply(points.detach(), table, cells)
+    return _HashEncode.apply(points, table, cells)
 
 
 class _HashEncode(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
-        ctx.save_for_backward(points)
-        ctx.cells, ctx.table_shape = cells, table.shape
+        ctx.save_for_backward(points, table)
+        ctx.cells = cells
         return dispatch.choose("hash_grid", points, table).encode(points, table, cells)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor, None]:
-        (points,) = ctx.saved_tensors
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
+        points, table = ctx.saved_tensors
         body = dispatch.choose("hash_grid", points, grad)
-        return None, body.encode_backward(grad, points, ctx.cells, ctx.table_shape), None
+        to_points, to_table = ctx.needs_input_grad[:2]
+        return (
+            body.encode_backward_to_points(grad, points, table, ctx.cells) if to_points else None,
+            body.encode_backward(grad, points, ctx.cells, table.shape) if to_table else None,
+            None,
+        )

@@ -57,8 +57,8 @@ class MaterialField(nn.Module):
             self.biases[-1].copy_(torch.tensor([-1.4, -1.4, -1.4, 0.0, -0.85, 0.0, 0.0, 0.0]))
 
     def forward(self, points: Tensor) -> Tensor:
-        """Return the material (N, 8) at points (N, 3) of the normalised frame; no gradient flows to the points."""
-        unit = (points.detach() / (2 * self.extent) + 0.5).clamp(0, 1)
+        """Return the material (N, 8) at points (N, 3) of the normalised frame; differentiable in the points, too."""
+        unit = (points / (2 * self.extent) + 0.5).clamp(0, 1)
         features = hash_encode(unit, self.table, self.resolutions)
         x = torch.cat([features, unit - 0.5], dim=1)
         for weight, bias in zip(list(self.weights)[:-1], list(self.biases)[:-1], strict=True):

@@ -25,6 +25,7 @@ from lightprobe.render.surface import View, face_camera, visible_surface
 from lightprobe.training import Descent, ParameterGroup
 
 _FITTED = 16_384  # points at most in a step that fits the network of distances to a shape
+_JUDGED = 4096  # visible points whose material has a price in a step
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
 
 
@@ -167,11 +168,13 @@ class LatticeModel(nn.Module):
         crossing = Crossing.of(self.lattice, distance)
         vertices, faces = self.surface(distance, crossing)
         screen = view.project(vertices)
-        gbuffer, material = self._shown(view, vertices, faces, screen, progress)
+        gbuffer = self._shown(view, vertices, faces, screen, progress)
         weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
         loss = weight * sign_change_loss(self.lattice, crossing, distance)
         covered = len(gbuffer.position) / (gbuffer.height * gbuffer.width)
-        loss = loss + self.material.loss(gbuffer.position, material, step, covered)
+        # What a material costs must not move the surface to where the field is cheaper: its points are held.
+        points = self._some(gbuffer.position.detach(), step)
+        loss = loss + self.material.loss(points, self.material(points), step, covered)
         edges = edge_faces(faces, outline_vertices(screen, faces))
         return RasterisedView(gbuffer, screen, faces, edges, loss)
 
@@ -180,11 +183,16 @@ class LatticeModel(nn.Module):
         """Yield the G-buffers of the present surface in several views."""
         vertices, faces = self.present()
         for view in views:
-            yield self._shown(view, vertices, faces, view.project(vertices), progress)[0]
+            yield self._shown(view, vertices, faces, view.project(vertices), progress)
 
-    def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float
-               ) -> tuple[GBuffer, Tensor]:  # fmt: skip
-        """Return the G-buffer of a surface projected to `screen`, and the material (P, 8) of its pixels."""
+    def _some(self, points: Tensor, step: int) -> Tensor:
+        """Return some of the points (N, 3), drawn at random: (K, 3)."""
+        random = generator(self.seed, "judged", step)
+        rows = torch.randint(0, max(len(points), 1), (min(_JUDGED, len(points)),), generator=random)
+        return points.index_select(0, to_device(rows, points.device))
+
+    def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float) -> GBuffer:
+        """Return the G-buffer of a surface projected to `screen`."""
         surface = visible_surface(vertices, faces, view, screen)
         visibility = None if self.visibility is None else self.visibility.at(vertices, faces, surface)
         material = self.material(surface.position)
@@ -195,7 +203,7 @@ class LatticeModel(nn.Module):
         normal = face_camera(
             torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * share, surface.view
         )
-        return gbuffer_of(surface, view, normal, material, visibility), material
+        return gbuffer_of(surface, view, normal, material, visibility)
 
     def present(self) -> tuple[Tensor, Tensor]:
         """Return vertices (N, 3) and faces (F, 3) of the present surface; errors as in `surface`."""

@@ -28,6 +28,14 @@ def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape:
     return out
 
 
+def encode_backward_to_points(grad: Tensor, points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
+    """Return the gradient (N, 3) to the points."""
+    with torch.enable_grad():
+        moved = points.detach().requires_grad_()
+        (out,) = torch.autograd.grad(encode(moved, table.detach(), cells), moved, grad, allow_unused=True)
+    return torch.zeros_like(points) if out is None else out
+
+
 def _corners(points: Tensor, resolution: int, size: int) -> Iterator[tuple[Tensor, Tensor]]:
     """Yield the table row (N,) and trilinear weight (N,) of each of the 8 corners of the points' cells."""
     scaled = points.clamp(0, 1) * resolution

@@ -1,7 +1,8 @@
 """Triton body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
 
-A program serves a block of points on one level. The gradient is summed with integer atomics (`fixed_point`): points of
-a batch meet in few rows of the coarse levels, and yet the bits repeat.
+A program serves a block of points on one level. The table's gradient is summed with integer atomics (`fixed_point`):
+points of a batch meet in few rows of the coarse levels, and yet the bits repeat. That of a point is summed by one
+program over all levels.
 """
 
 import functools
@@ -42,6 +43,18 @@ def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape:
     return fixed_point.decode(sums, scale)
 
 
+def encode_backward_to_points(grad: Tensor, points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
+    """Return the gradient (N, 3) to the points."""
+    out = torch.zeros_like(points, memory_format=torch.contiguous_format)
+    if grad.numel():
+        with torch.cuda.device_of(points):
+            _encode_backward_to_points[_grid(points, cells)[:1]](
+                grad.contiguous(), points.contiguous(), table.contiguous(), _on_device(tuple(cells), points.device),
+                out, points.shape[0], len(cells), *_sizes(table.shape), enable_fp_fusion=True,
+            )  # fmt: skip
+    return out
+
+
 def _grid(points: Tensor, cells: list[int]) -> tuple[int, int]:
     return triton.cdiv(points.shape[0], POINTS), len(cells)
 
@@ -69,7 +82,7 @@ def _axis(points, n, axis, live, resolution):
 
 @triton.jit
 def _corner(i, j, k, x, y, z, CORNER: tl.constexpr, side, rows):
-    """Return the table row (int64) and trilinear weight of one corner of the cells."""
+    """Return the table row (int64) of one corner of the cells, and its weight along each axis."""
     a: tl.constexpr = CORNER & 1
     b: tl.constexpr = (CORNER >> 1) & 1
     c: tl.constexpr = CORNER >> 2
@@ -81,7 +94,7 @@ def _corner(i, j, k, x, y, z, CORNER: tl.constexpr, side, rows):
     weight_x = x if a == 1 else 1 - x
     weight_y = y if b == 1 else 1 - y
     weight_z = z if c == 1 else 1 - z
-    return row, weight_x * weight_y * weight_z
+    return row, weight_x, weight_y, weight_z
 
 
 @triton.jit
@@ -101,9 +114,10 @@ def _encode(
     k, z = _axis(points, n, 2, live, resolution)
     total = tl.zeros([POINTS, WIDE], dtype=tl.float32)
     for corner in tl.static_range(8):
-        row, weight = _corner(i, j, k, x, y, z, corner, side, rows)
+        row, weight_x, weight_y, weight_z = _corner(i, j, k, x, y, z, corner, side, rows)
         at = (level * rows + row) * features
-        total += weight[:, None] * tl.load(table + at[:, None] + f[None, :], mask=mask, other=0.0)
+        entry = tl.load(table + at[:, None] + f[None, :], mask=mask, other=0.0)
+        total += (weight_x * weight_y * weight_z)[:, None] * entry
     tl.store(out + (n * levels + level)[:, None] * features + f[None, :], total, mask=mask)
 
 
@@ -125,6 +139,46 @@ def _encode_backward(
     value = tl.load(grad + (n * levels + level)[:, None] * features + f[None, :], mask=mask, other=0.0)
     unit = tl.load(scale)
     for corner in tl.static_range(8):
-        row, weight = _corner(i, j, k, x, y, z, corner, side, rows)
+        row, weight_x, weight_y, weight_z = _corner(i, j, k, x, y, z, corner, side, rows)
         at = (level * rows + row) * features
+        weight = weight_x * weight_y * weight_z
         fixed_point.add(sums + at[:, None] + f[None, :], weight[:, None] * value, unit, mask)
+
+
+@triton.jit
+def _slope(points, n, axis, live, total, out):
+    """Store the gradient to one coordinate of the points: none where it is clamped."""
+    unit = tl.load(points + 3 * n + axis, mask=live, other=-1.0)
+    tl.store(out + 3 * n + axis, tl.where((unit >= 0.0) & (unit <= 1.0), total, 0.0), mask=live)
+
+
+@triton.jit
+def _encode_backward_to_points(
+    grad, points, table, cells, out, count, levels,
+    rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
+):  # fmt: skip
+    n = tl.program_id(0).to(tl.int64) * POINTS + tl.arange(0, POINTS)
+    f = tl.arange(0, WIDE)
+    live = n < count
+    mask = live[:, None] & (f < features)[None, :]
+    total_x = tl.zeros([POINTS], dtype=tl.float32)
+    total_y = tl.zeros([POINTS], dtype=tl.float32)
+    total_z = tl.zeros([POINTS], dtype=tl.float32)
+    for level in range(levels):
+        resolution = tl.load(cells + level)
+        side, scale = resolution.to(tl.int64) + 1, resolution.to(tl.float32)
+        i, x = _axis(points, n, 0, live, resolution)
+        j, y = _axis(points, n, 1, live, resolution)
+        k, z = _axis(points, n, 2, live, resolution)
+        value = tl.load(grad + (n * levels + level)[:, None] * features + f[None, :], mask=mask, other=0.0)
+        for corner in tl.static_range(8):
+            row, weight_x, weight_y, weight_z = _corner(i, j, k, x, y, z, corner, side, rows)
+            at = (tl.cast(level, tl.int64) * rows + row) * features
+            entry = tl.load(table + at[:, None] + f[None, :], mask=mask, other=0.0)
+            change = scale * tl.sum(value * entry, axis=1)
+            total_x += (change if corner & 1 == 1 else -change) * weight_y * weight_z
+            total_y += (change if (corner >> 1) & 1 == 1 else -change) * weight_x * weight_z
+            total_z += (change if corner >> 2 == 1 else -change) * weight_x * weight_y
+    _slope(points, n, 0, live, total_x, out)
+    _slope(points, n, 1, live, total_y, out)
+    _slope(points, n, 2, live, total_z, out)
