@@ -7,8 +7,8 @@ import sys
 import pytest
 
 KERNELS = {
-    "_gather", "_scatter", "_row_products", "_encode", "_encode_backward", "_encode_backward_to_points", "_stack", "_project",
-    "_forward", "_totals", "_spread", "_turn", "_draw_small", "_draw_large", "_multiply",
+    "_gather", "_scatter", "_row_products", "_encode", "_encode_backward", "_encode_backward_to_points", "_stack",
+    "_project", "_forward", "_totals", "_spread", "_turn", "_draw_small", "_draw_large", "_multiply",
 }  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """The first pass's model: its colours stay valid and can be learnt, and a texture in the photos moves its surface."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,11 +16,14 @@ from tests.shapes import camera_at
 CPU = torch.device("cpu")
 
 
-def ball_model():
+FROM_THE_START = DecomposeConfig(texture_gradient_from=0.0)
+
+
+def ball_model(config=FROM_THE_START):
     axis = np.linspace(-1.15, 1.15, 16)
     ball = sum(a**2 for a in np.meshgrid(axis, axis, axis)) < 0.8
     hull = Hull(ball, ball.astype(np.float32), np.full(3, -1.15), np.full(3, 1.15))
-    return LatticeModel(start_from_hull(hull, 8), DecomposeConfig(), CPU, 0)
+    return LatticeModel(start_from_hull(hull, 8), config, CPU, 0)
 
 
 def test_a_colour_beyond_white_shows_white_and_can_come_back():
@@ -71,10 +76,22 @@ def test_what_a_material_costs_moves_no_surface():
     with torch.no_grad():
         model.material.field.table.normal_(generator=torch.Generator().manual_seed(0))
     seen = model.rasterise(view, 0, 1.0)
-    model.config = DecomposeConfig(sdf_regularisation=0.0)
+    model.config = replace(FROM_THE_START, sdf_regularisation=0.0)
     (with_distances,) = torch.autograd.grad(seen.regularisation, model.distance, retain_graph=True)
     (without,) = torch.autograd.grad(
         model.rasterise(view, 0, 1.0).regularisation, model.distance, allow_unused=True, materialize_grads=True
     )
     assert with_distances.any()
     assert not without.any()
+
+
+def test_a_texture_moves_the_surface_only_once_lids_have_been_tried():
+    model, view = ball_model(DecomposeConfig()), View.of(camera_at((3.0, 0.5, 1.0), size=48, focal=60), CPU)
+    with torch.no_grad():
+        model.material.field.table.normal_(generator=torch.Generator().manual_seed(0))
+    slopes = []
+    for progress in (0.69, 0.7):
+        color = model.rasterise(view, 0, progress).gbuffer.base_color.sum()
+        slopes += torch.autograd.grad(color, model.distance, allow_unused=True, materialize_grads=True)
+    assert not slopes[0].any()
+    assert slopes[1].any()

@@ -168,13 +168,15 @@ class LatticeModel(nn.Module):
         crossing = Crossing.of(self.lattice, distance)
         vertices, faces = self.surface(distance, crossing)
         screen = view.project(vertices)
-        gbuffer = self._shown(view, vertices, faces, screen, progress)
+        gbuffer, material = self._shown(view, vertices, faces, screen, progress)
         weight = self.config.sdf_regularisation * max(0.05, 1 - 0.95 * progress / 0.25)
         loss = weight * sign_change_loss(self.lattice, crossing, distance)
         covered = len(gbuffer.position) / (gbuffer.height * gbuffer.width)
-        # What a material costs must not move the surface to where the field is cheaper: its points are held.
-        points = self._some(gbuffer.position.detach(), step)
-        loss = loss + self.material.loss(points, self.material(points), step, covered)
+        points = gbuffer.position.detach()
+        if self._texture_moves(progress):  # what a material costs must not move the surface to where it is cheaper
+            points = self._some(points, step)
+            material = self.material(points)
+        loss = loss + self.material.loss(points, material, step, covered)
         edges = edge_faces(faces, outline_vertices(screen, faces))
         return RasterisedView(gbuffer, screen, faces, edges, loss)
 
@@ -183,7 +185,7 @@ class LatticeModel(nn.Module):
         """Yield the G-buffers of the present surface in several views."""
         vertices, faces = self.present()
         for view in views:
-            yield self._shown(view, vertices, faces, view.project(vertices), progress)
+            yield self._shown(view, vertices, faces, view.project(vertices), progress)[0]
 
     def _some(self, points: Tensor, step: int) -> Tensor:
         """Return some of the points (N, 3), drawn at random: (K, 3)."""
@@ -191,11 +193,17 @@ class LatticeModel(nn.Module):
         rows = torch.randint(0, max(len(points), 1), (min(_JUDGED, len(points)),), generator=random)
         return points.index_select(0, to_device(rows, points.device))
 
-    def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float) -> GBuffer:
-        """Return the G-buffer of a surface projected to `screen`."""
+    def _texture_moves(self, progress: float) -> bool:
+        """Return whether the surface follows its texture: whether the picture has a gradient to where points are."""
+        return progress >= self.config.texture_gradient_from
+
+    def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float
+               ) -> tuple[GBuffer, Tensor]:  # fmt: skip
+        """Return the G-buffer of a surface projected to `screen`, and the material (P, 8) of its pixels."""
         surface = visible_surface(vertices, faces, view, screen)
         visibility = None if self.visibility is None else self.visibility.at(vertices, faces, surface)
-        material = self.material(surface.position)
+        position = surface.position
+        material = self.material(position if self._texture_moves(progress) else position.detach())
         normal = surface.interpolate(vertex_normals(vertices, faces), faces)
         # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
         ramp = self.config.normal_ramp
@@ -203,7 +211,7 @@ class LatticeModel(nn.Module):
         normal = face_camera(
             torch.nn.functional.normalize(normal, dim=1, eps=1e-12) + material[:, 5:] * share, surface.view
         )
-        return gbuffer_of(surface, view, normal, material, visibility)
+        return gbuffer_of(surface, view, normal, material, visibility), material
 
     def present(self) -> tuple[Tensor, Tensor]:
         """Return vertices (N, 3) and faces (F, 3) of the present surface; errors as in `surface`."""

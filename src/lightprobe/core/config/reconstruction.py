@@ -179,6 +179,10 @@ class DecomposeConfig:
     pass has none."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
+    texture_gradient_from: float = 0.7
+    """Share of the first pass after which photos that disagree about a point's colour move the surface; before, only
+    outline and shading do, so that a lid over a cavity stays plain until it is tried to open it. 0: from the start
+    (nvdiffrec), 1: never."""
     normal_prior: float = 5.0
     """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
     normal_ramp: float = 0.5
@@ -254,7 +258,7 @@ def demo() -> DecomposeConfig:
     """
     return replace(
         quick(), pass1_iterations=650, pass2_iterations=330, lattice_cells=64, max_faces=16000, metallic_prior=0.01,
-        trial_steps=0,
+        trial_steps=0, texture_gradient_from=1.0,
     )  # fmt: skip
 
 
@@ -277,7 +281,8 @@ def paper() -> DecomposeConfig:
         light_resolution=128, light_chroma=0.0, shadows=False, learning_rate_finish=0.005, warm_up_steps=100,
         adam_decay=0.999, image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4,
         smoothed=Smoothed.BASE_COLOR, smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0,
-        brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0, normal_prior=0.0, normal_ramp=0.0,
+        brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0, texture_gradient_from=0.0, normal_prior=0.0,
+        normal_ramp=0.0,
         laplacian_fades=True, max_faces=1_000_000, crease_degrees=180.0, texture_size=2048, unwrap_seconds=3600.0,
         validation_photos=0, checkpoint_every=1000,
     )  # fmt: skip
