@@ -85,8 +85,11 @@ def test_what_a_material_costs_moves_no_surface():
     assert not without.any()
 
 
-def test_a_texture_moves_the_surface_only_once_lids_have_been_tried():
-    model, view = ball_model(DecomposeConfig()), View.of(camera_at((3.0, 0.5, 1.0), size=48, focal=60), CPU)
+def test_a_texture_moves_the_surface_from_when_it_is_asked_to():
+    model, view = (
+        ball_model(DecomposeConfig(texture_gradient_from=0.7)),
+        View.of(camera_at((3.0, 0.5, 1.0), size=48, focal=60), CPU),
+    )
     with torch.no_grad():
         model.material.field.table.normal_(generator=torch.Generator().manual_seed(0))
     slopes = []
