@@ -81,6 +81,15 @@ def _axis(points, n, axis, live, resolution):
 
 
 @triton.jit
+def _cells(points, n, live, resolution):
+    """Return the cells of the points and the positions in them, per axis."""
+    i, x = _axis(points, n, 0, live, resolution)
+    j, y = _axis(points, n, 1, live, resolution)
+    k, z = _axis(points, n, 2, live, resolution)
+    return i, j, k, x, y, z
+
+
+@triton.jit
 def _corner(i, j, k, x, y, z, CORNER: tl.constexpr, side, rows):
     """Return the table row (int64) of one corner of the cells, and its weight along each axis."""
     a: tl.constexpr = CORNER & 1
@@ -109,9 +118,7 @@ def _encode(
     mask = live[:, None] & (f < features)[None, :]
     resolution = tl.load(cells + level)
     side = resolution.to(tl.int64) + 1
-    i, x = _axis(points, n, 0, live, resolution)
-    j, y = _axis(points, n, 1, live, resolution)
-    k, z = _axis(points, n, 2, live, resolution)
+    i, j, k, x, y, z = _cells(points, n, live, resolution)
     total = tl.zeros([POINTS, WIDE], dtype=tl.float32)
     for corner in tl.static_range(8):
         row, weight_x, weight_y, weight_z = _corner(i, j, k, x, y, z, corner, side, rows)
@@ -133,9 +140,7 @@ def _encode_backward(
     mask = live[:, None] & (f < features)[None, :]
     resolution = tl.load(cells + level)
     side = resolution.to(tl.int64) + 1
-    i, x = _axis(points, n, 0, live, resolution)
-    j, y = _axis(points, n, 1, live, resolution)
-    k, z = _axis(points, n, 2, live, resolution)
+    i, j, k, x, y, z = _cells(points, n, live, resolution)
     value = tl.load(grad + (n * levels + level)[:, None] * features + f[None, :], mask=mask, other=0.0)
     unit = tl.load(scale)
     for corner in tl.static_range(8):
@@ -167,9 +172,7 @@ def _encode_backward_to_points(
     for level in range(levels):
         resolution = tl.load(cells + level)
         side, scale = resolution.to(tl.int64) + 1, resolution.to(tl.float32)
-        i, x = _axis(points, n, 0, live, resolution)
-        j, y = _axis(points, n, 1, live, resolution)
-        k, z = _axis(points, n, 2, live, resolution)
+        i, j, k, x, y, z = _cells(points, n, live, resolution)
         value = tl.load(grad + (n * levels + level)[:, None] * features + f[None, :], mask=mask, other=0.0)
         for corner in tl.static_range(8):
             row, weight_x, weight_y, weight_z = _corner(i, j, k, x, y, z, corner, side, rows)
