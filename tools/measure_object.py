@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, Preset, settings
+from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.evaluation.truth import MaterialScores, relight_scores
 from lightprobe.evaluation.views import TestView
@@ -29,7 +30,6 @@ from lightprobe.reconstruction import decompose
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 
-_CPU = torch.device("cpu")
 _SIDE = 8  # texels along an edge of the cubemaps that are compared
 _FLOOR = 0.05  # of a map's mean radiance: what is darker counts as this
 _COLUMNS = {
@@ -70,7 +70,7 @@ def light_errors(light: Tensor, truth: Tensor) -> tuple[float, float]:
 def light_scores(decomposition: Decomposition, scene: Scene) -> dict[str, float]:
     """Return the mean errors of the training photos' lights, nothing for a scene that does not bring true ones."""
     errors = [
-        light_errors(decomposition.lights[photo.name].texels, Environment.load(photo.truth.environment).texels)
+        light_errors(decomposition.lights[photo.name].texels.cpu(), Environment.load(photo.truth.environment).texels)
         for photo in scene.train
         if photo.truth.environment is not None
     ]
@@ -80,16 +80,16 @@ def light_scores(decomposition: Decomposition, scene: Scene) -> dict[str, float]
     return {"light_log_rmse": total, "light_cast": cast}
 
 
-def measure(folder: Path, config: DecomposeConfig, seed: int) -> dict[str, float]:
+def measure(folder: Path, config: DecomposeConfig, device: torch.device, seed: int) -> dict[str, float]:
     """Run Phase I on a scene and return its scores."""
     scene, start = load_scene(folder), time.monotonic()
-    decomposition = decompose(scene, config, _CPU, seed)
+    decomposition = decompose(scene, config, device, seed)
     seconds, materials = time.monotonic() - start, MaterialScores()
     for photo in scene.test:
-        materials.add(TestView.load(photo, decomposition, config.teacher_resolution, _CPU))
+        materials.add(TestView.load(photo, decomposition, config.teacher_resolution, device))
     verdict = decomposition.verdict
     judged = {} if verdict is None else dict(vars(verdict))
-    lit = relight_scores(decomposition, scene, _CPU) | light_scores(decomposition, scene)
+    lit = relight_scores(decomposition, scene, device) | light_scores(decomposition, scene)
     return {"seconds": seconds, **materials.result(), **lit, **judged}
 
 
@@ -99,12 +99,14 @@ def main() -> None:
     parser.add_argument("scenes", type=Path, nargs="+")
     parser.add_argument("--preset", type=Preset, default=Preset.QUICK, choices=list(Preset))
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")
+    parser.add_argument("--device", default="cpu")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
+    device = resolve_device(arguments.device)
     config = changed(settings(arguments.preset).decompose, arguments.set)
     print("| scene | " + " | ".join(_COLUMNS) + " |\n| --- |" + " ---: |" * len(_COLUMNS), flush=True)
     for folder in arguments.scenes:
-        scores = measure(folder, config, arguments.seed)
+        scores = measure(folder, config, device, arguments.seed)
         cells = [format(scores[name], form) if name in scores else "–" for name, form in _COLUMNS.items()]
         print(f"| {folder.name} | " + " | ".join(cells) + " |", flush=True)
 
