@@ -17,3 +17,11 @@ def test_the_longest_names_of_photos_leave_room_for_those_of_their_maps(tmp_path
     names = [maps.output, maps.output.with_suffix(".confidence.exr"), maps.confidence or maps.output]
     assert max(len(file.name.encode()) for file in names) <= 255
     assert stem.startswith(maps.output.stem)
+
+
+def test_the_map_of_one_photo_goes_into_a_folder_that_is_there(tmp_path):
+    folder = tmp_path / "maps"
+    files = PredictionFiles(output=folder, confidence=folder)
+    folder.mkdir()
+    maps = MapFiles.of(RunFolder(tmp_path), Path("new.jpg"), several=False, method=None, files=files)
+    assert (maps.output, maps.confidence) == (folder / "new.exr", folder / "new.confidence.exr")

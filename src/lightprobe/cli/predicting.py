@@ -35,7 +35,7 @@ _NewCameraArg = Annotated[
 ]
 _MapArg = Annotated[
     Path | None,
-    option(aliases=["-o"], metavar="ENV", help="The map's name, .exr or .hdr; of several photos a folder."),
+    option(aliases=["-o"], metavar="ENV", help="The map's name, .exr or .hdr, or a folder, which several photos need."),
 ]
 _MaskArg = Annotated[
     Path | None,
@@ -56,7 +56,7 @@ _MethodArg = Annotated[
     ),
 ]
 _ConfidenceArg = Annotated[
-    Path | None, option(metavar="C.exr", help="Also write the confidence here; of several photos a folder.")
+    Path | None, option(metavar="C.exr", help="Also write the confidence here; of several photos in this folder.")
 ]
 
 

@@ -36,9 +36,9 @@ class PredictionFiles:
     mask: Path | None = None
     """White object on black; by default the photo's alpha, or it is found with the camera."""
     output: Path | None = None
-    """The map, .exr or .hdr; by default RUN/predictions, with a picture and the confidence beside it."""
+    """The map, .exr or .hdr, or a folder for it; by default RUN/predictions, picture and confidence beside it."""
     confidence: Path | None = None
-    """The confidence, .exr."""
+    """The confidence, .exr, or a folder for it."""
     location: LocationFiles = field(default_factory=LocationFiles)
     """Camera, mask and overlay of a photo whose camera is found; by default beside the map."""
     height: int | None = None
@@ -85,8 +85,10 @@ class MapFiles:
             for place in (output, confidence):
                 if place is not None and (place.suffix.lower() in (".exr", ".hdr") or place.is_file()):
                     raise ConfigError(f"Of several photos the maps need a folder, and {place} is named like one map.")
-            output = None if output is None else output / f"{stem}.exr"
-            confidence = None if confidence is None else confidence / f"{stem}.confidence.exr"
+        if output is not None and (several or output.is_dir()):
+            output = output / f"{stem}.exr"
+        if confidence is not None and (several or confidence.is_dir()):
+            confidence = confidence / f"{stem}.confidence.exr"
         check_names(output, confidence)
         stored = run.prediction_file(stem, ".exr", method.value if method else None)
         return MapFiles(output or stored, confidence, output is None, files.height, files.sun)
