@@ -1,6 +1,7 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, shapes in docstrings, fast tests
 # make test    the same with the slow tests
+# make style, make tests   the parts of these two, which run side by side; MARKS chooses tests
 # make docs    the documentation, build/docs/index.html; a warning is an error
 # make coverage  which lines and branches the tests run, build/coverage/index.html; MARKS="not slow" for a part of them
 # make fuzz    damaged and hostile files for every reader, for MINUTES (60); findings are left in build/fuzz
@@ -22,28 +23,27 @@ MARKS ?=
 MINUTES ?= 60
 MOMENTS ?= 50
 
-.PHONY: demo check test docs coverage fuzz kills bench
+.PHONY: demo check test style tests docs coverage fuzz kills bench
 
 demo: $(READY)
 	$(BIN)/lightprobe demo
 
 check: $(TOOLS)
-	@$(BIN)/ruff check
-	@$(BIN)/ruff format --check
-	@$(BIN)/mypy
-	@$(BIN)/lint-imports
-	@$(BIN)/python tools/check_shapes.py
-	@$(BIN)/python tools/check_licences.py --bill build/sbom.json
-	@$(PYTEST) -m "not slow and not cuda"
+	@$(MAKE) --no-print-directory -j 2 style tests MARKS="not slow and not cuda"
 
 test: $(TOOLS)
+	@$(MAKE) --no-print-directory -j 2 style tests
+
+style: $(TOOLS)
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python tools/check_shapes.py
 	@$(BIN)/python tools/check_licences.py --bill build/sbom.json
-	@$(PYTEST)
+
+tests: $(TOOLS)
+	@$(PYTEST) -m "$(MARKS)"
 
 docs: $(SPHINX)
 	@$(BIN)/python -m sphinx -q -E -n -W --keep-going docs build/docs

@@ -141,6 +141,26 @@ def test_exposure_does_not_matter(predictor, photo):
     assert one.status is other.status is Status.GOOD
 
 
+def of_lights(predictor, directions):
+    """Return photos of the ball from around it, each under a light from one of the directions."""
+    cameras = [camera_at((3.0 * math.cos(a), 3.0 * math.sin(a), 1.2), size=96, focal=128.0) for a in (0.0, 0.9, 1.8)]
+    asset = predictor.decomposition.asset
+    return [
+        (photograph(asset, camera, patch_light(direction)), camera)
+        for camera, direction in zip(cameras, directions, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(("others", "status"), [((0.2, 1.0, 0.5), Status.GOOD), ((-0.6, -1.0, 0.4), Status.DOUBTFUL)])
+def test_photos_of_different_lights_are_not_of_one(predictor, others, status):
+    views = of_lights(predictor, [(0.2, 1.0, 0.5), others, others])
+    verdict = predictor.predict_together(views, Method.CONSTANT)[0].verdict
+    assert verdict.status is status
+    assert (verdict.apart > 0.5) == (status is Status.DOUBTFUL)
+    assert any(sentence.startswith("One light leaves") for sentence in verdict.sentences) == (status is not Status.GOOD)
+    assert predictor.predict(*views[0]).verdict.apart is None
+
+
 def test_the_offset_is_the_move_across_the_view(predictor, photo):
     nearer = 1 / (1 - 1 / np.square(PLACE).sum())  # a ball's outline lies nearer than its middle
     for move in ([0.04, 0, 0], [0, -0.03, 0], [0.03, 0.04, 0]):

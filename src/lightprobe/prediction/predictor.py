@@ -32,7 +32,7 @@ from lightprobe.prediction.prediction import Prediction
 from lightprobe.prediction.prior import constant_light, desaturated, network_light, sampled_probes, stacked_light
 from lightprobe.prediction.solve import solve_environment
 from lightprobe.prediction.source_fit import fitted_sources
-from lightprobe.prediction.verdict import Status, judge
+from lightprobe.prediction.verdict import Status, judge_together
 from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
@@ -162,7 +162,7 @@ class Predictor:
         """Return the light in the `photos` of one light and exposure, which together are `joint`; see `predict`."""
         method = method or methods_for(self.model, self.config)[0]
         with clock.part("verdict"):
-            verdict = judge(joint, self.seed)
+            verdict = judge_together(photos, joint, self.seed)
         if refuse and verdict.status is Status.REFUSED:
             raise InputError(" ".join(verdict.sentences))
         light = torch.stack([self._prior(photo, method, clock) for photo in photos]).mean(0)

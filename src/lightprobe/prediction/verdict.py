@@ -14,12 +14,15 @@ under some light, 0 that one colour all over would have done as well. Clipped pi
 less its grey tells colours in a wrong order, which tinted light explains in part. Mask and rasterised object tell a
 wrong pose even of an object that looks alike from everywhere: `overlap` and `offset` (`Observation`).
 
+Photos that are said to show one light are judged together, and one E for all of them must explain them about as well as
+an E for each: `apart`, the mean over photos of the logarithm of the ratio of the two residuals.
+
 The verdict is about the photo, not about the method that predicts its light: every method gets the same.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -49,6 +52,7 @@ _CHROMA_EXPLAINED = 0.55  # good: .71 and more; red, green and blue exchanged: a
 _MUCH_CLIPPED = 0.4  # good: at most .11; three times too bright: .48, eight times: .25 to .83
 _SAME_PLACE = 0.8  # right cameras have more than .94, also on photos from the internet
 _BESIDE = 0.025  # good: .001, the cape's own masks and hull .024; moved by .05 across the view: .049 and more
+_APART = 0.25  # photos of one light: at most .24; three and more of different lights: .13 and more, most above .3
 _DOUBT = 0.3  # doubtful photos of the demo: their maps err by .16 to .38 more in ln radiance than the good ones
 _SUSPECTS = (
     "is the camera this photo's own, the object the one that was trained and trained long enough, and are the colours "
@@ -75,6 +79,7 @@ class Verdict:
     level: float  # mean linear value of the object's pixels
     overlap: float  # of mask and rasterised object, intersection over union
     offset: float  # between the centres of both, in object radii
+    apart: float | None = None  # of several photos; see the module's head
 
     @property
     def status(self) -> Status:
@@ -130,6 +135,11 @@ class Verdict:
                 f"{100 * self.clipped:.0f} % of the object's values are clipped to white, which hides how bright its "
                 "light is; expose the photo for the object."
             )
+        if self.apart is not None and self.apart > _APART:
+            yield (
+                f"One light leaves {100 * math.expm1(self.apart):.0f} % more of these photos unexplained than a light "
+                "for each; were they all taken under the same light, and is every camera its photo's own?"
+            )
 
 
 def tells_nothing(clipped: float, level: float) -> str | None:
@@ -148,7 +158,8 @@ def tells_nothing(clipped: float, level: float) -> str | None:
 @torch.no_grad()
 def judge(observation: Observation, seed: int) -> Verdict:
     """Return the verdict on the photo of `observation`; deterministic, whatever its exposure."""
-    difference, target = _differences(observation, seed)
+    pixels = _Judged.of(observation, exposure_unit(observation.pixels.color), observation.light_level, seed)
+    difference, target = pixels.difference(pixels.lights()), pixels.target
     return Verdict(
         residual=float(difference.square().mean().sqrt()),
         explained=_explained(difference, target),
@@ -160,21 +171,69 @@ def judge(observation: Observation, seed: int) -> Verdict:
     )
 
 
-def _differences(observation: Observation, seed: int) -> tuple[Tensor, Tensor]:
-    """Return (t(A E) - t(I), t(I)) of some trusted pixels, each (3, P), each pixel under the light it was kept from."""
-    every = torch.arange(len(observation.rows), device=observation.rows.device)
-    chosen = draw_rows(every, _PIXELS, generator(seed, "verdict"))
-    color, clipped = observation.pixels.color[chosen], observation.clipped[chosen].T
-    unit = exposure_unit(color)
-    matrix = _broader(CoarseTransport.of(observation.gbuffer.select(observation.rows[chosen])).matrix)
-    trust = relative_tone_weight(color, observation.light_level) * ~clipped  # (3, P)
-    black = _black_squares(observation, chosen)
-    halves = torch.stack([trust * ~black, trust * black])
-    lights = _fitted(matrix, color.T / unit, halves, observation.light_level / unit)
-    renders = (matrix @ lights[..., None])[..., 0]  # (2, 3, P)
-    target = tone_map(color.T / unit)
-    shown = tone_map(torch.where(black, renders[0], renders[1]))
-    return one_sided_residual(shown, target, clipped), target
+@torch.no_grad()
+def judge_together(photos: Sequence[Observation], joint: Observation, seed: int) -> Verdict:
+    """Return the verdict on photos of one light and exposure, which are `joint` when put one below the other."""
+    verdict = judge(joint, seed)
+    if len(photos) < 2:
+        return verdict
+    unit = exposure_unit(joint.pixels.color)
+    singly = [_Judged.of(photo, unit, joint.light_level, seed) for photo in photos]
+    common = _Judged.joined(singly).lights()
+    ratios = [_rms(one.difference(common)) / _rms(one.difference(one.lights())) for one in singly]
+    return replace(verdict, apart=sum(math.log(ratio) for ratio in ratios) / len(ratios))
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """Some trusted pixels of a photo, and what the two lights that explain them are fitted to."""
+
+    matrix: Tensor  # (3, P, T) coarse transport
+    color: Tensor  # (3, P) at a usual exposure
+    clipped: Tensor  # (3, P) bool
+    black: Tensor  # (P,) bool: in black squares of the chess board
+    weight: Tensor  # (2, 3, P): in the fit to the white squares, and to the black ones
+    level: Tensor  # () of a light of which no pixel tells anything
+
+    @staticmethod
+    def of(observation: Observation, unit: Tensor, level: Tensor, seed: int) -> "_Judged":
+        """Draw a photo's pixels; unit: what their usual exposure divides colours by, level: of its light."""
+        every = torch.arange(len(observation.rows), device=observation.rows.device)
+        chosen = draw_rows(every, _PIXELS, generator(seed, "verdict"))
+        color, clipped = observation.pixels.color[chosen], observation.clipped[chosen].T
+        matrix = _broader(CoarseTransport.of(observation.gbuffer.select(observation.rows[chosen])).matrix)
+        trust = relative_tone_weight(color, level) * ~clipped
+        black = _black_squares(observation, chosen)
+        return _Judged(
+            matrix, color.T / unit, clipped, black, torch.stack([trust * ~black, trust * black]), level / unit
+        )
+
+    @staticmethod
+    def joined(photos: "Sequence[_Judged]") -> "_Judged":
+        """Return the pixels of all photos, of one level."""
+        parts = {
+            key: torch.cat([vars(one)[key] for one in photos], -1) for key in ("color", "clipped", "black", "weight")
+        }
+        return _Judged(matrix=torch.cat([one.matrix for one in photos], 1), level=photos[0].level, **parts)
+
+    @property
+    def target(self) -> Tensor:
+        """The displayed colours (3, P)."""
+        return tone_map(self.color)
+
+    def lights(self) -> Tensor:
+        """Return the lights (2, 3, T) that explain the white squares best, and the black ones."""
+        return _fitted(self.matrix, self.color, self.weight, self.level)
+
+    def difference(self, lights: Tensor) -> Tensor:
+        """Return t(A E) - t(I) (3, P), each pixel under the one of `lights` (2, 3, T) it was kept from."""
+        renders = (self.matrix @ lights[..., None])[..., 0]  # (2, 3, P)
+        shown = tone_map(torch.where(self.black, renders[0], renders[1]))
+        return one_sided_residual(shown, self.target, self.clipped)
+
+
+def _rms(difference: Tensor) -> float:
+    return float(difference.square().mean().sqrt().clamp(min=1e-6))
 
 
 def _explained(difference: Tensor, target: Tensor) -> float:
