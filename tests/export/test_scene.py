@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from lightprobe.core.config.prediction import Sun
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.export import SceneLight, export
 from lightprobe.export.light_file import read_sources
 from lightprobe.imaging import read_hdr
@@ -155,3 +155,10 @@ def test_without_usd_s_library_a_sentence_names_the_extra(tmp_path, monkeypatch)
     with pytest.raises(ConfigError, match=r"lightprobe\[usd\]"):
         export(Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_package_that_usd_s_library_could_not_write_is_told(tmp_path, monkeypatch):
+    utils = pytest.importorskip("pxr.UsdUtils")
+    monkeypatch.setattr(utils, "CreateNewUsdzPackage", lambda *given: False)
+    with pytest.raises(ResourceError, match=r"could not write .*scene\.usdz; is there room on the disk"):
+        export(Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True)

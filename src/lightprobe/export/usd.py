@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from lightprobe.core.errors import ResourceError
 from lightprobe.core.extras import extra_library
 from lightprobe.export.gltf_mesh import GltfMesh
 from lightprobe.export.lamps import DirectionalLight
@@ -37,7 +38,8 @@ def write_usd(
     """Write scene.usdc and scene.usdz into `folder`; return both.
 
     base_color.png, orm.png, normal.png and the map `environment` (.exr) have to stand in the folder already: the stage
-    names them, the package holds them. Raises `ConfigError` without the extra `usd`.
+    names them, the package holds them. Raises `ConfigError` without the extra `usd`, and `ResourceError` where a file
+    cannot be written.
     """
     stage_file, package = folder / "scene.usdc", folder / "scene.usdz"
     usd, geometry, utils = _pxr("Usd"), _pxr("UsdGeom"), _pxr("UsdUtils")
@@ -53,9 +55,9 @@ def write_usd(
         _define_dome(stage, environment.name)
     for k, light in enumerate(lights):
         _define_distant(stage, light, f"/scene/sun_{k + 1}")
-    stage.GetRootLayer().Save()
-    sdf = _pxr("Sdf")
-    utils.CreateNewUsdzPackage(sdf.AssetPath(str(stage_file)), str(package))
+    asset = _pxr("Sdf").AssetPath(str(stage_file))
+    if not (stage.GetRootLayer().Save() and utils.CreateNewUsdzPackage(asset, str(package))):
+        raise ResourceError(f"USD could not write {stage_file} and {package.name}; is there room on the disk?")
     return [stage_file, package]
 
 

@@ -41,6 +41,7 @@ _STRENGTH = 0.03  # of the pull to a grey light, relative to what the pixels wei
 _STEPS = 50  # of its accelerated descent
 _SQUARES = 6  # of the chess board, along the side of a square with the object's area
 _NOISE = 0.02  # displayed; contrast below it is as good as none
+_LEAST = 1e-6  # displayed residual whose logarithm is taken
 
 # The limits lie between 36 good test photos of three objects, two of them trained briefly, and the same photos spoilt
 # (docs/decisions/photo-verdict.md).
@@ -161,7 +162,7 @@ def judge(observation: Observation, seed: int) -> Verdict:
     pixels = _Judged.of(observation, exposure_unit(observation.pixels.color), observation.light_level, seed)
     difference, target = pixels.difference(pixels.lights()), pixels.target
     return Verdict(
-        residual=float(difference.square().mean().sqrt()),
+        residual=_root_mean_square(difference),
         explained=_explained(difference, target),
         explained_chroma=_explained(_chroma(difference), _chroma(target)),
         clipped=float(observation.clipped.float().mean()),
@@ -180,8 +181,11 @@ def judge_together(photos: Sequence[Observation], joint: Observation, seed: int)
     unit = exposure_unit(joint.pixels.color)
     singly = [_Judged.of(photo, unit, joint.light_level, seed) for photo in photos]
     common = _Judged.joined(singly).lights()
-    ratios = [_rms(one.difference(common)) / _rms(one.difference(one.lights())) for one in singly]
-    return replace(verdict, apart=sum(math.log(ratio) for ratio in ratios) / len(ratios))
+    logs = [
+        [math.log(max(_root_mean_square(one.difference(lights)), _LEAST)) for lights in (common, one.lights())]
+        for one in singly
+    ]
+    return replace(verdict, apart=sum(together - alone for together, alone in logs) / len(logs))
 
 
 @dataclass(frozen=True)
@@ -232,8 +236,8 @@ class _Judged:
         return one_sided_residual(shown, self.target, self.clipped)
 
 
-def _rms(difference: Tensor) -> float:
-    return float(difference.square().mean().sqrt().clamp(min=1e-6))
+def _root_mean_square(difference: Tensor) -> float:
+    return float(difference.square().mean().sqrt())
 
 
 def _explained(difference: Tensor, target: Tensor) -> float:
