@@ -29,18 +29,20 @@ demo: $(READY)
 	$(BIN)/lightprobe demo
 
 check: $(TOOLS)
-	@$(MAKE) --no-print-directory -j 2 style tests MARKS="not slow and not cuda"
+	@$(MAKE) --no-print-directory -j 2 style tests MARKS="not slow and not cuda" || $(FAILED)
 
 test: $(TOOLS)
-	@$(MAKE) --no-print-directory -j 2 style tests
+	@$(MAKE) --no-print-directory -j 2 style tests || $(FAILED)
+
+# What is wrong with the style is printed when it is found, and once more after the tests.
+FAILED = { cat build/style-failed.txt 2>/dev/null; exit 1; }
 
 style: $(TOOLS)
-	@$(BIN)/ruff check
-	@$(BIN)/ruff format --check
-	@$(BIN)/mypy
-	@$(BIN)/lint-imports
-	@$(BIN)/python tools/check_shapes.py
-	@$(BIN)/python tools/check_licences.py --bill build/sbom.json
+	@mkdir -p build && rm -f build/style-failed.txt
+	@{ $(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/mypy && $(BIN)/lint-imports \
+	&& $(BIN)/python tools/check_shapes.py && $(BIN)/python tools/check_licences.py --bill build/sbom.json; \
+	} > build/style.txt 2>&1 || mv build/style.txt build/style-failed.txt
+	@cat build/style*.txt && test ! -e build/style-failed.txt
 
 tests: $(TOOLS)
 	@$(PYTEST) -m "$(MARKS)"

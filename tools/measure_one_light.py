@@ -18,7 +18,7 @@ from lightprobe.scene.photo import Photo, Scene
 
 _SIZES = (2, 3, 4)
 _DRAWN = 10  # sets of each size
-_WARNING = "One light leaves"
+_WARNING = "One light for all misses"
 
 
 def of_one_light(scene: Scene, size: int) -> Iterator[list[Photo]]:

@@ -157,8 +157,15 @@ def test_without_usd_s_library_a_sentence_names_the_extra(tmp_path, monkeypatch)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_package_that_usd_s_library_could_not_write_is_told(tmp_path, monkeypatch):
-    utils = pytest.importorskip("pxr.UsdUtils")
-    monkeypatch.setattr(utils, "CreateNewUsdzPackage", lambda *given: False)
+@pytest.mark.parametrize("raises", [False, True])
+def test_a_package_that_usd_s_library_could_not_write_is_told(tmp_path, monkeypatch, raises):
+    tf, utils = pytest.importorskip("pxr.Tf"), pytest.importorskip("pxr.UsdUtils")
+
+    def package(stage, path):
+        if raises:
+            tf.RaiseRuntimeError("no room")
+        return False
+
+    monkeypatch.setattr(utils, "CreateNewUsdzPackage", package)
     with pytest.raises(ResourceError, match=r"could not write .*scene\.usdz; is there room on the disk"):
         export(Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True)

@@ -141,14 +141,12 @@ CALIBRATED = Calibration((2.0, 2.0, 2.0), "a grey card")
     [
         (None, CALIBRATED, "without a calibration, and this run has one"),
         (CALIBRATED.to_json(), None, "with a calibration, and this run has none"),
-        (CALIBRATED.to_json(), Calibration((2.0, 2.5, 2.0), "another"), "with a calibration, and this run has another"),
         (None, None, None),
         (CALIBRATED.to_json(), CALIBRATED, None),
-        ({"source": "by hand"}, CALIBRATED, None),  # tells of no factor
         ("nothing", CALIBRATED, None),  # a map from elsewhere
     ],
 )
-def test_a_map_of_another_calibration_is_told(sky, recwarn, told, calibration, words):
+def test_a_map_of_before_a_calibration_is_told(sky, recwarn, told, calibration, words):
     write_sources(sky, 64, LAMPS, Sun.INSIDE)
     file = light_file(sky)
     if told != "nothing":

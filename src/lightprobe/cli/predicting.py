@@ -35,7 +35,9 @@ _NewCameraArg = Annotated[
 ]
 _MapArg = Annotated[
     Path | None,
-    option(aliases=["-o"], metavar="ENV", help="The map's name, .exr or .hdr, or a folder, which several photos need."),
+    option(
+        aliases=["-o"], metavar="ENV", help="The map, .exr or .hdr, or a folder that is there; several maps need one."
+    ),
 ]
 _MaskArg = Annotated[
     Path | None,
@@ -56,7 +58,7 @@ _MethodArg = Annotated[
     ),
 ]
 _ConfidenceArg = Annotated[
-    Path | None, option(metavar="C.exr", help="Also write the confidence here; of several photos in this folder.")
+    Path | None, option(metavar="C.exr", help="Also write the confidence: .exr, or a folder as -o.")
 ]
 
 

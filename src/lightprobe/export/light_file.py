@@ -135,19 +135,14 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         ) from error
 
 
-def calibrated_by(map_path: Path) -> tuple[float, float, float] | None:
-    """Return the factor on linear RGB that a predicted map has been through, ones where it was not calibrated.
+def is_calibrated(map_path: Path) -> bool | None:
+    """Return whether a predicted map has been through a calibration; None where no JSON tells of a prediction.
 
-    None where no JSON tells of a prediction. One that cannot be read tells nothing here; `read_sources` refuses it.
+    One that cannot be read tells nothing here; `read_sources` refuses it.
     """
     try:
         value = read_json(light_file(map_path))
-        if not _is_of(value["map"], map_path):
-            return None
-        if value["calibration"] is None:
-            return 1.0, 1.0, 1.0
-        r, g, b = (float(factor) for factor in value["calibration"]["light_factor_rgb"])
-        return r, g, b
+        return value["calibration"] is not None if _is_of(value["map"], map_path) else None
     except (InputError, KeyError, TypeError, ValueError, AttributeError):
         return None
 

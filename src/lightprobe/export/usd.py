@@ -56,7 +56,11 @@ def write_usd(
     for k, light in enumerate(lights):
         _define_distant(stage, light, f"/scene/sun_{k + 1}")
     asset = _pxr("Sdf").AssetPath(str(stage_file))
-    if not (stage.GetRootLayer().Save() and utils.CreateNewUsdzPackage(asset, str(package))):
+    try:
+        written = stage.GetRootLayer().Save() and utils.CreateNewUsdzPackage(asset, str(package))
+    except _pxr("Tf").ErrorException:
+        written = False
+    if not written:
         raise ResourceError(f"USD could not write {stage_file} and {package.name}; is there room on the disk?")
     return [stage_file, package]
 

@@ -53,7 +53,7 @@ _CHROMA_EXPLAINED = 0.55  # good: .71 and more; red, green and blue exchanged: a
 _MUCH_CLIPPED = 0.4  # good: at most .11; three times too bright: .48, eight times: .25 to .83
 _SAME_PLACE = 0.8  # right cameras have more than .94, also on photos from the internet
 _BESIDE = 0.025  # good: .001, the cape's own masks and hull .024; moved by .05 across the view: .049 and more
-_APART = 0.25  # photos of one light: at most .24; three and more of different lights: .13 and more, most above .3
+_APART = 0.25  # two to four photos of one light: at most .24; of different lights: .04 and more, most above .3
 _DOUBT = 0.3  # doubtful photos of the demo: their maps err by .16 to .38 more in ln radiance than the good ones
 _SUSPECTS = (
     "is the camera this photo's own, the object the one that was trained and trained long enough, and are the colours "
@@ -138,8 +138,8 @@ class Verdict:
             )
         if self.apart is not None and self.apart > _APART:
             yield (
-                f"One light leaves {100 * math.expm1(self.apart):.0f} % more of these photos unexplained than a light "
-                "for each; were they all taken under the same light, and is every camera its photo's own?"
+                f"One light for all misses these photos by {100 * math.expm1(self.apart):.0f} % more than a light for "
+                "each; were they taken under one light, with one white balance, and are cameras and exposures right?"
             )
 
 

@@ -11,7 +11,7 @@ import torch
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import LightprobeWarning
 from lightprobe.export import SceneLight
-from lightprobe.export.light_file import calibrated_by, read_sources
+from lightprobe.export.light_file import is_calibrated, read_sources
 from lightprobe.imaging import resize_area
 from lightprobe.light.environment import Environment, read_map
 from lightprobe.light.files import panorama
@@ -21,7 +21,6 @@ from lightprobe.models.calibration import Calibration
 _RESOLUTION = 64  # texels along a cubemap edge at which sources are told from the rest
 _ROUNDING = 1e-4  # of a texel's radiance: less is no part of a source
 _SAME = math.cos(math.radians(10))  # sources nearer to each other are the same one
-_UNSEEN = 0.01  # share by which calibrations may differ and nobody sees it
 
 
 def whole_light(path: Path, device: torch.device | None = None) -> Environment:
@@ -40,16 +39,16 @@ def whole_light(path: Path, device: torch.device | None = None) -> Environment:
 
 
 def tell_of_scale(path: Path, calibration: Calibration | None) -> None:
-    """Warn where a map has been through another calibration than the object it is used with."""
-    factor = calibrated_by(path)
-    wanted = (1.0, 1.0, 1.0) if calibration is None else calibration.factor
-    if factor is None or all(math.isclose(f, w, rel_tol=_UNSEEN) for f, w in zip(factor, wanted, strict=True)):
+    """Warn where a map was predicted before a calibration and is used with an object after one, or the other way."""
+    predicted = is_calibrated(path)
+    if predicted is None or predicted is (calibration is not None):
         return
-    known = "without a calibration" if factor == (1.0, 1.0, 1.0) else "with a calibration"
-    beside = "has none" if calibration is None else "has one" if factor == (1.0, 1.0, 1.0) else "has another one"
+    known = (
+        "without a calibration, and this run has one" if calibration else "with a calibration, and this run has none"
+    )
     warnings.warn(
-        f"{path} was predicted {known}, and this run {beside}: the light and the object are not of one brightness. "
-        "Predict the map anew.", LightprobeWarning, stacklevel=3,
+        f"{path} was predicted {known}: the light and the object are not of one brightness. Predict the map anew.",
+        LightprobeWarning, stacklevel=3,
     )  # fmt: skip
 
 

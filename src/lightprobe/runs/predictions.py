@@ -29,16 +29,16 @@ from lightprobe.scene.record import read_record
 
 @dataclass(frozen=True)
 class PredictionFiles:
-    """Where photos' masks and cameras are, and where their maps go; of several photos all but `camera` are folders."""
+    """Where photos' masks and cameras are, and where maps go; of several all but `camera` are folders."""
 
     camera: Path | None = None
     """Camera of the photo, or many of which its name chooses; by default the run's own, or it is found."""
     mask: Path | None = None
     """White object on black; by default the photo's alpha, or it is found with the camera."""
     output: Path | None = None
-    """The map, .exr or .hdr, or a folder for it; by default RUN/predictions, picture and confidence beside it."""
+    """The map, .exr or .hdr, or a folder that is there; by default RUN/predictions, with picture and confidence."""
     confidence: Path | None = None
-    """The confidence, .exr, or a folder for it."""
+    """The confidence, .exr, or a folder that is there."""
     location: LocationFiles = field(default_factory=LocationFiles)
     """Camera, mask and overlay of a photo whose camera is found; by default beside the map."""
     height: int | None = None
