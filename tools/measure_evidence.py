@@ -38,6 +38,12 @@ HEAD = (
 CPU = torch.device("cpu")
 
 
+def photos_of_one_light(scene: Scene) -> list[list[Photo]]:
+    """Return the photos of the relight split, those of each light together."""
+    lights = dict.fromkeys(photo.truth.environment for photo in scene.relight)
+    return [[photo for photo in scene.relight if photo.truth.environment == light] for light in lights]
+
+
 @dataclass(frozen=True)
 class Subject:
     """A scene with its run."""
@@ -78,8 +84,7 @@ class Subject:
     def together(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the scores (N, 6) of the photos of the relight split, each singly and with those of its light."""
         singly, jointly = [], []
-        for light in dict.fromkeys(photo.truth.environment for photo in self.scene.relight):
-            photos = [photo for photo in self.scene.relight if photo.truth.environment == light]
+        for photos in photos_of_one_light(self.scene):
             views = [load_pixels(photo) for photo in photos]
             joint, _ = self.predictor.predict_together(views, refuse=False)
             for photo, view in zip(photos, views, strict=True):

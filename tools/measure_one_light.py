@@ -15,18 +15,17 @@ from pathlib import Path
 from lightprobe.prediction import Method, Predictor
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.photo import Photo, Scene
+from measure_evidence import photos_of_one_light
 
 _SIZES = (2, 3, 4)
 _DRAWN = 10  # sets of each size
-_WARNING = "One light for all misses"
 
 
 def of_one_light(scene: Scene, size: int) -> Iterator[list[Photo]]:
     """Yield the first `size` photos of each light of the relight split, and nothing of a light that has fewer."""
-    for light in dict.fromkeys(photo.truth.environment for photo in scene.relight):
-        photos = [photo for photo in scene.relight if photo.truth.environment == light][:size]
-        if len(photos) == size:
-            yield photos
+    for photos in photos_of_one_light(scene):
+        if len(photos) >= size:
+            yield photos[:size]
 
 
 def of_different_lights(scene: Scene, size: int, seed: int) -> Iterator[list[Photo]]:
@@ -43,7 +42,7 @@ def judged(predictor: Predictor, photos: Sequence[Photo]) -> tuple[float, bool]:
     verdict = predictor.predict_together(views, Method.CONSTANT, refuse=False)[0].verdict
     if verdict.apart is None:
         raise ValueError("One photo is not apart from itself.")
-    return verdict.apart, any(sentence.startswith(_WARNING) for sentence in verdict.sentences)
+    return verdict.apart, verdict.of_different_lights
 
 
 def row(name: str, kind: str, size: int, found: Sequence[tuple[float, bool]]) -> str:

@@ -94,6 +94,11 @@ class Verdict:
         return tuple(sentence for status, sentence in self._findings() if status is self.status)
 
     @property
+    def of_different_lights(self) -> bool:
+        """Whether one light explains several photos clearly worse than a light for each."""
+        return self.apart is not None and self.apart > _APART
+
+    @property
     def doubt(self) -> float:
         """What this adds to the error to expect of ln radiance: 0 for a good photo."""
         return 0.0 if self.status is Status.GOOD else _DOUBT
@@ -136,7 +141,7 @@ class Verdict:
                 f"{100 * self.clipped:.0f} % of the object's values are clipped to white, which hides how bright its "
                 "light is; expose the photo for the object."
             )
-        if self.apart is not None and self.apart > _APART:
+        if self.apart is not None and self.of_different_lights:
             yield (
                 f"One light for all misses these photos by {100 * math.expm1(self.apart):.0f} % more than a light for "
                 "each; were they taken under one light, with one white balance, and are cameras and exposures right?"

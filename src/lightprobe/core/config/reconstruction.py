@@ -281,7 +281,6 @@ def paper() -> DecomposeConfig:
         adam_decay=0.999, image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4,
         smoothed=Smoothed.BASE_COLOR, smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0,
         brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0, texture_gradient_from=0.0, normal_prior=0.0,
-        normal_ramp=0.0,
-        laplacian_fades=True, max_faces=1_000_000, crease_degrees=180.0, texture_size=2048, unwrap_seconds=3600.0,
-        validation_photos=0, checkpoint_every=1000,
+        normal_ramp=0.0, laplacian_fades=True, max_faces=1_000_000, crease_degrees=180.0, texture_size=2048,
+        unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
     )  # fmt: skip

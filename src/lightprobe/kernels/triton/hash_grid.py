@@ -72,6 +72,15 @@ def _on_device(cells: tuple[int, ...], device: torch.device) -> Tensor:
 
 
 @triton.jit
+def _block(count, features, WIDE: tl.constexpr, POINTS: tl.constexpr):
+    """Return a program's points and features, which of the points there are, and which pairs of both."""
+    n = tl.program_id(0).to(tl.int64) * POINTS + tl.arange(0, POINTS)
+    f = tl.arange(0, WIDE)
+    live = n < count
+    return n, f, live, live[:, None] & (f < features)[None, :]
+
+
+@triton.jit
 def _axis(points, n, axis, live, resolution):
     """Return the cell of the points along one axis and the position in it."""
     unit = tl.load(points + 3 * n + axis, mask=live, other=0.0)
@@ -111,11 +120,8 @@ def _encode(
     points, table, cells, out, count, levels,
     rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
 ):  # fmt: skip
-    n = tl.program_id(0).to(tl.int64) * POINTS + tl.arange(0, POINTS)
+    n, f, live, mask = _block(count, features, WIDE, POINTS)
     level = tl.program_id(1).to(tl.int64)
-    f = tl.arange(0, WIDE)
-    live = n < count
-    mask = live[:, None] & (f < features)[None, :]
     resolution = tl.load(cells + level)
     side = resolution.to(tl.int64) + 1
     i, j, k, x, y, z = _cells(points, n, live, resolution)
@@ -133,11 +139,8 @@ def _encode_backward(
     grad, points, cells, scale, sums, count, levels,
     rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
 ):  # fmt: skip
-    n = tl.program_id(0).to(tl.int64) * POINTS + tl.arange(0, POINTS)
+    n, f, live, mask = _block(count, features, WIDE, POINTS)
     level = tl.program_id(1).to(tl.int64)
-    f = tl.arange(0, WIDE)
-    live = n < count
-    mask = live[:, None] & (f < features)[None, :]
     resolution = tl.load(cells + level)
     side = resolution.to(tl.int64) + 1
     i, j, k, x, y, z = _cells(points, n, live, resolution)
@@ -162,10 +165,7 @@ def _encode_backward_to_points(
     grad, points, table, cells, out, count, levels,
     rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
 ):  # fmt: skip
-    n = tl.program_id(0).to(tl.int64) * POINTS + tl.arange(0, POINTS)
-    f = tl.arange(0, WIDE)
-    live = n < count
-    mask = live[:, None] & (f < features)[None, :]
+    n, f, live, mask = _block(count, features, WIDE, POINTS)
     total_x = tl.zeros([POINTS], dtype=tl.float32)
     total_y = tl.zeros([POINTS], dtype=tl.float32)
     total_z = tl.zeros([POINTS], dtype=tl.float32)
