@@ -11,7 +11,7 @@ from lightprobe.core.config import DecomposeConfig, SdfMode, StartShape
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction import cavity_trials, image_task
-from lightprobe.reconstruction.cavity_trials import Opening, best_opening
+from lightprobe.reconstruction.cavity_trials import Opening, best_opening, has_doubtful_lid
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
@@ -95,6 +95,28 @@ def test_what_is_explained_as_well_as_the_rest_is_not_suspect():
     cup = cavity_trials._Photos(*photos(model_of(inner=0.64)), 1.0, 0)
     (top,) = cavity_trials._suspects(solid, surface, cup)
     assert surface.vertices[top.lid.vertices, 2].min() > 0.4
+    assert has_doubtful_lid(solid, cup.targets, cup.lights, 1.0, 0)
+    assert not has_doubtful_lid(solid, *photos(solid), 1.0, 0)
+
+
+def test_a_lid_in_doubt_stays_so_until_it_is_tried(monkeypatch):
+    model = model_of(inner=None)
+    task = task_of(model)
+    monkeypatch.setattr(image_task, "has_doubtful_lid", lambda *_: True)
+    monkeypatch.setattr(image_task, "best_opening", lambda *_: None)
+    task._look_for_lids(model, 0.2)
+    assert model.lid_in_doubt
+    task._open_cavities(model, 0.7)
+    assert not model.lid_in_doubt
+
+
+@pytest.mark.parametrize("changes", [{"pass1_iterations": 400}, {"texture_gradient_from": 1.0}, {"trial_steps": 0}])
+def test_no_lid_is_in_doubt_where_none_is_tried_or_none_would_bend(monkeypatch, changes):
+    model = model_of(inner=None)
+    task = replace(task_of(model), config=replace(CONFIG, **changes))
+    monkeypatch.setattr(image_task, "has_doubtful_lid", lambda *_: True)
+    task._look_for_lids(model, 0.2)
+    assert not model.lid_in_doubt
 
 
 def test_distances_of_a_network_cannot_be_set():

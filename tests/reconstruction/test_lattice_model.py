@@ -85,11 +85,13 @@ def test_what_a_material_costs_moves_no_surface():
     assert not without.any()
 
 
-def test_a_texture_moves_the_surface_from_when_it_is_asked_to():
+@pytest.mark.parametrize("in_doubt", [False, True], ids=["solid", "lid"])
+def test_a_texture_moves_the_surface_from_when_it_is_asked_to_unless_a_lid_is_in_doubt(in_doubt):
     model, view = (
         ball_model(DecomposeConfig(texture_gradient_from=0.7)),
         View.of(camera_at((3.0, 0.5, 1.0), size=48, focal=60), CPU),
     )
+    model.lid_in_doubt.fill_(in_doubt)
     with torch.no_grad():
         model.material.field.table.normal_(generator=torch.Generator().manual_seed(0))
     slopes = []
@@ -97,4 +99,4 @@ def test_a_texture_moves_the_surface_from_when_it_is_asked_to():
         color = model.rasterise(view, 0, progress).gbuffer.base_color.sum()
         slopes += torch.autograd.grad(color, model.distance, allow_unused=True, materialize_grads=True)
     assert not slopes[0].any()
-    assert slopes[1].any()
+    assert slopes[1].any() != in_doubt

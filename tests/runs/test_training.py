@@ -11,7 +11,7 @@ from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.timings import read_timings
 from lightprobe.report.provenance import training_costs
-from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
+from tests.toy_scene import TINY_DISTILL, TINY_WITHOUT_TRIALS, write_toy_scene
 
 
 def tiny(words: list[str], section: str) -> dict[str, int]:
@@ -25,7 +25,7 @@ def tiny(words: list[str], section: str) -> dict[str, int]:
 def test_one_call_trains_a_run_that_a_predictor_loads(tmp_path):
     scene, heard = write_toy_scene(tmp_path / "scene"), []
     settings = {
-        "decompose": dataclasses.replace(DecomposeConfig(), **tiny(TINY, "decompose")),
+        "decompose": dataclasses.replace(DecomposeConfig(), **tiny(TINY_WITHOUT_TRIALS, "decompose")),
         "distill": dataclasses.replace(DistillConfig(), **tiny(TINY_DISTILL, "distill")),
         "predict": PredictConfig(light_resolution=16), "device": "cpu", "seed": 3,
     }  # fmt: skip

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, ImageLoss, SdfMode
 from lightprobe.core.device import generator, to_device
-from lightprobe.reconstruction.cavity_trials import best_opening
+from lightprobe.reconstruction.cavity_trials import best_opening, has_doubtful_lid
 from lightprobe.reconstruction.frame_loss import frame_loss
 from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_spaced, trials_at
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
@@ -93,7 +93,9 @@ class ImageTask(PassTask):
 
     def _try_materials(self, model: LatticeModel, fraction: float, *, anew: bool) -> None:
         """Give the model the material of another brightness, new or rescaled, where parts agree better under it."""
-        if not anew:
+        if anew:
+            self._look_for_lids(model, fraction)
+        else:
             self._open_cavities(model, fraction)
         chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
         shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
@@ -113,8 +115,16 @@ class ImageTask(PassTask):
         model.brighten(factor)
         self.lights.dim(factor)
 
+    def _look_for_lids(self, model: LatticeModel, fraction: float) -> None:
+        """Tell the model whether it has a lid that may have to be opened, where one will be tried."""
+        tried = self.config.sdf is SdfMode.DIRECT and len(trials_at(self.config)) > 1
+        if tried and self.config.texture_gradient_from < 1:
+            found = has_doubtful_lid(model, self.targets, self.lights, fraction, self.seed)
+            model.lid_in_doubt.fill_(found)
+
     def _open_cavities(self, model: LatticeModel, fraction: float) -> None:
         """Give the model the cavities that photos ask for; a network of distances cannot be given any."""
+        model.lid_in_doubt.fill_(False)
         if self.config.sdf is SdfMode.MLP:
             return
         opening = best_opening(model, self.targets, self.lights, fraction, self.seed)

@@ -94,6 +94,7 @@ class LatticeModel(nn.Module):
             self.distance = nn.Parameter(initial)
             self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
+        self.lid_in_doubt = torch.zeros((), dtype=torch.bool)  # a part that may be open, and was not tried yet
         self.visibility: MovingVisibility | None = None
         self.material = ScaledMaterial(START, config, device, seed)
 
@@ -116,7 +117,7 @@ class LatticeModel(nn.Module):
 
     def chosen(self) -> dict[str, Tensor]:
         """Return what is chosen and not trained, by name."""
-        return {"brightness": self.material.brightness}
+        return {"brightness": self.material.brightness, "lid_in_doubt": self.lid_in_doubt}
 
     def distances(self) -> Tensor:
         """Return the signed distances (V,), forced positive on the lattice's border so that the surface is closed."""
@@ -194,8 +195,11 @@ class LatticeModel(nn.Module):
         return points.index_select(0, to_device(rows, points.device))
 
     def _texture_moves(self, progress: float) -> bool:
-        """Return whether the surface follows its texture: whether the picture has a gradient to where points are."""
-        return progress >= self.config.texture_gradient_from
+        """Return whether the surface follows its texture: whether the picture has a gradient to where points are.
+
+        Not yet where a lid is in doubt: it would bend to what photos show behind it, and look closed when it is tried.
+        """
+        return progress >= self.config.texture_gradient_from and not self.lid_in_doubt
 
     def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float
                ) -> tuple[GBuffer, Tensor]:  # fmt: skip

@@ -179,9 +179,10 @@ class DecomposeConfig:
     pass has none."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
-    texture_gradient_from: float = 1.0
-    """Share of the first pass after which photos that disagree about a point's colour move the surface; before, only
-    outline and shading do. 0: from the start (nvdiffrec), which keeps lids over cavities closed; 1: never."""
+    texture_gradient_from: float = 0.2
+    """Share of the first pass after which photos that disagree about a point's colour move the surface; before, and
+    while it is in doubt whether a lid closes a cavity, only outline and shading do. 0: from the start (nvdiffrec);
+    1: never."""
     normal_prior: float = 5.0
     """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
     normal_ramp: float = 0.5
@@ -257,7 +258,7 @@ def demo() -> DecomposeConfig:
     """
     return replace(
         quick(), pass1_iterations=650, pass2_iterations=330, lattice_cells=64, max_faces=16000, metallic_prior=0.01,
-        trial_steps=0,
+        trial_steps=0, texture_gradient_from=1.0,
     )  # fmt: skip
 
 
