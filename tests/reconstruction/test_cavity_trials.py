@@ -88,35 +88,16 @@ def test_a_block_stays_solid(monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_is_explained_as_well_as_the_rest_is_not_suspect():
+def test_what_is_explained_as_well_as_the_rest_is_not_suspect(monkeypatch):
     solid = model_of(inner=None)
     surface = cavity_trials._surface(solid)
     assert cavity_trials._suspects(solid, surface, cavity_trials._Photos(*photos(solid), 1.0, 0)) == []
     cup = cavity_trials._Photos(*photos(model_of(inner=0.64)), 1.0, 0)
     (top,) = cavity_trials._suspects(solid, surface, cup)
     assert surface.vertices[top.lid.vertices, 2].min() > 0.4
-    assert has_doubtful_lid(solid, cup.targets, cup.lights, 1.0, 0)
-    assert not has_doubtful_lid(solid, *photos(solid), 1.0, 0)
-
-
-def test_a_lid_in_doubt_stays_so_until_it_is_tried(monkeypatch):
-    model = model_of(inner=None)
-    task = task_of(model)
-    monkeypatch.setattr(image_task, "has_doubtful_lid", lambda *_: True)
-    monkeypatch.setattr(image_task, "best_opening", lambda *_: None)
-    task._look_for_lids(model, 0.2)
-    assert model.lid_in_doubt
-    task._open_cavities(model, 0.7)
-    assert not model.lid_in_doubt
-
-
-@pytest.mark.parametrize("changes", [{"pass1_iterations": 400}, {"texture_gradient_from": 1.0}, {"trial_steps": 0}])
-def test_no_lid_is_in_doubt_where_none_is_tried_or_none_would_bend(monkeypatch, changes):
-    model = model_of(inner=None)
-    task = replace(task_of(model), config=replace(CONFIG, **changes))
-    monkeypatch.setattr(image_task, "has_doubtful_lid", lambda *_: True)
-    task._look_for_lids(model, 0.2)
-    assert not model.lid_in_doubt
+    for bound, doubtful in ((0.99 * top.excess, True), (1.01 * top.excess, False)):
+        monkeypatch.setattr(cavity_trials, "_DOUBTFUL", bound)
+        assert has_doubtful_lid(solid, cup.targets, cup.lights, 1.0, 0) == doubtful
 
 
 def test_distances_of_a_network_cannot_be_set():
@@ -165,3 +146,33 @@ def test_a_network_of_distances_is_not_opened():
     before = model.distances().detach().clone()
     task_of(model)._open_cavities(model, 0.7)
     assert torch.equal(model.distances(), before)
+
+
+@pytest.mark.parametrize("found", [False, True], ids=["solid", "lid"])
+def test_a_lid_is_in_doubt_until_it_is_tried(monkeypatch, found):
+    model = model_of(inner=None)
+    task = task_of(model)
+    for name, answer in {
+        "has_doubtful_lid": found, "best_opening": None, "best_new": None, "best_metals": None, "best_rescaled": None,
+        "choose_brightness": 1.0,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(image_task, name, lambda *_, answer=answer, **__: answer)
+    assert model.lid_in_doubt  # nobody has looked yet
+    task.refresh(300, 0.2)
+    assert model.lid_in_doubt == found
+    resumed = model_of(inner=None)
+    held = resumed.lid_in_doubt
+    task_of(resumed).load_buffers(task.buffers())
+    assert resumed.lid_in_doubt is held
+    assert held == found
+    task.refresh(1050, 0.7)
+    assert not model.lid_in_doubt
+
+
+@pytest.mark.parametrize("changes", [
+    {"pass1_iterations": 400}, {"trial_steps": 0}, {"brightness_anchor": 0.0}, {"sdf": SdfMode.MLP},
+    {"texture_gradient_from": 0.0}, {"texture_gradient_from": 1.0},
+])  # fmt: skip
+def test_no_lid_is_in_doubt_where_none_is_tried_or_the_texture_moves_always_or_never(changes):
+    model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, **changes), CPU, 0)
+    assert not model.lid_in_doubt

@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import torch
 
-from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.agreement import render
 from lightprobe.reconstruction.lights import Lights, solve_target_light
@@ -46,6 +46,15 @@ def trials_at(config: DecomposeConfig) -> frozenset[int]:
     every, end = config.checkpoint_every, config.pass1_iterations
     steps = (_FIRST_TRIAL * every, round(_SECOND_TRIAL * end / every) * every)
     return frozenset(step for step in steps if step < end)  # what comes after the last step is the second pass's
+
+
+def lids_tried(config: DecomposeConfig) -> bool:
+    """Return whether the second trial of the first pass opens lids, if it finds any that may be over a cavity.
+
+    A network of distances cannot be opened.
+    """
+    tried = config.brightness_anchor > 0 and len(trials_at(config)) > 1
+    return tried and config.sdf is SdfMode.DIRECT
 
 
 def metals_tried(config: DecomposeConfig, step: int) -> bool:

@@ -92,7 +92,10 @@ class ImageTask(PassTask):
         self.lights.dim(factor)
 
     def _try_materials(self, model: LatticeModel, fraction: float, *, anew: bool) -> None:
-        """Give the model the material of another brightness, new or rescaled, where parts agree better under it."""
+        """Give the model the material of another brightness, new or rescaled, where parts agree better under it.
+
+        A new one also finds out whether there are lids in doubt, a rescaled one opens them first.
+        """
         if anew:
             self._look_for_lids(model, fraction)
         else:
@@ -116,11 +119,9 @@ class ImageTask(PassTask):
         self.lights.dim(factor)
 
     def _look_for_lids(self, model: LatticeModel, fraction: float) -> None:
-        """Tell the model whether it has a lid that may have to be opened, where one will be tried."""
-        tried = self.config.sdf is SdfMode.DIRECT and len(trials_at(self.config)) > 1
-        if tried and self.config.texture_gradient_from < 1:
-            found = has_doubtful_lid(model, self.targets, self.lights, fraction, self.seed)
-            model.lid_in_doubt.fill_(found)
+        """Tell a model that waits for it whether it has a lid that may have to be opened."""
+        if model.lid_in_doubt:
+            model.lid_in_doubt.fill_(has_doubtful_lid(model, self.targets, self.lights, fraction, self.seed))
 
     def _open_cavities(self, model: LatticeModel, fraction: float) -> None:
         """Give the model the cavities that photos ask for; a network of distances cannot be given any."""

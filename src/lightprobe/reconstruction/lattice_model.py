@@ -14,7 +14,7 @@ from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
 from lightprobe.reconstruction.coarse_grids import CoarseGrids
-from lightprobe.reconstruction.gauge import START
+from lightprobe.reconstruction.gauge import START, lids_tried
 from lightprobe.reconstruction.moving_visibility import MovingVisibility
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.reconstruction.start import Start
@@ -94,7 +94,9 @@ class LatticeModel(nn.Module):
             self.distance = nn.Parameter(initial)
             self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
-        self.lid_in_doubt = torch.zeros((), dtype=torch.bool)  # a part that may be open, and was not tried yet
+        # Whether a lid may close a cavity: until the first trial has looked for one and, if there is, the second has
+        # tried to open it. Never where the texture is to move the surface from the start. On the CPU: each step asks.
+        self.lid_in_doubt = torch.tensor(0 < config.texture_gradient_from < 1 and lids_tried(config))
         self.visibility: MovingVisibility | None = None
         self.material = ScaledMaterial(START, config, device, seed)
 
@@ -116,7 +118,7 @@ class LatticeModel(nn.Module):
         ]
 
     def chosen(self) -> dict[str, Tensor]:
-        """Return what is chosen and not trained, by name."""
+        """Return what is chosen or found and not trained, by name."""
         return {"brightness": self.material.brightness, "lid_in_doubt": self.lid_in_doubt}
 
     def distances(self) -> Tensor:

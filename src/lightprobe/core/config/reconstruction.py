@@ -180,9 +180,9 @@ class DecomposeConfig:
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
     texture_gradient_from: float = 0.2
-    """Share of the first pass after which photos that disagree about a point's colour move the surface; before, and
-    while it is in doubt whether a lid closes a cavity, only outline and shading do. 0: from the start (nvdiffrec);
-    1: never."""
+    """Share of the first pass after which photos that disagree about a point's colour move the surface; before, only
+    outline and shading do. If a part looks like a lid over a cavity, not before it was tried to open it. 0: from the
+    start in any case (nvdiffrec); 1: never."""
     normal_prior: float = 5.0
     """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
     normal_ramp: float = 0.5
