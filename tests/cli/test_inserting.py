@@ -1,6 +1,12 @@
+import json
+import math
+
+import numpy as np
 import pytest
 
+from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_ldr
+from lightprobe.runs.insertion import doubt_about_up
 from tests.cli.commands import fails, succeed
 from tests.insertion.glbs import box, write
 
@@ -57,3 +63,26 @@ def test_what_is_read_is_not_replaced_by_the_picture_or_a_layer(trained, thing, 
     fails(["insert", run.path, image, "--object", thing, "-o", output, *more], capsys, ["would be replaced"])
     assert [path.name for path in tmp_path.iterdir()] == [copies[read].name]
     assert copies[read].read_bytes() == before
+
+
+def turned_scene(run, folder, degrees):
+    """A run folder with the scene of another one, its world turned about x."""
+    record = json.loads(run.scene_file.read_text())
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    turn = np.array([[1, 0, 0, 0], [0, cos, -sin, 0], [0, sin, cos, 0], [0, 0, 0, 1]])
+    for photo in record["photos"]["train"].values():
+        photo["camera"]["camera_to_world"] = (turn @ photo["camera"]["camera_to_world"]).tolist()
+    turned = RunFolder.create(folder)
+    turned.scene_file.write_text(json.dumps(record))
+    return turned
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(0, None), (30, None), (60, "60 degrees"), (108, "108 degrees")])
+def test_a_scene_whose_z_axis_is_not_up_is_told(trained, tmp_path, degrees, told):
+    sentences = doubt_about_up(turned_scene(trained[1], tmp_path / "run", degrees))
+    assert len(sentences) == (told is not None)
+    assert all(told in sentence for sentence in sentences)
+
+
+def test_without_the_scene_s_cameras_nothing_is_said_about_up(tmp_path):
+    assert doubt_about_up(RunFolder.create(tmp_path / "run")) == []

@@ -1,5 +1,6 @@
 """A thing of the user's put into a photo of a run's object, and the files it goes to."""
 
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.device import resolve_device
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import refuse_replacing
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import check_room
@@ -19,9 +20,11 @@ from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.background import is_opaque
+from lightprobe.scene.camera import mean_up
 from lightprobe.scene.record import read_record
 
 _PIXEL_BYTES = 260  # that a picture and its layers take for each of the photo's pixels
+_UPRIGHT = 45.0  # degrees between +z and the cameras' mean up; photos from one side and from above have about as many
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def insert_object(
     loaded = LoadedRun(folder, where)
     loaded.make_ready(photos)
     new = photos.read(0)
-    warnings = [] if new.location is None else new.location.warnings()
+    warnings = [*doubt_about_up(folder), *(() if new.location is None else new.location.warnings())]
     if light is None:
         light = _predicted_light(loaded, new, warnings)
     elif env is not None:
@@ -79,6 +82,25 @@ def insert_object(
         files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
         time.perf_counter() - start, (*warnings, *inserted.warnings), new.location,
     )  # fmt: skip
+
+
+def doubt_about_up(run: RunFolder) -> list[str]:
+    """Return a sentence where the cameras that a run learnt from say that up is another direction than +z, else none.
+
+    A scene of somebody else's may have any axes, and what stands along its z axis lies on its side in the photos.
+    """
+    try:
+        cameras = read_record(run).cameras["train"].values()
+    except InputError:  # a photo with a camera of its own does not need the record
+        return []
+    up = mean_up([camera.camera_to_world[:3, 1] for camera in cameras]) if cameras else (0.0, 0.0, 1.0)
+    angle = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
+    if angle <= _UPRIGHT:
+        return []
+    return [
+        f"By the scene's cameras up is {angle:.0f} degrees from its z axis, along which the thing stands; if it lies "
+        "on its side, train on a scene whose z axis points up, as those of `prepare` do."
+    ]
 
 
 def _predicted_light(loaded: LoadedRun, new: NewPhoto, warnings: list[str]) -> Environment:

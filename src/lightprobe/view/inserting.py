@@ -10,6 +10,7 @@ from lightprobe.imaging import read_ldr, read_mask
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
 from lightprobe.light.environment import Environment
+from lightprobe.runs.insertion import doubt_about_up
 from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.camera import Camera
@@ -30,7 +31,8 @@ def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[st
     """
     folder, prediction, image = (Path(request[key]) for key in ("folder", "prediction", "photo"))
     tell("loading the object")
-    decomposition = models.get(RunFolder.open(Path(request["run"]))).predictor.decomposition
+    run = RunFolder.open(Path(request["run"]))
+    decomposition = models.get(run).predictor.decomposition
     thing, light = load_thing(Path(request["upload"])), Environment.load(prediction / MAP, models.device)
     camera = Camera.from_json(read_json(prediction / "camera.json"), source="this photo's camera")
     photo = PhotoView(read_ldr(image)[0], read_mask(prediction / "mask.png"), camera, is_opaque(image))
@@ -42,5 +44,5 @@ def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[st
     return {
         "files": [{"name": name, "title": title} for name, title in _TITLES.items()], "picture": PICTURE,
         "at": [made.at[0] / camera.width, made.at[1] / camera.height], "scale": made.scale,
-        "sentences": list(made.warnings),
+        "sentences": [*doubt_about_up(run), *made.warnings],
     }  # fmt: skip
