@@ -55,10 +55,10 @@ class _Photos:
     fraction: float  # share of the pass that is done
     seed: int
 
-    def shown(self, model: LatticeModel) -> list[tuple[Target, GBuffer]]:
-        """Return each photo with the model's G-buffer in it."""
+    def shown(self, model: LatticeModel) -> Iterator[tuple[Target, GBuffer]]:
+        """Yield each photo with the model's G-buffer in it; those of all photos at once could take gigabytes."""
         views = [target.view for target in self.targets]
-        return list(zip(self.targets, model.gbuffers(views, self.fraction), strict=True))
+        yield from zip(self.targets, model.gbuffers(views, self.fraction), strict=True)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ def _surface(model: LatticeModel) -> ClosedSurface:
 
 def _fitted(model: LatticeModel, photos: _Photos) -> tuple[Trial, int]:
     """Return a fitted trial of the model's material on its surface, and how many of the photos' pixels this covers."""
-    shown = photos.shown(model)
+    shown = list(photos.shown(model))
     samples = [Sample.of(*one, photos.seed) for one in shown]
     trial = Trial(copy.deepcopy(model.material), samples, photos.lights, 1.0, photos.seed)
     trial.fit((model.config.trial_steps + 1) // 2)
