@@ -148,25 +148,30 @@ def test_a_network_of_distances_is_not_opened():
     assert torch.equal(model.distances(), before)
 
 
+def small_task() -> ImageTask:
+    """The first pass's task of a ball on a coarse lattice, with two photos and no shadows."""
+    model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, shadows=False), CPU, 0)
+    targets, lights = photos(model, count=2)
+    return ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0)
+
+
 @pytest.mark.parametrize("found", [False, True], ids=["solid", "lid"])
 def test_a_lid_is_in_doubt_until_it_is_tried(monkeypatch, found):
-    model = model_of(inner=None)
-    task = task_of(model)
+    task, resumed = small_task(), small_task()
     for name, answer in {
         "has_doubtful_lid": found, "best_opening": None, "best_new": None, "best_metals": None, "best_rescaled": None,
         "choose_brightness": 1.0,
     }.items():  # fmt: skip
         monkeypatch.setattr(image_task, name, lambda *_, answer=answer, **__: answer)
-    assert model.lid_in_doubt  # nobody has looked yet
+    assert task.model.lid_in_doubt  # nobody has looked yet
     task.refresh(300, 0.2)
-    assert model.lid_in_doubt == found
-    resumed = model_of(inner=None)
-    held = resumed.lid_in_doubt
-    task_of(resumed).load_buffers(task.buffers())
-    assert resumed.lid_in_doubt is held
+    assert task.model.lid_in_doubt == found
+    held = resumed.model.lid_in_doubt
+    resumed.load_buffers(task.buffers())
+    assert resumed.model.lid_in_doubt is held
     assert held == found
     task.refresh(1050, 0.7)
-    assert not model.lid_in_doubt
+    assert not task.model.lid_in_doubt
 
 
 @pytest.mark.parametrize("changes", [
