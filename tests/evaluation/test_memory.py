@@ -9,7 +9,7 @@ import pytest
 
 SIDE = 3464  # pixels: a photo of 12 megapixels
 
-# One photo of the bundled scene, enlarged, against a ball of about its object's size; five lights are rendered.
+# One photo of the bundled scene, enlarged, against a ball of about half its object's size; five lights are rendered.
 EVALUATION = """
 import json, sys
 from pathlib import Path
@@ -34,7 +34,7 @@ photo = Photo("large", small.camera.resized(side, side), folder / "large.png")
 mesh, up = sphere_mesh(4), torch.tensor([0.0, 0.0, 1.0]).expand(256, 256, 3).contiguous()
 textures = Textures(torch.full((256, 256, 3), 0.5), torch.full((256, 256), 0.4), torch.zeros(256, 256), up)
 ball = Asset(mesh, textures, textured_visibility(mesh, textures.flat()))
-similarity = Similarity(np.zeros(3), 0.9)
+similarity = Similarity(np.zeros(3), 0.45)
 scene = Scene(folder, "transforms", (photo,), (photo,), (), similarity)
 found = evaluate(Decomposition(ball, {}, similarity), None, scene, methods=[Method.CONSTANT]).to_json()
 print(json.dumps({"memory": peak_memory(), **found["mean"]}))
