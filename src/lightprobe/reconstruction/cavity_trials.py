@@ -31,7 +31,7 @@ _WALLS = (1.0, 1.75, 3.0, 5.0)  # lattice cells, tried with the first depth
 _DEPTHS = (1.0, 0.5, 2.0)  # radii of the lid; the others are tried with the best wall
 _BAR = Bar(sure=2.5, least=0.12)  # higher than usual: one of several attempts, each with a shape of its own
 _SUSPECT = 1.5  # times the error of the rest, from which on a lid is tried
-_DOUBTFUL = 2.0  # the same, from which on the surface follows its texture only once its lids were tried
+_DOUBTFUL = 2.0  # times that error, from which on the surface follows its texture only once its lids were tried
 _TRIED = 3  # lids at most, the worst first
 _SEEN = 0.03  # share of the object's pixels in a photo that a lid needs there
 _COVERED = 0.999  # share of the masks that must still be covered: a wall that is too thin for the lattice has holes
@@ -56,7 +56,7 @@ class _Photos:
     seed: int
 
     def shown(self, model: LatticeModel) -> Iterator[tuple[Target, GBuffer]]:
-        """Yield each photo with the model's G-buffer in it; those of all photos at once could take gigabytes."""
+        """Yield each photo with the model's G-buffer in it, one at a time."""
         views = [target.view for target in self.targets]
         yield from zip(self.targets, model.gbuffers(views, self.fraction), strict=True)
 
