@@ -16,8 +16,8 @@ TOOLS := $(VENV)/.installed-dev
 SPHINX := $(VENV)/.installed-docs
 # Files of tests side by side, as many as there are cores, up to four. One thread each, and none that spins while it
 # waits: two processes that do take five times as long as one. Byte code is kept: the tests start hundreds of programs.
-PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/pytest -q -n auto --maxprocesses 4 --dist loadfile \
-	--no-loadscope-reorder
+PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive \
+	$(BIN)/pytest -q -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 DATA ?= data
 MARKS ?=
 MINUTES ?= 60

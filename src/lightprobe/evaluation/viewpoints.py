@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from lightprobe.scene.camera import Camera, mean_up
+from lightprobe.scene.camera import Camera, up_of
 
 
 def look_at(position: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def turntable(photos: list[Camera], center: np.ndarray, frames: int, side: int) 
 
     The axis of the circle is the mean upward direction of the photos, so frames stand upright in any user's frame.
     """
-    up = mean_up([camera.camera_to_world[:3, 1] for camera in photos])
+    up = up_of(photos)
     offsets = np.array([camera.position - center for camera in photos])
     distance = float(np.median(np.linalg.norm(offsets, axis=1)))
     elevation = float(np.clip(np.median(offsets @ up / np.linalg.norm(offsets, axis=1)), -0.9, 0.9))

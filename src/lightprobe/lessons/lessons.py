@@ -21,7 +21,7 @@ from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene import load_pixels
-from lightprobe.scene.camera import mean_up
+from lightprobe.scene.camera import up_of
 from lightprobe.scene.photo import OPAQUE, Photo, Scene
 
 _FEWEST_PIXELS = 16  # of a photo that can tell of a light
@@ -47,7 +47,7 @@ def collect_lessons(
     `environments`: of any resolution, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
     Raises `InputError` when no photo shows the object.
     """
-    up = torch.from_numpy(mean_up([photo.camera.camera_to_world[:3, 1] for photo in scene.train])).float()
+    up = torch.from_numpy(up_of(photo.camera for photo in scene.train)).float()
     pool = LightPool(up, [lights[name] for name in sorted(lights)], environments, RESOLUTION, seed, device)
     lessons: list[Lesson] = []
     shown: _TrainingView | None = None

@@ -7,11 +7,11 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from lightprobe.core.config import DecomposeConfig, ImageLoss, SdfMode
+from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.core.device import generator, to_device
 from lightprobe.reconstruction.cavity_trials import best_opening, has_doubtful_lid
 from lightprobe.reconstruction.frame_loss import frame_loss
-from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_spaced, trials_at
+from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_spaced, lids_tried, trials_at
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
@@ -126,7 +126,7 @@ class ImageTask(PassTask):
     def _open_cavities(self, model: LatticeModel, fraction: float) -> None:
         """Give the model the cavities that photos ask for; a network of distances cannot be given any."""
         model.lid_in_doubt.fill_(False)
-        if self.config.sdf is SdfMode.MLP:
+        if not lids_tried(self.config):
             return
         opening = best_opening(model, self.targets, self.lights, fraction, self.seed)
         if opening is not None:

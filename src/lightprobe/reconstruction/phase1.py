@@ -26,7 +26,7 @@ from lightprobe.reconstruction.unseen import fill_unseen
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.asset import Asset
 from lightprobe.scene import carved_hull
-from lightprobe.scene.camera import mean_up
+from lightprobe.scene.camera import up_of
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.training import Progress, Resumed, Stage, Training
 from lightprobe.training.descent import exponential
@@ -121,7 +121,7 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     end = _third_pass(job, fitted, held_out, start, resumed)
     lights = _final_lights(job, end.asset, _lights(job, fitted, end.lights))
     every = [lights[photo.name] for photo in scene.train]
-    up = torch.from_numpy(mean_up([photo.camera.camera_to_world[:3, 1] for photo in scene.train])).float()
+    up = torch.from_numpy(up_of(photo.camera for photo in scene.train)).float()
     bias = FrontBias.of(every, [_towards(photo, scene) for photo in scene.train], up)
     around = Surroundings.of(every, [job.shown[photo.name] for photo in scene.train])
     verdict = judge_object(end.asset, job.targets(held_out, config.pass1_side), bias, around, config, seed)

@@ -20,7 +20,7 @@ from lightprobe.runs.loaded import LoadedRun
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles, photo_mask
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.background import is_opaque
-from lightprobe.scene.camera import mean_up
+from lightprobe.scene.camera import up_of
 from lightprobe.scene.record import read_record
 
 _PIXEL_BYTES = 260  # that a picture and its layers take for each of the photo's pixels
@@ -93,7 +93,7 @@ def doubt_about_up(run: RunFolder) -> list[str]:
         cameras = read_record(run).cameras["train"].values()
     except InputError:  # a photo with a camera of its own does not need the record
         return []
-    up = mean_up([camera.camera_to_world[:3, 1] for camera in cameras]) if cameras else (0.0, 0.0, 1.0)
+    up = up_of(cameras) if cameras else (0.0, 0.0, 1.0)
     angle = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
     if angle <= _UPRIGHT:
         return []

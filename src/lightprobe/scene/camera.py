@@ -4,7 +4,7 @@ Notation: camera axes are OpenGL's (x right, y up, looking along -z); `camera_to
 points; pixel (column j, row i) has its centre at (j + 0.5, i + 0.5) with row 0 at the top.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -174,3 +174,8 @@ def mean_up(axes: Sequence[np.ndarray]) -> np.ndarray:
     up = np.mean(np.asarray(axes, np.float64), axis=0)
     length = float(np.linalg.norm(up))
     return up / length if length > _AGREEING else np.array([0.0, 0.0, 1.0])
+
+
+def up_of(cameras: Iterable[Camera]) -> np.ndarray:
+    """Return `mean_up` (3,) float64 of one camera or more."""
+    return mean_up([camera.camera_to_world[:3, 1] for camera in cameras])
