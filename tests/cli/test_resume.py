@@ -1,7 +1,6 @@
 """Equal seeds leave equal files, whether the program is killed on the way, compiles its kernels or finds them."""
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -12,7 +11,9 @@ import pytest
 
 from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
-KILLS = 4  # `make kills` tries many more moments
+# Killed once there is a checkpoint of this step, in each pass and in Phase II; `make kills` tries many more moments.
+KILLED_AT = (("checkpoints", 5), ("checkpoints", 17), ("checkpoints", 25), ("model/checkpoints", 5))
+_LONG = 300.0  # seconds without a checkpoint after which something hangs
 
 
 def start(scene: Path, run: Path) -> subprocess.Popen:
@@ -22,12 +23,27 @@ def start(scene: Path, run: Path) -> subprocess.Popen:
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment)
 
 
-def finish(scene: Path, run: Path) -> float:
-    """Train to the end and return the seconds it took."""
-    began = time.monotonic()
+def finish(scene: Path, run: Path) -> None:
+    """Train to the end."""
     process = start(scene, run)
-    assert process.wait() == 0, process.stderr.read().decode()
-    return time.monotonic() - began
+    said = process.communicate()[1].decode()
+    assert process.returncode == 0, said
+
+
+def newest(checkpoints: Path) -> int:
+    """The step of the newest checkpoint in a folder, -1 for none."""
+    return max((int(path.name.removeprefix("step-")) for path in checkpoints.glob("step-*")), default=-1)
+
+
+def kill(scene: Path, run: Path, checkpoints: Path, step: int) -> None:
+    """Train until there is a checkpoint of at least `step`, and no longer."""
+    process, began = start(scene, run), time.monotonic()
+    while newest(checkpoints) < step:
+        assert process.poll() is None, process.stderr.read().decode()
+        assert time.monotonic() - began < _LONG
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
 
 
 def contents(run: Path) -> dict[str, bytes]:
@@ -36,32 +52,16 @@ def contents(run: Path) -> dict[str, bytes]:
     return {name: data for name, data in files.items() if name not in ("log.txt", "timings.json", ".lock")}
 
 
-def assert_same(run: Path, other: Path) -> None:
-    ours, theirs = contents(run), contents(other)
-    assert ours.keys() == theirs.keys()
-    assert [name for name in ours if ours[name] != theirs[name]] == []
-
-
-def killed_runs(scene: Path, folder: Path, seconds: float) -> list[Path]:
-    """Train, killed KILLS times, and return the runs begun: a new one each time that training got through."""
-    moments, runs = random.Random(7), [folder / "run-0"]
-    for _ in range(KILLS):
-        if (runs[-1] / "model" / "config.json").exists():  # it got through before the last kill
-            runs.append(folder / f"run-{len(runs)}")
-        process = start(scene, runs[-1])
-        time.sleep(moments.uniform(0.3, 0.8) * seconds)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    return runs
-
-
 @pytest.mark.slow
 def test_a_run_killed_again_and_again_ends_with_the_same_bits(tmp_path):
     scene = write_toy_scene(tmp_path / "scene")
-    finish(scene, tmp_path / "compiling")  # its kernels into an empty cache
-    seconds = finish(scene, tmp_path / "whole")
-    assert_same(tmp_path / "compiling", tmp_path / "whole")
+    finish(scene, tmp_path / "whole")  # which compiles the kernels that the other finds
 
-    for run in killed_runs(scene, tmp_path / "killed", seconds):
-        finish(scene, run)
-        assert_same(run, tmp_path / "whole")
+    killed = tmp_path / "killed"
+    for folder, step in KILLED_AT:
+        kill(scene, killed, killed / folder, step)
+        assert not (killed / "model" / "config.json").exists()  # which ends a run
+    finish(scene, killed)
+    ours, whole = contents(killed), contents(tmp_path / "whole")
+    assert ours.keys() == whole.keys()
+    assert [name for name in ours if ours[name] != whole[name]] == []
