@@ -12,6 +12,7 @@ from lightprobe.geometry.mesh import (
     decimate,
     edge_faces,
     face_normals,
+    smooth,
     uv_tangents,
     vertex_normals,
 )
@@ -90,6 +91,18 @@ def test_clean_drops_crumbs_and_decimate_keeps_the_shape():
     assert abs(np.linalg.norm(v, axis=1) - 1).max() < 0.02
     edges = edge_faces(torch.from_numpy(f))
     assert (edges.faces[:, 0] != edges.faces[:, 1]).all()
+
+
+def test_smoothing_takes_out_ripples_and_keeps_form_and_size():
+    round_one, faces = sphere(4)
+    egg = round_one * (1 + 0.1 * round_one[:, 2:] ** 2)
+    rippled = egg * np.random.default_rng(3).normal(1, 0.01, (len(egg), 1))
+    smoothed = smooth(rippled, faces, 5)
+    before, after = (np.linalg.norm(v, axis=1) / np.linalg.norm(egg, axis=1) - 1 for v in (rippled, smoothed))
+    assert smoothed.dtype == np.float32
+    assert after.std() < 0.5 * before.std()
+    assert abs(after.mean()) < 1e-3
+    assert np.ptp(smooth(egg, faces, 5), axis=0) == pytest.approx(np.ptp(egg, axis=0), rel=1e-3)
 
 
 def test_clean_drops_what_bounds_a_void_inside_and_keeps_what_stands_beside():

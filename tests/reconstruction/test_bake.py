@@ -1,12 +1,14 @@
 """From the lattice to a textured mesh: what the model shows, the baked asset shows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.errors import ConvergenceError
-from lightprobe.geometry.mesh import uv_tangents
+from lightprobe.geometry.mesh import edge_faces, face_normals, uv_tangents
 from lightprobe.geometry.texels import texel_points
 from lightprobe.reconstruction.bake import bake
 from lightprobe.reconstruction.lattice_model import LatticeModel
@@ -17,8 +19,9 @@ from lightprobe.scene.hull import Hull
 from tests.lit_sphere import CORNER, CPU
 
 CONFIG = DecomposeConfig(
-    hash_levels=4, hash_finest=32, texture_size=256, unwrap_seconds=0.0, shadows=False, normal_ramp=0.0
-)
+    hash_levels=4, hash_finest=32, surface_smoothing=0, texture_size=256, unwrap_seconds=0.0, shadows=False,
+    normal_ramp=0.0,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +55,19 @@ def test_the_asset_shows_what_the_model_shows(model, baked):
         assert name == "position" or float(expected.std(0).min()) > 3 * tolerance, name
     assert float((mine.normal * theirs.normal).sum(1).mean()) > 0.995
     assert float((torch.nn.functional.normalize(mine.position, dim=1) * mine.normal).sum(1).mean()) < 0.99  # bent
+
+
+def test_the_surface_loses_the_lattice_s_ripples(model, baked):
+    smoothed = bake(model, replace(CONFIG, surface_smoothing=5), CPU, print).mesh
+    turns = []
+    for mesh in (baked[0].mesh, smoothed):
+        normal = torch.nn.functional.normalize(face_normals(mesh.vertices, mesh.faces), dim=1)
+        first, second = edge_faces(mesh.faces).faces.unbind(1)
+        turns.append(float((normal[first] * normal[second]).sum(1).clamp(-1, 1).acos().mean()))
+    assert turns[1] < 0.9 * turns[0]
+    assert float(smoothed.vertices.norm(dim=1).mean()) == pytest.approx(
+        float(baked[0].mesh.vertices.norm(dim=1).mean()), rel=2e-3
+    )
 
 
 def test_a_texel_holds_the_material_of_its_point(model, baked):

@@ -1,4 +1,4 @@
-"""From lattice and field to a textured mesh: cleaning, decimation, unwrapping and baking."""
+"""From lattice and field to a textured mesh: cleaning, smoothing, decimation, unwrapping and baking."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +9,7 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.atlas import unwrap
-from lightprobe.geometry.mesh import Mesh, clean, crease_normals, decimate, uv_tangents
+from lightprobe.geometry.mesh import Mesh, clean, crease_normals, decimate, smooth, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
 from lightprobe.material.textures import Textures
 from lightprobe.reconstruction.lattice_model import LatticeModel
@@ -23,6 +23,8 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tel
         raise ConvergenceError(
             "The reconstructed surface is only small pieces; check masks and cameras with `inspect`."
         )
+    if config.surface_smoothing > 0:
+        vertices = smooth(vertices, faces, config.surface_smoothing)
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
     mesh, size = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds)
     if size > config.texture_size:

@@ -24,6 +24,7 @@ _LEAST = {
             "pass2_iterations",
             "pass3_iterations",
             "sdf_coarse_grids",
+            "surface_smoothing",
             "trial_steps",
             "validation_photos",
             "warm_up_steps",
@@ -199,6 +200,8 @@ class DecomposeConfig:
     """Unit of vertices' displacements in the second pass, and so of their Adam step and their Laplacian."""
     coverage_weight: float = 4.0
     """Weight of the squared coverage error beside the colour loss."""
+    surface_smoothing: int = 5
+    """Rounds of smoothing between the first two passes, which take out the lattice's ripples and leave longer forms."""
     max_faces: int = 40000
     """The mesh is decimated to at most this many triangles before unwrapping."""
     crease_degrees: float = 40.0
@@ -282,6 +285,6 @@ def paper() -> DecomposeConfig:
         adam_decay=0.999, image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4,
         smoothed=Smoothed.BASE_COLOR, smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0,
         brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0, texture_gradient_from=0.0, normal_prior=0.0,
-        normal_ramp=0.0, laplacian_fades=True, max_faces=1_000_000, crease_degrees=180.0, texture_size=2048,
-        unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
+        normal_ramp=0.0, laplacian_fades=True, surface_smoothing=0, max_faces=1_000_000, crease_degrees=180.0,
+        texture_size=2048, unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
     )  # fmt: skip
