@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from lightprobe.core.checkpoint import Checkpoints
+from lightprobe.core.run import RunFolder
 from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
-# Killed once there is a checkpoint of this step, in each pass and in Phase II; `make kills` tries many more moments.
-KILLED_AT = (("checkpoints", 5), ("checkpoints", 17), ("checkpoints", 25), ("model/checkpoints", 5))
+# Killed once these checkpoints hold this step, in each pass and in Phase II; `make kills` tries many more moments.
+KILLED_AT = (("checkpoints", 5), ("checkpoints", 17), ("checkpoints", 25), ("model_checkpoints", 5))
 _LONG = 300.0  # seconds without a checkpoint after which something hangs
 
 
@@ -30,15 +32,10 @@ def finish(scene: Path, run: Path) -> None:
     assert process.returncode == 0, said
 
 
-def newest(checkpoints: Path) -> int:
-    """The step of the newest checkpoint in a folder, -1 for none."""
-    return max((int(path.name.removeprefix("step-")) for path in checkpoints.glob("step-*")), default=-1)
-
-
-def kill(scene: Path, run: Path, checkpoints: Path, step: int) -> None:
+def kill(scene: Path, run: Path, checkpoints: Checkpoints, step: int) -> None:
     """Train until there is a checkpoint of at least `step`, and no longer."""
     process, began = start(scene, run), time.monotonic()
-    while newest(checkpoints) < step:
+    while (checkpoints.newest_step() or 0) < step:
         assert process.poll() is None, process.stderr.read().decode()
         assert time.monotonic() - began < _LONG
         time.sleep(0.01)
@@ -58,8 +55,8 @@ def test_a_run_killed_again_and_again_ends_with_the_same_bits(tmp_path):
     finish(scene, tmp_path / "whole")  # which compiles the kernels that the other finds
 
     killed = tmp_path / "killed"
-    for folder, step in KILLED_AT:
-        kill(scene, killed, killed / folder, step)
+    for checkpoints, step in KILLED_AT:
+        kill(scene, killed, getattr(RunFolder(killed), checkpoints), step)
         assert not (killed / "model" / "config.json").exists()  # which ends a run
     finish(scene, killed)
     ours, whole = contents(killed), contents(tmp_path / "whole")
