@@ -44,6 +44,18 @@ def test_a_solved_light_explains_its_photo():
     assert (solved >= 0).all()
 
 
+def test_what_the_asset_cannot_explain_does_not_dim_the_light(monkeypatch):
+    monkeypatch.setattr(lights_module, "refit_contrast", lambda transport, light, observed, clipped: light)
+    gbuffer, target, light = ball()
+    brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
+    photo = torch.where(brighter, 1.5, 0.5)[:, None] * target.color
+    start = torch.full_like(light, 0.5)
+    solved = solve_target_light(photo, target.clipped, gbuffer, start, None, CONFIG, times=6)
+    operator = cached(CONFIG.light_resolution)
+    shown = shade(gbuffer, operator, operator.apply(solved))
+    assert float(shown.mean() / photo.mean()) == pytest.approx(1, abs=0.02)  # with the photo's own weights .854
+
+
 def test_rows_lie_in_the_mask_and_come_once():
     gbuffer, target, _ = ball()
     lights = Lights(["ball"], CONFIG, CPU, 0)

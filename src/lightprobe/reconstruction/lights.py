@@ -29,10 +29,14 @@ def solve_target_light(
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
     not pin are pulled towards the mean colour of `start`. It is solved so `times` times, each time from the last light.
+
+    Pixels weigh as tone mapping has it, by what the last light shows there. By the photo's own values, pixels that are
+    darker than the asset can explain would weigh more than those that are brighter: every light would be too dim.
     """
     transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
-    weight, light = tone_weight(observed.mean(1)), start
+    light = start
     for _ in range(times):
+        weight = tone_weight(transport.apply(light).mean(1))
         prior = light.mean((0, 1, 2)).expand_as(light)
         light = solve_light(
             transport, observed, weight, clipped, prior,
