@@ -5,17 +5,14 @@ is nearly finished its points are sorted into a few materials by colour, roughne
 of the present material is made metal there, or no longer metal, and held so while everything else, lights included,
 fits itself to it for a short time, as the present material does.
 
-What is explained better may be so because another material is still wrong. So of several changes the best is made
-first, and each further one must be for the better beside those.
-
-Two things must speak for a change over the photos: the material's own pixels are explained better, by more than
+Two things must speak for the change over the photos: the material's own pixels are explained better, by more than
 chance; and each half of the object is explained no worse by the other half's light (`reconstruction.agreement`), as a
 metal under a light that is free to bend explains its own pixels only too well. Wrong changes are worse in both by far.
 """
 
 import copy
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -47,34 +44,21 @@ def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMater
         return None
     points = _drawn(samples, seed)
     materials = Materials.of(material, points, seed)
-
-    def fitted(numbers: Sequence[int]) -> Trial:
-        changed = material
-        for number in numbers:
-            changed = _changed(changed, materials, number, points, seed)
-        trial = Trial(changed if numbers else copy.deepcopy(material), samples, lights, 1.0, seed)
-        trial.fit((material.config.trial_steps + 1) // 2)
-        return trial
-
-    def evidence(trial: Trial, number: int, agreement: Callable[[], Tensor] | None = None) -> Evidence:
-        return Evidence.of(trial, functools.partial(_of_material, materials, number), _FEWEST_PIXELS, agreement)
-
-    present, candidates = fitted([]), []
+    steps, accepted = (material.config.trial_steps + 1) // 2, []
+    present = Trial(copy.deepcopy(material), samples, lights, 1.0, seed)
+    present.fit(steps)
     agreement = agreement_of(present)
     for number, share in enumerate(materials.shares(points)):
-        if share >= _SMALLEST:
-            trial = fitted([number])
-            before, after = evidence(present, number, agreement), evidence(trial, number)
-            if after.speaks_for_change(before):
-                candidates.append((float(after.own_gain(before).mean()), number, trial))
-    candidates.sort(key=lambda candidate: -candidate[0])
-    accepted: list[int] = []
-    best = present
-    for _, number, alone in candidates:
-        trial = fitted([*accepted, number]) if accepted else alone
-        if not accepted or evidence(trial, number).speaks_for_change(evidence(best, number)):
-            accepted, best = [*accepted, number], trial
-    return _let_go(best, points, seed) if accepted else None
+        if share < _SMALLEST:
+            continue
+        held = _changed(material, materials, number, points, seed)
+        trial = Trial(held, samples, lights, 1.0, seed)
+        trial.fit(steps)
+        part = functools.partial(_of_material, materials, number)
+        before = Evidence.of(present, part, _FEWEST_PIXELS, agreement)
+        if Evidence.of(trial, part, _FEWEST_PIXELS).speaks_for_change(before):
+            accepted.append(number)
+    return _with_all(accepted, material, materials, points, samples, lights, seed)
 
 
 def _drawn(samples: Sequence[Sample], seed: int) -> Tensor:
@@ -125,10 +109,20 @@ def _of_material(materials: Materials, number: int, sample: Sample) -> Tensor:
     return (materials.at(sample.pixels.position) == number).nonzero()[:, 0]
 
 
-def _let_go(trial: Trial, points: Tensor, seed: int) -> Trial:
-    """Return the trial, its metallic no longer held: the field has learnt what was."""
+def _with_all(
+    numbers: Sequence[int], material: ScaledMaterial, materials: Materials, points: Tensor, samples: Sequence[Sample],
+    lights: Lights, seed: int,
+) -> Trial | None:  # fmt: skip
+    """Return the trial in which all the changes are made together, fitted, and then let go."""
+    if not numbers:
+        return None
+    changed = material
+    for number in numbers:
+        changed = _changed(changed, materials, number, points, seed)
+    trial = Trial(changed, samples, lights, 1.0, seed)
+    trial.fit((material.config.trial_steps + 1) // 2)
     with torch.no_grad():
-        fitted = trial.material(points)
+        fitted = trial.material(points)  # held values among them, which the field does not know
     trial.material.held = []
     _fit_field(trial.material, points, fitted, seed)
     return trial
