@@ -23,20 +23,21 @@ from lightprobe.training.recording import RecordedStep, recorder_for
 
 def solve_target_light(
     observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor | None, config: DecomposeConfig,
-    times: int = 1,
+    times: int = 1, *, by_photo: bool = False,
 ) -> Tensor:  # fmt: skip
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from `start`.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
     not pin are pulled towards the mean colour of `start`. It is solved so `times` times, each time from the last light.
 
-    Pixels weigh as tone mapping has it, by what the last light shows there. By the photo's own values, pixels that are
-    darker than the asset can explain would weigh more than those that are brighter: every light would be too dim.
+    Pixels weigh as tone mapping has it, by what the last light shows there. With `by_photo` they weigh by the photo's
+    own values: pixels that are darker than the asset can explain then weigh more than those that are brighter, and
+    every light is too dim. The first pass still does so, as its trials rely on it (docs/decisions/light-weights.md).
     """
     transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
     light = start
     for _ in range(times):
-        weight = tone_weight(transport.apply(light).mean(1))
+        weight = tone_weight((observed if by_photo else transport.apply(light)).mean(1))
         prior = light.mean((0, 1, 2)).expand_as(light)
         light = solve_light(
             transport, observed, weight, clipped, prior,
@@ -54,8 +55,8 @@ class _VisitSolver:
     singly.
     """
 
-    def __init__(self, config: DecomposeConfig, device: torch.device):
-        self._config, self._device = config, device
+    def __init__(self, config: DecomposeConfig, device: torch.device, by_photo: bool):
+        self._config, self._device, self._by_photo = config, device, by_photo
         self._vertices = 0
         self._solve: RecordedStep | None = None
 
@@ -71,7 +72,8 @@ class _VisitSolver:
 
     def _step(self, like: GBuffer) -> Callable[..., Tensor]:
         def step(observed: Tensor, clipped: Tensor, start: Tensor, *tensors: Tensor) -> Tensor:
-            return solve_target_light(observed, clipped, like.holding(tensors), start, None, self._config)
+            seen = like.holding(tensors)
+            return solve_target_light(observed, clipped, seen, start, None, self._config, by_photo=self._by_photo)
 
         return step
 
@@ -79,7 +81,10 @@ class _VisitSolver:
 class Lights:
     """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights alone."""
 
-    def __init__(self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int):
+    def __init__(
+        self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int, *, by_photo: bool = False
+    ):
+        """Start with grey lights of the photos `names`; by_photo: as in `solve_target_light`."""
         self.index = {name: i for i, name in enumerate(names)}
         self.config = config
         self.seed = seed
@@ -88,7 +93,7 @@ class Lights:
         shape = (6, resolution, resolution, 3)
         self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
         self.prefilter = prefilters.cached(resolution, device)
-        self._solver = _VisitSolver(config, device)
+        self._solver = _VisitSolver(config, device, by_photo)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
         """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""

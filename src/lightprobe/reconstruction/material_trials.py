@@ -106,7 +106,7 @@ class Trial:
         solved, fitted = order.to(color.device).tensor_split(2)
         with torch.no_grad():
             light = solve_target_light(
-                color[solved], clipped[solved], pixels, self.lights[sample.name], solved, self.config
+                color[solved], clipped[solved], pixels, self.lights[sample.name], solved, self.config, by_photo=True
             )
         self.lights[sample.name] = light
         image = displayed_error(render(pixels.select(fitted), light), color[fitted], clipped[fitted])

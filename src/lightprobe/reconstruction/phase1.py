@@ -145,8 +145,11 @@ def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
 
 
 def _lights(job: Job, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
-    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each photo."""
-    lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed)
+    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each photo.
+
+    Grey ones are the first pass's.
+    """
+    lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed, by_photo=stacked is None)
     if stacked is not None:
         lights.load(stacked)
     return lights
