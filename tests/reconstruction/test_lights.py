@@ -50,10 +50,12 @@ def test_what_the_asset_cannot_explain_does_not_dim_the_light(monkeypatch):
     brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
     photo = torch.where(brighter, 1.5, 0.5)[:, None] * target.color
     start = torch.full_like(light, 0.5)
-    solved = solve_target_light(photo, target.clipped, gbuffer, start, None, CONFIG, times=6)
-    operator = cached(CONFIG.light_resolution)
-    shown = shade(gbuffer, operator, operator.apply(solved))
-    assert float(shown.mean() / photo.mean()) == pytest.approx(1, abs=0.02)  # with the photo's own weights .854
+    operator, shown = cached(CONFIG.light_resolution), {}
+    for by_photo in (False, True):
+        solved = solve_target_light(photo, target.clipped, gbuffer, start, None, CONFIG, times=6, by_photo=by_photo)
+        shown[by_photo] = float(shade(gbuffer, operator, operator.apply(solved)).mean() / photo.mean())
+    assert shown[False] == pytest.approx(1, abs=0.02)
+    assert shown[True] < 0.9
 
 
 def test_rows_lie_in_the_mask_and_come_once():
@@ -110,6 +112,16 @@ def test_a_gpu_solves_from_a_recording_what_it_solves_singly(monkeypatch):
     recorded = visits()
     monkeypatch.setattr(lights_module, "recorder_for", lambda device: None)
     torch.testing.assert_close(recorded, visits(), rtol=1e-3, atol=1e-4)
+
+
+def test_visits_weigh_pixels_as_their_lights_are_told_to():
+    gbuffer, target, _ = ball()
+    brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
+    target = replace(target, color=torch.where(brighter, 1.5, 0.5)[:, None] * target.color)
+    visited = [Lights(["ball"], CONFIG, CPU, 0, by_photo=by_photo) for by_photo in (False, True)]
+    for lights in visited:
+        lights.levels(target, gbuffer, 0)
+    assert not torch.allclose(visited[0].maps[0], visited[1].maps[0], rtol=1e-3)
 
 
 def test_a_visit_solves_the_light_or_leaves_it_to_gradients():
