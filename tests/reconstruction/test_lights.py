@@ -32,6 +32,12 @@ def ball():
     return gbuffer, Target("ball", view, color, alpha, torch.zeros(1500, 3, dtype=torch.bool)), light
 
 
+def unexplained(color):
+    """Return the photo `color` (1500, 3) with its pixels 1.5 or .5 times as bright, drawn at random."""
+    brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
+    return torch.where(brighter, 1.5, 0.5)[:, None] * color
+
+
 def test_a_solved_light_explains_its_photo():
     gbuffer, target, light = ball()
     rows, start = torch.arange(0, 1500, 2), torch.full_like(light, 0.5)
@@ -47,8 +53,7 @@ def test_a_solved_light_explains_its_photo():
 def test_what_the_asset_cannot_explain_does_not_dim_the_light(monkeypatch):
     monkeypatch.setattr(lights_module, "refit_contrast", lambda transport, light, observed, clipped: light)
     gbuffer, target, light = ball()
-    brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
-    photo = torch.where(brighter, 1.5, 0.5)[:, None] * target.color
+    photo = unexplained(target.color)
     start = torch.full_like(light, 0.5)
     operator, shown = cached(CONFIG.light_resolution), {}
     for by_photo in (False, True):
@@ -116,8 +121,7 @@ def test_a_gpu_solves_from_a_recording_what_it_solves_singly(monkeypatch):
 
 def test_visits_weigh_pixels_as_their_lights_are_told_to():
     gbuffer, target, _ = ball()
-    brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
-    target = replace(target, color=torch.where(brighter, 1.5, 0.5)[:, None] * target.color)
+    target = replace(target, color=unexplained(target.color))
     visited = [Lights(["ball"], CONFIG, CPU, 0, by_photo=by_photo) for by_photo in (False, True)]
     for lights in visited:
         lights.levels(target, gbuffer, 0)

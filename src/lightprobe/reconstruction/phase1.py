@@ -147,7 +147,7 @@ def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
 def _lights(job: Job, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
     """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each photo.
 
-    Grey ones are the first pass's.
+    Grey ones are the first pass's, which weighs pixels by the photo.
     """
     lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed, by_photo=stacked is None)
     if stacked is not None:
