@@ -51,7 +51,7 @@ def test_a_solved_light_explains_its_photo():
 
 
 def test_what_the_asset_cannot_explain_does_not_dim_the_light(monkeypatch):
-    monkeypatch.setattr(lights_module, "refit_contrast", lambda transport, light, observed, clipped: light)
+    monkeypatch.setattr(lights_module, "refit_contrast", lambda transport, solved, observed, clipped: solved.light)
     gbuffer, target, light = ball()
     photo = unexplained(target.color)
     start = torch.full_like(light, 0.5)

@@ -1,5 +1,7 @@
 """A transport that is a matrix of numbers, for tests of what inverts one."""
 
+import functools
+
 import torch
 from torch import Tensor
 
@@ -11,6 +13,7 @@ class DenseTransport(Transport):
 
     def __init__(self, matrix: Tensor):
         self.matrix = matrix
+        self.resolution = round((matrix.shape[2] / 6) ** 0.5)
 
     @staticmethod
     def random(pixels: int, resolution: int, seed: int = 0) -> "DenseTransport":
@@ -26,5 +29,10 @@ class DenseTransport(Transport):
 
     def adjoint(self, radiance: Tensor) -> Tensor:
         """Return the transpose of `apply` on (P, 3): (6, R, R, 3)."""
-        resolution = round((self.matrix.shape[2] / 6) ** 0.5)
-        return torch.einsum("cpk,pc->kc", self.matrix, radiance).reshape(6, resolution, resolution, 3)
+        texels = torch.einsum("cpk,pc->kc", self.matrix, radiance)
+        return texels.reshape(6, self.resolution, self.resolution, 3)
+
+    @functools.cached_property
+    def white(self) -> Tensor:
+        """The radiance (P, 3) under a light of 1 everywhere."""
+        return self.matrix.sum(2).T

@@ -17,6 +17,12 @@ def case(exposure=1.0):
     return transport, light, transport.apply(light)
 
 
+def refitted(transport, light, observed, clipped=None):
+    """Return a light with brightness and contrast refitted to pixels, none of them clipped where nothing is said."""
+    clipped = torch.zeros_like(observed, dtype=torch.bool) if clipped is None else clipped
+    return refit_contrast(transport, transport.lit(light), observed, clipped)
+
+
 def dimmed(light, brightness, contrast):
     mean = light.mean((0, 1, 2)).expand_as(light)
     return brightness * mean + contrast * (light - mean)
@@ -25,7 +31,7 @@ def dimmed(light, brightness, contrast):
 @pytest.mark.parametrize("exposure", [1.0, 0.01, 50.0])
 def test_brightness_and_contrast_come_back(exposure):
     transport, light, observed = case(exposure)
-    found = refit_contrast(transport, dimmed(light, 0.8, 0.75), observed, torch.zeros_like(observed, dtype=torch.bool))
+    found = refitted(transport, dimmed(light, 0.8, 0.75), observed)
     torch.testing.assert_close(found, light, rtol=1e-3, atol=1e-3 * exposure)
 
 
@@ -34,23 +40,23 @@ def test_stray_and_clipped_pixels_do_not_count():
     white = torch.quantile(observed, 0.6)
     shown = observed.clamp(max=float(white))
     shown[::10] = 0.0  # shadows that the model does not know
-    found = refit_contrast(transport, dimmed(light, 0.9, 0.9), shown, shown >= white)
+    found = refitted(transport, dimmed(light, 0.9, 0.9), shown, shown >= white)
     assert float((transport.apply(found) - observed).abs().mean() / observed.mean()) < 0.02
-    taken_as_true = refit_contrast(transport, dimmed(light, 0.9, 0.9), shown, torch.zeros_like(shown, dtype=torch.bool))
+    taken_as_true = refitted(transport, dimmed(light, 0.9, 0.9), shown)
     assert float((transport.apply(taken_as_true) - observed).abs().mean() / observed.mean()) > 0.1
 
 
 def test_a_constant_light_keeps_its_colour():
     transport = Transport(sphere_gbuffer(300), cached(R))
     light = torch.ones(6, R, R, 3) * torch.tensor([0.5, 0.4, 0.3])
-    found = refit_contrast(transport, light, 1.5 * transport.apply(light), torch.zeros(300, 3, dtype=torch.bool))
+    found = refitted(transport, light, 1.5 * transport.apply(light))
     torch.testing.assert_close(found, 1.5 * light, rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.parametrize(("factor", "most"), [(9.0, 2.0), (0.1, 0.5)])
 def test_a_light_is_at_most_doubled_or_halved(factor, most):
     transport, light, observed = case()
-    found = refit_contrast(transport, light, factor * observed, torch.zeros_like(observed, dtype=torch.bool))
+    found = refitted(transport, light, factor * observed)
     torch.testing.assert_close(found, most * light)
 
 
@@ -58,8 +64,7 @@ def test_channels_have_a_brightness_each_and_one_contrast():
     transport, light, _ = case()
     mean = light.mean((0, 1, 2)).expand_as(light)
     truth = torch.tensor([1.3, 0.8, 1.1]) * mean + 0.9 * (light - mean)
-    nothing = torch.zeros(800, 3, dtype=torch.bool)
-    found = refit_contrast(transport, light, transport.apply(truth), nothing)
+    found = refitted(transport, light, transport.apply(truth))
     torch.testing.assert_close(found, truth.clamp(min=0), rtol=2e-3, atol=2e-3)
 
 
@@ -88,7 +93,7 @@ def test_six_rounds_of_reweighted_least_squares_in_displayed_values():
     assert all(0.55 < x < 1.9 for x in (*a, b))
     assert clipped.sum() > 10
     expected = torch.from_numpy(a) * flat + b * (light - flat)
-    torch.testing.assert_close(refit_contrast(transport, light, observed, clipped), expected.clamp(min=0))
+    torch.testing.assert_close(refitted(transport, light, observed, clipped), expected.clamp(min=0))
 
 
 def test_a_light_of_no_contrast_keeps_the_contrast_that_rounding_leaves_it():
@@ -96,6 +101,6 @@ def test_a_light_of_no_contrast_keeps_the_contrast_that_rounding_leaves_it():
     transport = DenseTransport.random(40, 2)
     light = torch.full((6, 2, 2, 3), 0.5, dtype=torch.float64)
     observed = transport.apply(light) * torch.rand(40, 1, generator=torch.Generator().manual_seed(4)).double()
-    found = refit_contrast(transport, light, observed, torch.zeros(40, 3, dtype=torch.bool))
+    found = refitted(transport, light, observed)
     assert torch.isfinite(found).all()
     assert float((found - found.mean((0, 1, 2))).abs().max()) < 1e-12

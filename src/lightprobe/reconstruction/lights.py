@@ -37,14 +37,15 @@ def solve_target_light(
     transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
     light = start
     for _ in range(times):
-        weight = tone_weight((observed if by_photo else transport.apply(light)).mean(1))
+        last = transport.lit(light)
+        weight = tone_weight((observed if by_photo else last.radiance).mean(1))
         prior = light.mean((0, 1, 2)).expand_as(light)
-        light = solve_light(
+        solved = solve_light(
             transport, observed, weight, clipped, prior,
-            regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=light,
+            regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=last,
             chroma=config.light_chroma,
         )  # fmt: skip
-        light = refit_contrast(transport, light, observed, clipped)
+        light = refit_contrast(transport, solved, observed, clipped)
     return light
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.light.photometry import beyond_clipping, exposure_unit, tone_slope
-from lightprobe.render.transport import Transport
+from lightprobe.render.transport import LitPixels, Transport
 
 _ROUNDS = 6  # of iteratively reweighted least squares
 _FLOOR = 0.005  # displayed error below which all pixels count alike
@@ -16,16 +16,16 @@ _LEAST, _MOST = 0.5, 2.0  # a light is never changed by more
 
 
 @torch.no_grad()
-def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clipped: Tensor) -> Tensor:
-    """Return the light a m + b (E - m) >= 0 of E = `light` (6, R, R, 3) with m its mean colour.
+def refit_contrast(transport: Transport, solved: LitPixels, observed: Tensor, clipped: Tensor) -> Tensor:
+    """Return the light a m + b (E - m) >= 0 of the `solved` one E (6, R, R, 3) with m its mean colour.
 
     a per channel, and one b for all three, minimise the sum of absolute displayed errors of the pixels `observed`
     (P, 3) linear; where `clipped` (P, 3) bool, a brighter render is no error. Scales with the photo's exposure.
     """
     unit = exposure_unit(observed)  # errors are compared as if the photo were well exposed
-    flat = light.mean((0, 1, 2)).expand_as(light)
-    mean = transport.apply(flat) / unit
-    varying = transport.apply(light) / unit - mean
+    light, color = solved.light, solved.light.mean((0, 1, 2))
+    mean = color * transport.white / unit
+    varying = solved.radiance / unit - mean
     target = observed / unit
     a, b = torch.ones(3, device=light.device), torch.ones((), device=light.device)
     for _ in range(_ROUNDS):
@@ -34,7 +34,7 @@ def refit_contrast(transport: Transport, light: Tensor, observed: Tensor, clippe
         weight = slope.square() / (slope * (render - target).abs() + _FLOOR)
         weight = torch.where(beyond_clipping(render, target, clipped), 0.0, weight)
         a, b = _least_squares(mean, varying, target, weight)
-    return (a * flat + b * (light - flat)).clamp(min=0)
+    return (a * color + b * (light - color)).clamp(min=0)
 
 
 def _least_squares(mean: Tensor, varying: Tensor, wanted: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:

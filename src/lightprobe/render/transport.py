@@ -6,6 +6,7 @@ All entries of A are non-negative.
 """
 
 import copy
+import functools
 import math
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,14 @@ _LEAST_SHARE = 0.05  # of the mean channel: fainter ones are compared as if they
 _FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps along a direction before the line search; 1 is safe, 4 still common
 
 
+@dataclass(frozen=True)
+class LitPixels:
+    """A light, and what pixels show under it."""
+
+    light: Tensor  # (6, R, R, 3) >= 0
+    radiance: Tensor  # (P, 3)
+
+
 class Transport:
     """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of the chosen pixels; no autograd."""
 
@@ -35,6 +44,7 @@ class Transport:
         shading = Shading.of(gbuffer, prefilter)
         self._normal, self._visibility, self._factors = shading.normal, shading.visibility, shading.factors
         self._looked_up = look_up(gbuffer.normal.device)(shading.taps, prefilter)
+        self.resolution = prefilter.resolution
 
     def select(self, rows: Tensor) -> "Transport":
         """Return the operator of the pixels at `rows` (K,) int64 alone."""
@@ -42,7 +52,18 @@ class Transport:
         part._normal, part._factors = self._normal[rows], self._factors[:, rows]
         part._visibility = None if self._visibility is None else self._visibility.select(rows)
         part._looked_up = self._looked_up.select(rows)
+        part.__dict__.pop("white", None)  # that of all pixels
         return part
+
+    @functools.cached_property
+    def white(self) -> Tensor:
+        """The radiance (P, 3) under a light of 1 everywhere: that of a constant one is its colour times this."""
+        return self.apply(torch.ones(6, self.resolution, self.resolution, 3, device=self._normal.device))
+
+    def lit(self, env: Tensor) -> LitPixels:
+        """Return a light (6, R, R, 3), 0 where it is negative, with what the pixels show under it."""
+        env = env.clamp(min=0)
+        return LitPixels(env, self.apply(env))
 
     def apply(self, env: Tensor) -> Tensor:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
@@ -64,8 +85,8 @@ class Transport:
 @torch.no_grad()
 def solve_light(
     transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float,
-    iterations: int, start: Tensor | None = None, chroma: float = 0.0,
-) -> Tensor:  # fmt: skip
+    iterations: int, start: LitPixels | None = None, chroma: float = 0.0,
+) -> LitPixels:  # fmt: skip
     """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`; deterministic.
 
     Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,
@@ -83,12 +104,11 @@ def solve_light(
     costs one application and one adjoint. The preconditioner M is the majorant of the Hessian that comes free with
     A >= 0 (`_Problem`). `start` (default: the prior) warms up the search.
     """
-    light = (prior if start is None else start).clamp(min=0)
-    coupling = _ChannelCoupling.of(light, prior, chroma)
+    state = start or transport.lit(prior)
+    coupling = _ChannelCoupling.of(state.light, prior, chroma)
     problem = _Problem.build(transport, observed, weight, clipped, prior, regularisation, coupling)
-    state = _State(light, transport.apply(light))
     direction = previous = None
-    trial = torch.full((), _FIRST_TRIAL, device=light.device)
+    trial = torch.full((), _FIRST_TRIAL, device=prior.device)
     for _ in range(iterations):
         gradient = problem.gradient(state)
         free = (state.light > 0) | (gradient < 0)
@@ -100,7 +120,7 @@ def solve_light(
         state, share = problem.step(state, move, gradient)
         direction = move / trial
         trial = (2 * share * trial).clamp(min=_LEAST_TRIAL)
-    return state.light
+    return state
 
 
 def _conjugate(
@@ -113,14 +133,6 @@ def _conjugate(
     share = ((scaled * (gradient - old_gradient)).sum() / old_product.clamp(min=_TINY)).clamp(min=0.0)
     conjugate = torch.where(free, share * direction - scaled, 0.0)
     return torch.where((conjugate * gradient).sum() < 0, conjugate, -scaled)
-
-
-@dataclass(frozen=True)
-class _State:
-    """A light and its render."""
-
-    light: Tensor  # (6, R, R, 3)
-    render: Tensor  # (P, 3)
 
 
 @dataclass(frozen=True)
@@ -192,12 +204,11 @@ class _Problem:
     ) -> "_Problem":  # fmt: skip
         """Return the problem; when no pixel has any weight, every light solves it."""
         weight = (weight / weight.sum().clamp(min=_TINY))[:, None]
-        white = transport.apply(torch.ones_like(prior))
-        gain = (weight * white.square()).sum(0).mean()
+        gain = (weight * transport.white.square()).sum(0).mean()
         solid_angle = cubemap.solid_angles(prior.shape[1], prior.device)[..., None]
         unit = gain * solid_angle / (4.0 * math.pi)
         stiffness = regularisation * unit
-        majorant = transport.adjoint(weight * white) + stiffness
+        majorant = transport.adjoint(weight * transport.white) + stiffness
         if coupling is not None:
             coupling = coupling.weighted(unit)
             majorant = majorant + coupling.majorant()
@@ -207,21 +218,21 @@ class _Problem:
         """Return render - observed, zero where a clipped pixel is rendered brighter."""
         return one_sided_residual(render, self.observed, self.clipped)
 
-    def gradient(self, state: _State) -> Tensor:
+    def gradient(self, state: LitPixels) -> Tensor:
         """Return half the gradient of the objective, (6, R, R, 3)."""
-        data = self.transport.adjoint(self.weight * self.residual(state.render))
+        data = self.transport.adjoint(self.weight * self.residual(state.radiance))
         gradient = data + self.stiffness * (state.light - self.prior)
         return gradient if self.coupling is None else gradient + self.coupling.gradient(state.light)
 
-    def step(self, state: _State, move: Tensor, gradient: Tensor) -> tuple[_State, Tensor]:
+    def step(self, state: LitPixels, move: Tensor, gradient: Tensor) -> tuple[LitPixels, Tensor]:
         """Return the best state between the present one and `move` away, and which share () of the move that is.
 
         Exact while no clipped pixel changes sides on the way.
         """
         change = self.transport.apply(move)
-        active = ~beyond_clipping(state.render, self.observed, self.clipped)
+        active = ~beyond_clipping(state.radiance, self.observed, self.clipped)
         curvature = (self.weight * active * change.square()).sum() + (self.stiffness * move.square()).sum()
         if self.coupling is not None:
             curvature = curvature + self.coupling.curvature(move)
         share = (-(gradient * move).sum() / curvature.clamp(min=_TINY)).clamp(0, 1)
-        return _State(state.light + share * move, state.render + share * change), share
+        return LitPixels(state.light + share * move, state.radiance + share * change), share
