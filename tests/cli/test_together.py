@@ -42,6 +42,14 @@ def test_photos_of_one_light_give_one_map(trained, opaque, tmp_path, capsys):
     assert not np.allclose(both, read_hdr(tmp_path / "alone.exr"), rtol=0.05)
 
 
+def test_a_photo_that_is_given_twice_is_refused_before_any_work(trained, opaque, tmp_path, capsys):
+    image, out = opaque[0][0], tmp_path / "light.exr"
+    arguments = ["predict", trained[1].path, image, image, *given(opaque), "--one-light", "-o", out]
+    assert main([str(argument) for argument in arguments]) == 3
+    assert "same name" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_exposures_come_from_exif_where_all_photos_tell_them(trained, opaque, tmp_path, capsys):
     images = []
     for path, seconds in zip(opaque[0], (0.01, 0.02), strict=True):

@@ -202,9 +202,12 @@ def predict_one_light(
     """Predict and write the one light that all photos of a run's object were taken under.
 
     The map is named after the first photo. The rest as in `predict_photos`. Photos that cannot serve are left out;
-    raises `InputError` when none is left.
+    raises `InputError` when none is left, and `ConfigError` when two photos have the same name: a photo that is given
+    twice tells nothing more, and what is found of two that are named alike would go into one file.
     """
     run, files = _checked(run_folder, images, files)
+    if len({file_stem(image) for image in images}) < len(images):
+        raise ConfigError("Two of the photos have the same name; give each once, and rename those that are named alike.")
     target = MapFiles.of(run, images[0], False, method, files)
     _refuse_replacing([target.output, target.confidence], images, files)
     folders = [target.output.parent] * len(images)
