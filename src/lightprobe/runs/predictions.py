@@ -207,7 +207,7 @@ def predict_one_light(
     """
     run, files = _checked(run_folder, images, files)
     if len({file_stem(image) for image in images}) < len(images):
-        raise ConfigError("Two of the photos have the same name; give each once, and rename those that are named alike.")
+        raise ConfigError("Two of the photos have the same name; give each once, and rename those named alike.")
     target = MapFiles.of(run, images[0], False, method, files)
     _refuse_replacing([target.output, target.confidence], images, files)
     folders = [target.output.parent] * len(images)
