@@ -1,9 +1,10 @@
 """Measure what `lightprobe prepare` makes of plain photos whose cameras and masks are known: tables in Markdown.
 
-    python tools/measure_prepare.py DATA --work WORK [--scenes cape liberty turntable]
+    python tools/measure_prepare.py DATA --work WORK [--scenes cape liberty turntable] [--hint PHOTO]
 
 DATA/nerd/SCENE holds photos of real scenes with `poses_bounds.npy` and masks; the turntable is rendered by
-`tools/turntable_photos.py`. Only the photos are given to `prepare`, and the mask of the photo in the middle as hint.
+`tools/turntable_photos.py`. Only the photos are given to `prepare`, and the mask of one photo as hint: the photo in the middle of the list, which
+may be a close-up, or the one that `--hint` names.
 Cameras are compared after the similarity that fits their positions best; distance is that of a camera from the object.
 What is in WORK already is not made again, so that times are those of the first run.
 """
@@ -104,11 +105,11 @@ def written_cameras(scene: Path) -> dict[str, Camera]:
     return {photo.name: photo.camera for _, photo in read_folder(scene, Problems()).all_photos()}
 
 
-def measure(name: str, truth: Truth, work: Path, hinted: bool) -> str:
-    """Prepare one scene and return its row of the table."""
-    middle = sorted(truth.masks)[len(truth.masks) // 2]
-    photo = next(path for path in sorted(truth.photos.iterdir()) if path.stem == middle)
-    hint = f"{photo.name}={truth.masks[middle]}" if hinted else None
+def measure(name: str, truth: Truth, work: Path, hinted: bool, chosen: str | None = None) -> str:
+    """Prepare one scene and return its row of the table; chosen: the hint's photo, by default the one in the middle."""
+    marked = chosen or sorted(truth.masks)[len(truth.masks) // 2]
+    photo = next(path for path in sorted(truth.photos.iterdir()) if path.stem == marked)
+    hint = f"{photo.name}={truth.masks[marked]}" if hinted else None
     scene, start = work / f"{name}-{'hint' if hinted else 'bare'}", time.monotonic()
     report = prepare(truth.photos, scene, PrepareOptions(hint=hint)).report
     seconds = time.monotonic() - start
@@ -130,12 +131,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, required=True, help="folder for scenes and the rendered turntable")
     parser.add_argument("--scenes", nargs="*", default=["cape", "liberty", "turntable"])
     parser.add_argument("--bare", action="store_true", help="without the hint")
+    parser.add_argument("--hint", metavar="PHOTO", help="name of the photo whose mask is the hint, for one scene")
     given = parser.parse_args(arguments)
+    if given.hint is not None and len(given.scenes) != 1:
+        parser.error("--hint names a photo of one scene; give that scene with --scenes.")
     print(_HEAD, flush=True)
     for name in given.scenes:
         rendered = name == "turntable"
         truth = turntable(given.work / "photos") if rendered else real_scene(given.data / "nerd" / name)
-        print(measure(name, truth, given.work, not given.bare), flush=True)
+        if given.hint is not None and given.hint not in truth.masks:
+            parser.error(f"--hint: {name} has no photo {given.hint} with a mask.")
+        print(measure(name, truth, given.work, not given.bare, given.hint), flush=True)
     return 0
 
 
