@@ -3,9 +3,9 @@
     python tools/measure_prepare.py DATA --work WORK [--scenes cape liberty turntable] [--hint PHOTO]
 
 DATA/nerd/SCENE holds photos of real scenes with `poses_bounds.npy` and masks; the turntable is rendered by
-`tools/turntable_photos.py`. Only the photos are given to `prepare`, and the mask of one photo as hint: the photo in the middle of the list, which
-may be a close-up, or the one that `--hint` names.
-Cameras are compared after the similarity that fits their positions best; distance is that of a camera from the object.
+`tools/turntable_photos.py`. Only the photos are given to `prepare`, and the mask of one photo as hint: the photo in
+the middle of the list, which may be a close-up, or the one that `--hint` names. Cameras are compared after the
+similarity that fits their positions best; distance is that of a camera from the object.
 What is in WORK already is not made again, so that times are those of the first run.
 """
 
