@@ -32,7 +32,8 @@ def solve_target_light(
 
     Pixels weigh as tone mapping has it, by what the last light shows there. With `by_photo` they weigh by the photo's
     own values: pixels that are darker than the asset can explain then weigh more than those that are brighter, and
-    every light is too dim. The first pass still does so, as its trials rely on it (docs/decisions/light-weights.md).
+    every light is too dim. A first pass that tries materials still does so, as what its trials ask for was set with it
+    (docs/decisions/light-weights.md).
     """
     transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
     light = start
@@ -89,6 +90,7 @@ class Lights:
         self.index = {name: i for i, name in enumerate(names)}
         self.config = config
         self.seed = seed
+        self.by_photo = by_photo
         resolution = config.light_resolution
         self.gradient = config.light_update is LightUpdate.GRADIENT
         shape = (6, resolution, resolution, 3)
