@@ -102,7 +102,8 @@ def solve_light(
     Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0, and an
     exact line search follows between the light and the projected point: all of that segment is valid, so an iteration
     costs one application and one adjoint. The preconditioner M is the majorant of the Hessian that comes free with
-    A >= 0 (`_Problem`). `start` (default: the prior) warms up the search.
+    A >= 0 (`_Problem`). `start` (default: the prior) warms up the search. The light comes with A E, which is known by
+    then.
     """
     state = start or transport.lit(prior)
     coupling = _ChannelCoupling.of(state.light, prior, chroma)
