@@ -38,14 +38,14 @@ def main() -> None:
     transport = Transport(seen.gbuffer, prefilter.cached(RESOLUTION), seen.rows)
     weight = relative_tone_weight(seen.pixels.color, seen.light_level)
     grey = seen.light_level.expand(6, RESOLUTION, RESOLUTION, 3).contiguous()
-    light = solve_light(
+    solved = solve_light(
         transport, seen.pixels.color, weight, seen.clipped, grey, regularisation=given.pull, iterations=20
     )
 
-    for name, env in (("grey", grey), ("solved", light)):
-        error = (transport.apply(env) - seen.pixels.color).square().mean().sqrt()
+    for name, radiance in (("grey", transport.apply(grey)), ("solved", solved.radiance)):
+        error = (radiance - seen.pixels.color).square().mean().sqrt()
         print(f"{name:>6} light: root mean square error of {len(seen.rows)} pixels {error:.4f}, linear")
-    Environment(light).save(given.output)
+    Environment(solved.light).save(given.output)
     print(f"wrote {given.output}")
 
 
