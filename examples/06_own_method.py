@@ -43,9 +43,11 @@ def main() -> None:
 
     predictor = lightprobe.Predictor.load(given.run)
     known = predictor.decomposition
-    methods: dict[str, Callable] = {"sky and ground": lambda *photo: sky_and_ground(known, *photo)}
+    methods: dict[str, Callable] = {"sky and ground": lambda pixels, camera: sky_and_ground(known, pixels, camera)}
     for method in (Method.CONSTANT, Method.SOLVE, Method.PROBE_NET_OPTIMIZE):
-        methods[method.value] = lambda *photo, m=method: predictor.predict(*photo, m, refuse=False).environment
+        methods[method.value] = lambda pixels, camera, m=method: (
+            predictor.predict(pixels, camera, m, refuse=False).environment
+        )
     for photo in lightprobe.load_scene(given.scene).test:
         pixels, camera = load_pixels(photo)
         color, alpha = torch.from_numpy(pixels.color), torch.from_numpy(pixels.alpha)
