@@ -45,9 +45,7 @@ def main() -> None:
     known = predictor.decomposition
     methods: dict[str, Callable] = {"sky and ground": lambda pixels, camera: sky_and_ground(known, pixels, camera)}
     for method in (Method.CONSTANT, Method.SOLVE, Method.PROBE_NET_OPTIMIZE):
-        methods[method.value] = lambda pixels, camera, m=method: (
-            predictor.predict(pixels, camera, m, refuse=False).environment
-        )
+        methods[method.value] = lambda seen, view, m=method: predictor.predict(seen, view, m, refuse=False).environment
     for photo in lightprobe.load_scene(given.scene).test:
         pixels, camera = load_pixels(photo)
         color, alpha = torch.from_numpy(pixels.color), torch.from_numpy(pixels.alpha)
