@@ -130,8 +130,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("data", type=Path)
     parser.add_argument("--work", type=Path, required=True, help="folder for scenes and the rendered turntable")
     parser.add_argument("--scenes", nargs="*", default=["cape", "liberty", "turntable"])
-    parser.add_argument("--bare", action="store_true", help="without the hint")
-    parser.add_argument("--hint", metavar="PHOTO", help="name of the photo whose mask is the hint, for one scene")
+    hinted = parser.add_mutually_exclusive_group()
+    hinted.add_argument("--bare", action="store_true", help="without the hint")
+    hinted.add_argument("--hint", metavar="PHOTO", help="name of the photo whose mask is the hint, for one scene")
     given = parser.parse_args(arguments)
     if given.hint is not None and len(given.scenes) != 1:
         parser.error("--hint names a photo of one scene; give that scene with --scenes.")
