@@ -51,10 +51,10 @@ def test_a_light_is_solved_from_the_colours_of_its_own_pixels(monkeypatch):
     true, photo, light = two_materials()
     explained, solve, calls = agreement.render(true, light), agreement.solve_target_light, []
 
-    def checked(observed, clipped, pixels, start, rows, *rest, **weights):
+    def checked(observed, clipped, pixels, start, rows, *rest):
         assert torch.equal(observed, photo[rows]) or torch.equal(observed, explained[rows])
         calls.append(len(rows))
-        return solve(observed, clipped, pixels, start, rows, *rest, **weights)
+        return solve(observed, clipped, pixels, start, rows, *rest)
 
     monkeypatch.setattr(agreement, "solve_target_light", checked)
     photo = photo + 0.1  # no longer what the surface explains

@@ -1,8 +1,6 @@
 """What Phase I keeps of a pass that made things worse."""
 
 import itertools
-from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 import torch
@@ -17,15 +15,6 @@ CONFIG = DecomposeConfig(
     hull_voxels=16, hash_levels=2, hash_finest=16, light_resolution=8, teacher_resolution=8, texture_size=64,
     pass3_texture_size=64, light_update=LightUpdate.GRADIENT, unwrap_seconds=0.0, shadows=False,
 )  # fmt: skip
-
-
-@pytest.mark.parametrize(("trial_steps", "by_photo"), [(0, False), (10, True)])
-def test_pixels_weigh_by_the_photo_where_materials_are_tried_and_in_the_first_pass_only(trial_steps, by_photo):
-    config = replace(DecomposeConfig(), trial_steps=trial_steps)
-    job = SimpleNamespace(config=config, device=torch.device("cpu"), seed=0)
-    photos = [SimpleNamespace(name="photo")]
-    assert phase1._lights(job, photos).by_photo is by_photo
-    assert not phase1._lights(job, photos, torch.ones(1, 6, 16, 16, 3)).by_photo
 
 
 @pytest.mark.slow

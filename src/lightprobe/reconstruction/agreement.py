@@ -60,7 +60,7 @@ def _error(
     """Return the displayed error of the rest under a light solved from a part alone, of the mean colour of `light`."""
     part, rest = half
     start = light.mean((0, 1, 2)).expand_as(light).contiguous()
-    found = solve_target_light(observed[part], clipped[part], pixels, start, part, config, _SOLVES, by_photo=True)
+    found = solve_target_light(observed[part], clipped[part], pixels, start, part, config, _SOLVES)
     return float(displayed_error(render(pixels.select(rest), found), observed[rest], clipped[rest]))
 
 

@@ -94,7 +94,7 @@ def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float, confi
     observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
     every = torch.arange(len(observed), device=observed.device)
     # Twice, as the light so far is that of another state of the asset.
-    light = solve_target_light(observed, clipped, pixels, light, every, config, times=2, by_photo=lights.by_photo)
+    light = solve_target_light(observed, clipped, pixels, light, every, config, times=2)
     return float(displayed_error(render(pixels, light), observed, clipped))
 
 

@@ -23,27 +23,28 @@ from lightprobe.training.recording import RecordedStep, recorder_for
 
 def solve_target_light(
     observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor | None, config: DecomposeConfig,
-    times: int = 1, *, by_photo: bool = False,
+    times: int = 1, *, regularisation: float | None = None,
 ) -> Tensor:  # fmt: skip
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from `start`.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
-    not pin are pulled towards the mean colour of `start`. It is solved so `times` times, each time from the last light.
+    not pin are pulled towards the mean colour of `start`, with `regularisation` or, by default, the weaker pull that
+    `config` has while the asset changes: a light that is too smooth asks for a surface that is too glossy. It is solved
+    so `times` times, each time from the last light.
 
-    Pixels weigh as tone mapping has it, by what the last light shows there. With `by_photo` they weigh by the photo's
-    own values: pixels that are darker than the asset can explain then weigh more than those that are brighter, and
-    every light is too dim. A first pass that tries materials still does so, as what its trials ask for was set with it
-    (docs/decisions/light-weights.md).
+    Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows there: what
+    either takes for a highlight weighs little (docs/decisions/light-weights.md).
     """
     transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
+    pull = config.light_regularisation if regularisation is None else regularisation
     light = start
     for _ in range(times):
         last = transport.lit(light)
-        weight = tone_weight((observed if by_photo else last.radiance).mean(1))
+        weight = tone_weight(torch.maximum(observed.mean(1), last.radiance.mean(1)))
         prior = light.mean((0, 1, 2)).expand_as(light)
         solved = solve_light(
             transport, observed, weight, clipped, prior,
-            regularisation=config.light_regularisation, iterations=config.light_solve_iterations, start=last,
+            regularisation=pull, iterations=config.light_solve_iterations, start=last,
             chroma=config.light_chroma,
         )  # fmt: skip
         light = refit_contrast(transport, solved, observed, clipped)
@@ -57,8 +58,8 @@ class _VisitSolver:
     singly.
     """
 
-    def __init__(self, config: DecomposeConfig, device: torch.device, by_photo: bool):
-        self._config, self._device, self._by_photo = config, device, by_photo
+    def __init__(self, config: DecomposeConfig, device: torch.device):
+        self._config, self._device = config, device
         self._vertices = 0
         self._solve: RecordedStep | None = None
 
@@ -75,7 +76,7 @@ class _VisitSolver:
     def _step(self, like: GBuffer) -> Callable[..., Tensor]:
         def step(observed: Tensor, clipped: Tensor, start: Tensor, *tensors: Tensor) -> Tensor:
             seen = like.holding(tensors)
-            return solve_target_light(observed, clipped, seen, start, None, self._config, by_photo=self._by_photo)
+            return solve_target_light(observed, clipped, seen, start, None, self._config)
 
         return step
 
@@ -83,20 +84,17 @@ class _VisitSolver:
 class Lights:
     """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights alone."""
 
-    def __init__(
-        self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int, *, by_photo: bool = False
-    ):
-        """Start with grey lights of the photos `names`; by_photo: as in `solve_target_light`."""
+    def __init__(self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int):
+        """Start with grey lights of the photos `names`."""
         self.index = {name: i for i, name in enumerate(names)}
         self.config = config
         self.seed = seed
-        self.by_photo = by_photo
         resolution = config.light_resolution
         self.gradient = config.light_update is LightUpdate.GRADIENT
         shape = (6, resolution, resolution, 3)
         self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
         self.prefilter = prefilters.cached(resolution, device)
-        self._solver = _VisitSolver(config, device, by_photo)
+        self._solver = _VisitSolver(config, device)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
         """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""

@@ -105,9 +105,8 @@ class Trial:
         order = torch.randperm(len(color), generator=generator(self.seed, f"trial-halves/{sample.name}", step))
         solved, fitted = order.to(color.device).tensor_split(2)
         with torch.no_grad():
-            light = solve_target_light(
-                color[solved], clipped[solved], pixels, self.lights[sample.name], solved, self.config, by_photo=True
-            )
+            start = self.lights[sample.name]
+            light = solve_target_light(color[solved], clipped[solved], pixels, start, solved, self.config)
         self.lights[sample.name] = light
         image = displayed_error(render(pixels.select(fitted), light), color[fitted], clipped[fitted])
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)

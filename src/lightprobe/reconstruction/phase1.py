@@ -14,7 +14,6 @@ from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake
 from lightprobe.reconstruction.front_bias import FrontBias
-from lightprobe.reconstruction.gauge import trials_at
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
@@ -146,12 +145,8 @@ def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
 
 
 def _lights(job: Job, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
-    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each photo.
-
-    Grey ones are the first pass's, which weighs pixels by the photo where it tries materials.
-    """
-    by_photo = stacked is None and bool(trials_at(job.config))
-    lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed, by_photo=by_photo)
+    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each photo."""
+    lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed)
     if stacked is not None:
         lights.load(stacked)
     return lights

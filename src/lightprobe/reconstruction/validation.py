@@ -45,7 +45,10 @@ def fit_light(
         return gbuffer, light
     at = gbuffer.pixel[rows]
     for _ in range(rounds):
-        light = solve_target_light(target.color[at], target.clipped[at], gbuffer, light, rows, config)
+        light = solve_target_light(
+            target.color[at], target.clipped[at], gbuffer, light, rows, config,
+            regularisation=config.final_light_regularisation,
+        )  # fmt: skip
     return gbuffer, light
 
 

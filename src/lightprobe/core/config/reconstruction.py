@@ -129,8 +129,10 @@ class DecomposeConfig:
     """Pixels a light solve looks at."""
     light_solve_iterations: int = 5
     """Iterations of a light solve, warm-started from the previous visit."""
-    light_regularisation: float = 0.003
-    """Pull of a light towards its own mean in places the photo does not pin down."""
+    light_regularisation: float = 0.001
+    """Pull of a light towards its own mean in places the photo does not pin down, while the asset changes."""
+    final_light_regularisation: float = 0.003
+    """The same for lights of an asset that does not change any more."""
     light_chroma: float = 0.1
     """Pull of a solved light's places towards its mean colour: lights differ more in brightness than in colour."""
     shadows: bool = True
