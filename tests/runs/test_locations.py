@@ -74,7 +74,9 @@ def test_an_own_photo_has_the_mask_that_it_was_learnt_with(tmp_path):
 
 
 def test_photos_whose_files_would_meet_are_refused_before_any_work(run, tmp_path):
-    with pytest.raises(ConfigError, match="same name"):
-        locate_photos(run.path, [tmp_path / "a/x.png", tmp_path / "b/x.jpg"])
+    photo, other = tmp_path / "a/x.png", tmp_path / "b/x.jpg"
+    for second in (other, photo):
+        with pytest.raises(ConfigError, match=f"^{photo} and {second} have the same name"):
+            locate_photos(run.path, [photo, second])
     with pytest.raises(ConfigError, match="No photo is named"):
         locate_photos(run.path, [])

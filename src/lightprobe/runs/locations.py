@@ -92,9 +92,8 @@ def locate_photos(
     files.check(len(images))
     refuse_replacing(files.chosen(), [*images, *(photo_mask(image, mask) for image in images)])
     where = folder or run.path / "predictions"
+    refuse_namesakes(images, "locate them one by one, or rename one")
     targets = [files.within(where, image) for image in images]
-    if len({target.camera for target in targets}) < len(targets):
-        raise ConfigError("Two of the photos have the same name, and so would their files; locate them one by one.")
     return _located(run, images, targets, mask, resolve_device(device))
 
 
@@ -128,6 +127,16 @@ def photo_mask(image: Path, mask: Path | None) -> Path | None:
 def file_stem(image: Path) -> str:
     """Return what the files made of a photo are named by: its stem, cut where names would grow too long."""
     return cut_name(image.stem, _STEM_BYTES)
+
+
+def refuse_namesakes(images: Sequence[Path], advice: str) -> None:
+    """Raise `ConfigError`, which ends with the `advice`, when two photos' files would have the same name."""
+    named = dict[str, Path]()
+    for image in images:
+        stem = file_stem(image)
+        if stem in named:
+            raise ConfigError(f"{named[stem]} and {image} have the same name, and so would their files; {advice}.")
+        named[stem] = image
 
 
 def own_camera(run: RunFolder, digest: str) -> Camera | None:

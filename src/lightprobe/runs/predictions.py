@@ -21,7 +21,7 @@ from lightprobe.export.light_file import PhotoFacts, light_file, other_map, writ
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for
 from lightprobe.prediction.verdict import tells_nothing
 from lightprobe.runs.loaded import LoadedRun
-from lightprobe.runs.locations import LocatedPhoto, LocationFiles, file_stem, photo_mask
+from lightprobe.runs.locations import LocatedPhoto, LocationFiles, file_stem, photo_mask, refuse_namesakes
 from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles
 from lightprobe.scene.photo import OPAQUE, Pixels
 from lightprobe.scene.record import read_record
@@ -165,9 +165,8 @@ def predict_photos(
     cannot be written or mean two maps.
     """
     run, files = _checked(run_folder, images, files)
+    refuse_namesakes(images, "predict them one by one, or rename one")
     maps = [MapFiles.of(run, image, len(images) > 1, method, files) for image in images]
-    if len({one.output for one in maps}) < len(maps):
-        raise ConfigError("Two of the photos have the same name, and so would their maps; predict them one by one.")
     written = [path for one in maps for path in (one.output, one.confidence)]
     _refuse_replacing(written, images, files)
     folders = [one.output.parent for one in maps]
@@ -206,8 +205,7 @@ def predict_one_light(
     twice tells nothing more, and what is found of two that are named alike would go into one file.
     """
     run, files = _checked(run_folder, images, files)
-    if len({file_stem(image) for image in images}) < len(images):
-        raise ConfigError("Two of the photos have the same name; give each once, and rename those named alike.")
+    refuse_namesakes(images, "give each photo once, and rename those named alike")
     target = MapFiles.of(run, images[0], False, method, files)
     _refuse_replacing([target.output, target.confidence], images, files)
     folders = [target.output.parent] * len(images)
