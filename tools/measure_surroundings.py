@@ -81,10 +81,9 @@ def solved(color: Tensor, clipped: Tensor, pixels: GBuffer, factor: float, confi
     """Return the light of a photo's `pixels` with base colours times a factor."""
     pixels = brightened(pixels, factor)
     size = config.light_resolution
-    light, every = torch.full((6, size, size, 3), 0.5), torch.arange(len(pixels.pixel))
-    for _ in range(_ROUNDS):
-        light = solve_target_light(color[pixels.pixel], clipped[pixels.pixel], pixels, light, every, config)
-    return light
+    grey, pull = torch.full((6, size, size, 3), 0.5), config.final_light_regularisation
+    observed, bounds = color[pixels.pixel], clipped[pixels.pixel]
+    return solve_target_light(observed, bounds, pixels, grey, None, config, _ROUNDS, regularisation=pull)
 
 
 def _row(name: str, values: Iterable[Sequence[float]]) -> list[str]:

@@ -46,6 +46,15 @@ def test_another_config_or_scene_is_refused_and_the_difference_named(tmp_path):
     assert run.scene() == SCENE
 
 
+@pytest.mark.parametrize("given", [{"seed": 1, "new": 0.5}, {}])
+def test_settings_of_another_version_are_told_from_other_options(tmp_path, given):
+    run = RunFolder.create(tmp_path / "run")
+    run.record_config("decompose", {"seed": 0})
+    with pytest.raises(ConfigError, match="another version of lightprobe") as refused:
+        run.record_config("decompose", given)
+    assert "same options" not in str(refused.value)
+
+
 def test_a_phase_that_never_ran_has_no_config(tmp_path):
     with pytest.raises(InputError, match="'distill'"):
         RunFolder.create(tmp_path).config("distill")

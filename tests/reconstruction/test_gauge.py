@@ -36,12 +36,12 @@ def ball():
 
 @pytest.mark.parametrize(("off", "expected"), [(2.0, (0.5, 0.85)), (0.5, (1.2, 2.0)), (1.0, (0.85, 1.2))])
 def test_brightness_moves_towards_the_truth(off, expected):
-    true, target, light, lights, config = ball()
+    true, target, light, lights, _ = ball()
     lights.maps = [light / off]  # as it is solved for the wrong surface
     wrong = replace(true, base_color=true.base_color * off)
-    factor = choose_brightness([(target, wrong)], lights, config, 0, mean=0.2)
+    factor = choose_brightness([(target, wrong)], lights, 0, mean=0.2)
     assert expected[0] <= factor <= expected[1], factor
-    assert np.isclose(factor, choose_brightness([(target, wrong)], lights, config, 0, mean=0.2))
+    assert np.isclose(factor, choose_brightness([(target, wrong)], lights, 0, mean=0.2))
 
 
 class _Dark:
@@ -73,10 +73,10 @@ def test_no_choice_goes_beyond_the_brightest(mean, most):
 
 
 def test_no_choice_goes_beyond_the_darkest():
-    true, target, light, lights, config = ball()
+    true, target, light, lights, _ = ball()
     wrong = replace(true, base_color=2 * true.base_color)
     lights.maps = [light / 2]
-    assert choose_brightness([(target, wrong)], lights, config, 0, mean=DARKEST * 1.1) == pytest.approx(1 / 1.1)
+    assert choose_brightness([(target, wrong)], lights, 0, mean=DARKEST * 1.1) == pytest.approx(1 / 1.1)
 
 
 def test_lights_on_the_way_by_gradients_follow_the_brightness_too():

@@ -62,6 +62,16 @@ def test_highlights_that_only_one_of_photo_and_asset_has_change_the_light_little
     assert error < 0.16  # by the picture's brightness alone 1.0 with the photo's, by the photo's .19 with the asset's
 
 
+def test_what_the_asset_cannot_explain_does_not_dim_the_light():
+    gbuffer, target, light = ball()
+    brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
+    photo = torch.where(brighter, 1.5, 0.5)[:, None] * target.color
+    solved = solve_target_light(photo, target.clipped, gbuffer, torch.full_like(light, 0.5), None, CONFIG, times=6)
+    operator = cached(CONFIG.light_resolution)
+    shown = shade(gbuffer, operator, operator.apply(solved))
+    assert float(shown.mean() / photo.mean()) == pytest.approx(1, abs=0.03)  # by the photo .95, by the picture 1.06
+
+
 def test_a_pull_of_its_own_takes_the_place_of_the_configured_one(monkeypatch):
     gbuffer, target, light = ball()
     photo = (target.color, target.clipped, gbuffer, torch.full_like(light, 0.5), None, CONFIG)
@@ -144,10 +154,10 @@ def test_a_visit_solves_the_light_or_leaves_it_to_gradients():
 
 def test_only_a_coloured_light_costs():
     lights, (_, _, light) = Lights(["ball"], GRADIENT, CPU, 0), ball()
-    assert float(lights.regularisation(0).detach()) == 0  # they start grey
+    assert float(lights.grey_cost(0).detach()) == 0  # they start grey
     lights.load(light[None])
     expected = GRADIENT.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
-    torch.testing.assert_close(lights.regularisation(0).detach(), expected)
+    torch.testing.assert_close(lights.grey_cost(0).detach(), expected)
 
 
 def test_the_cast_is_what_all_lights_have_in_common():

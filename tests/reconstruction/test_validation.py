@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
+from lightprobe.reconstruction import validation
 from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surroundings import Surroundings
@@ -52,6 +53,21 @@ def test_the_light_is_found_where_the_ball_shows_it():
     assert len(gbuffer.pixel) == int((photo.alpha > 0).sum())
     inside = expected[..., 0] > 1
     assert float(light[inside].mean() / light[~inside].mean()) > 5
+
+
+def test_a_light_of_an_asset_that_stays_is_pulled_as_final_lights_are(monkeypatch):
+    true = glossy_sphere()
+    (photo,) = targets(true, 1)
+    pulls, solve = [], validation.solve_target_light
+
+    def watched(*given, regularisation=None):
+        pulls.append(regularisation)
+        return solve(*given, regularisation=regularisation)
+
+    monkeypatch.setattr(validation, "solve_target_light", watched)
+    fit_light(true, photo, 16, CONFIG, 0)
+    assert pulls == [CONFIG.final_light_regularisation]
+    assert CONFIG.final_light_regularisation > CONFIG.light_regularisation
 
 
 def test_a_light_to_start_from_may_be_coarser():

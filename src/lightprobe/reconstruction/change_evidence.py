@@ -35,17 +35,17 @@ class Evidence:
     """How well J photos are explained."""
 
     own: Tensor  # (J,) displayed error of the part's pixels, nan where there are too few
-    agreement: Callable[[], Tensor]  # () -> (J,) disagreement of halves, which takes longer to find
+    disagreement: Callable[[], Tensor]  # () -> (J,) of halves, which takes longer to find
 
     @staticmethod
     def of(
-        trial: Trial, part: Callable[[Sample], Tensor], fewest: int, agreement: Callable[[], Tensor] | None = None
+        trial: Trial, part: Callable[[Sample], Tensor], fewest: int, disagreement: Callable[[], Tensor] | None = None
     ) -> "Evidence":
         """Return it for a fitted trial; part(sample) are the rows (K,) int64 of its pixels that belong to the part.
 
-        fewest: pixels that count in a photo. agreement: where it is shared, as it does not depend on the part.
+        fewest: pixels that count in a photo. disagreement: where it is shared, as it does not depend on the part.
         """
-        return Evidence(_part_errors(trial, part, fewest), agreement or agreement_of(trial))
+        return Evidence(_part_errors(trial, part, fewest), disagreement or disagreement_of(trial))
 
     def own_gain(self, before: "Evidence") -> Tensor:
         """Return the logarithms of how many times better the part is explained than `before`, (K,) photos."""
@@ -60,11 +60,11 @@ class Evidence:
         """Return whether `explains_part` says so, and halves of the object explain each other no worse."""
         if not self.explains_part(before, bar):
             return False
-        whole = _gain(before.agreement(), self.agreement())
+        whole = _gain(before.disagreement(), self.disagreement())
         return len(whole) >= FEWEST_PHOTOS and float(whole.mean()) > -standard_error(whole)
 
 
-def agreement_of(trial: Trial) -> Callable[[], Tensor]:
+def disagreement_of(trial: Trial) -> Callable[[], Tensor]:
     """Return what finds the disagreement of halves under a fitted trial, (J,) float64, once it is asked for."""
     return functools.cache(lambda: trial.errors(len(trial.samples)).sum(1))
 

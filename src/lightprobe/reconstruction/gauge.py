@@ -6,9 +6,9 @@ dim a light asks for brighter colours), and visit by visit the two drift off tog
 and now and then a common factor is chosen by solving lights for several and comparing what the photos say.
 
 A factor changes nothing but the base colours, to which roughness and metallic have fitted themselves, so it finds only
-the nearest good one. Twice the material is therefore fitted anew from several brightnesses
-(`reconstruction.material_trials`): when the shape is roughly known, as a wrong brightness misleads the shape as well,
-and when it is nearly done, as on a rough shape several brightnesses can seem equally good.
+the nearest good one. Twice the material is therefore fitted from several brightnesses
+(`reconstruction.material_trials`): a new one when the shape is roughly known, as a wrong brightness misleads the shape
+as well, and the present one when the shape is nearly done, as on a rough one several can seem equally good.
 
 Only the first checkpoints choose a factor, and none after the first trial. Later the materials have grown used to what
 was chosen, and a choice follows their errors: a bottle of gilt and leather and a lacquered vase went on darkening at
@@ -40,7 +40,7 @@ _REACH = 1.5  # of it, at most, in one choice
 
 
 def trials_at(config: DecomposeConfig) -> frozenset[int]:
-    """Return the steps of the first pass, checkpoints all, at which the material is fitted anew."""
+    """Return the steps of the first pass, checkpoints all, at which other brightnesses of the material are tried."""
     if config.trial_steps == 0:
         return frozenset()
     every, end = config.checkpoint_every, config.pass1_iterations
@@ -70,31 +70,28 @@ def evenly_spaced(targets: list[Target], count: int = _PHOTOS) -> list[Target]:
 
 
 @torch.no_grad()
-def choose_brightness(
-    shown: Iterable[tuple[Target, GBuffer]], lights: Lights, config: DecomposeConfig, step: int, mean: float
-) -> float:
+def choose_brightness(shown: Iterable[tuple[Target, GBuffer]], lights: Lights, step: int, mean: float) -> float:
     """Return the factor on all base colours under which photos re-render best, lights solved anew; deterministic.
 
     `shown`: photos, and the present asset's G-buffers in them; `mean`: its mean base colour.
     """
     errors = torch.zeros(3, dtype=torch.float64)
     for target, gbuffer in shown:
-        rows = lights.rows(target, gbuffer, step, config.light_solve_pixels)
+        rows = lights.rows(target, gbuffer, step, lights.config.light_solve_pixels)
         if len(rows) > 0:
             pixels = gbuffer.select(rows)
             for i in range(3):
-                errors[i] += _error(target, pixels, lights, math.exp((i - 1) * _STEP), config)
+                errors[i] += _error(target, pixels, lights, math.exp((i - 1) * _STEP))
     return min(max(_least(*errors.tolist()), DARKEST / mean), BRIGHTEST / mean)
 
 
-def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float, config: DecomposeConfig) -> float:
+def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float) -> float:
     """Return the mean displayed error of pixels with base colours times `factor`."""
     pixels = brightened(pixels, factor)
     light = lights.maps[lights.index[target.name]].detach() / factor
     observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
-    every = torch.arange(len(observed), device=observed.device)
     # Twice, as the light so far is that of another state of the asset.
-    light = solve_target_light(observed, clipped, pixels, light, every, config, times=2)
+    light = solve_target_light(observed, clipped, pixels, light, None, lights.config, times=2)
     return float(displayed_error(render(pixels, light), observed, clipped))
 
 

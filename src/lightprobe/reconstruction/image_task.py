@@ -87,7 +87,7 @@ class ImageTask(PassTask):
         chosen = evenly_spaced(self.targets)
         shown = zip(chosen, self.model.gbuffers([target.view for target in chosen], fraction), strict=True)
         mean = float(self.model.mean_color)
-        factor = choose_brightness(shown, self.lights, self.config, step, mean)
+        factor = choose_brightness(shown, self.lights, step, mean)
         self.model.brighten(factor)
         self.lights.dim(factor)
 

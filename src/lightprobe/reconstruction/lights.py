@@ -28,7 +28,7 @@ def solve_target_light(
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from `start`.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. Places they do
-    not pin are pulled towards the mean colour of `start`, with `regularisation` or, by default, the weaker pull that
+    not pin are pulled towards the mean colour of the light it starts from, with `regularisation` or, by default, the weaker pull that
     `config` has while the asset changes: a light that is too smooth asks for a surface that is too glossy. It is solved
     so `times` times, each time from the last light.
 
@@ -106,13 +106,13 @@ class Lights:
         """Return the prefiltered light (T, 3) of the photo for this step, and its regularisation loss ()."""
         row = self.index[target.name]
         if self.gradient:
-            return self.prefilter.apply(self.maps[row]), self.regularisation(row)
+            return self.prefilter.apply(self.maps[row]), self.grey_cost(row)
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
             self.maps[row] = self._solver(target, gbuffer, rows, self.maps[row])
-        return self.prefilter.apply(self.maps[row]), self.regularisation(row)
+        return self.prefilter.apply(self.maps[row]), self.grey_cost(row)
 
-    def regularisation(self, row: int) -> Tensor:
+    def grey_cost(self, row: int) -> Tensor:
         """Return what a light fitted by gradients costs () for not being grey; a solved one costs nothing."""
         light = self.maps[row]
         if not self.gradient:

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Evidence, agreement_of
+from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Evidence, disagreement_of
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import Sample, Trial
 from lightprobe.reconstruction.materials import HeldMetallic, Materials
@@ -47,7 +47,7 @@ def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMater
     steps, accepted = (material.config.trial_steps + 1) // 2, []
     present = Trial(copy.deepcopy(material), samples, lights, 1.0, seed)
     present.fit(steps)
-    agreement = agreement_of(present)
+    disagreement = disagreement_of(present)
     for number, share in enumerate(materials.shares(points)):
         if share < _SMALLEST:
             continue
@@ -55,7 +55,7 @@ def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMater
         trial = Trial(held, samples, lights, 1.0, seed)
         trial.fit(steps)
         part = functools.partial(_of_material, materials, number)
-        before = Evidence.of(present, part, _FEWEST_PIXELS, agreement)
+        before = Evidence.of(present, part, _FEWEST_PIXELS, disagreement)
         if Evidence.of(trial, part, _FEWEST_PIXELS).speaks_for_change(before):
             accepted.append(number)
     return _with_all(accepted, material, materials, points, samples, lights, seed)

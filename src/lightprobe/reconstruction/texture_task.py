@@ -117,7 +117,7 @@ class TextureTask(PassTask):
             sum(len(photo.color) for photo in seen), generator=generator(self._seed, "texture-smoothness", step)
         )  # fmt: skip
         beside = to_device(torch.stack([angle.cos(), angle.sin()], 1), seen[0].color.device)
-        cost = torch.stack([self.lights.regularisation(row) for row in rows]).mean()
+        cost = torch.stack([self.lights.grey_cost(row) for row in rows]).mean()
         photos = (tensor for photo in seen for tensor in photo.tensors())
         return *photos, beside, torch.stack(levels), cost, self.lights.color_cast()
 

@@ -44,12 +44,11 @@ def fit_light(
     if len(rows) == 0:
         return gbuffer, light
     at = gbuffer.pixel[rows]
-    for _ in range(rounds):
-        light = solve_target_light(
-            target.color[at], target.clipped[at], gbuffer, light, rows, config,
-            regularisation=config.final_light_regularisation,
-        )  # fmt: skip
-    return gbuffer, light
+    solved = solve_target_light(
+        target.color[at], target.clipped[at], gbuffer, light, rows, config, rounds,
+        regularisation=config.final_light_regularisation,
+    )  # fmt: skip
+    return gbuffer, solved
 
 
 @torch.no_grad()

@@ -130,9 +130,10 @@ class DecomposeConfig:
     light_solve_iterations: int = 5
     """Iterations of a light solve, warm-started from the previous visit."""
     light_regularisation: float = 0.001
-    """Pull of a light towards its own mean in places the photo does not pin down, while the asset changes."""
+    """Pull of a light towards its own mean in places the photo does not pin down, while the asset changes, and of
+    lights that halves of the asset's pixels are compared by."""
     final_light_regularisation: float = 0.003
-    """The same for lights of an asset that does not change any more."""
+    """The same for held-out photos and for the lights that are kept."""
     light_chroma: float = 0.1
     """Pull of a solved light's places towards its mean colour: lights differ more in brightness than in colour."""
     shadows: bool = True
