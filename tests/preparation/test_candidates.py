@@ -62,6 +62,16 @@ def test_where_the_object_stands_still_too_the_whole_photos_are_kept(monkeypatch
     assert len(found.tried) == 1
 
 
+def test_photos_that_fit_together_elsewhere_are_kept_by_index(monkeypatch, tmp_path):
+    photos, matches, right = photographed(ring_cameras(10), ball_points(OBJECT + BACKGROUND))
+    apart = replace(right, photo=np.array([1, 4, 6]))
+    monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [right, apart])
+    made = kept_choice(Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, None))
+    again = kept_choice(Cache(tmp_path), "cameras", "key", lambda: pytest.fail("it was kept"))
+    assert made.kept.apart == again.kept.apart == ((1, 4, 6),)
+    assert made.kept.to_json()["other_models_photos"] == [3]
+
+
 def test_a_choice_is_made_once(turned, tmp_path):
     photos, matches, inside, _, _ = turned
     first = kept_choice(Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, inside))

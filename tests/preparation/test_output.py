@@ -1,14 +1,16 @@
 """What the report says of a preparation: masks that all lose the same part agree with their hull, not with the hint."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_json
 from lightprobe.preparation.masks import Cutout, View
-from lightprobe.preparation.output import finished, hint_overlaps
+from lightprobe.preparation.output import _lost, _warnings, finished, hint_overlaps
 from lightprobe.preparation.rounds import WRITTEN, Cutting
-from tests.preparation.ring import SIZE, ring_cameras
+from tests.preparation.ring import SIZE, ball_points, photographed, ring_cameras
 
 
 @pytest.mark.parametrize("content", ["[0]", "3", '"a"'])
@@ -19,6 +21,22 @@ def test_a_damaged_record_of_masks_is_one_sentence(tmp_path, content):
     write_json(tmp_path / "transforms.json", {})
     with pytest.raises(InputError, match=r"written\.json is damaged.*prepare the scene anew"):
         finished(tmp_path, "k")
+
+
+def test_photos_of_another_reconstruction_are_told_from_photos_that_fit_nothing():
+    photos = [SimpleNamespace(name=f"{i}.png", checksum=i) for i in range(5)]
+    features, _, solution = photographed(ring_cameras(5), ball_points(120))
+    seen = [SimpleNamespace(sharpness=1.0, features=each) for each in features]
+    kept = SimpleNamespace(apart=((1, 2, 3), (3, 4)), solution=solution)
+    choice = SimpleNamespace(kept=kept, trap=None)
+    view = View(ring_cameras(1)[0], np.zeros((SIZE, SIZE, 3), np.uint8), None, False)
+    cutting = Cutting(choice, {0: view, 1: view}, Cutout({}, {}, None, None), np.ones(5, np.int8))
+    lost = _lost(photos, seen, {}, cutting)
+    assert lost["2.png"].startswith("fits 1.png and 1 more, but none")
+    assert lost["3.png"].startswith("fits 1.png and 1 more")  # the larger of its two
+    assert lost["4.png"].startswith("fits 3.png, but none")
+    warnings = _warnings(photos, cutting, SimpleNamespace(doubt=None), 1.0)
+    assert next(text for text in warnings if "fit together" in text).startswith("2 photos, such as 2.png, fit together")
 
 
 def test_a_found_mask_is_held_against_the_hint_that_it_came_from():

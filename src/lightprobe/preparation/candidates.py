@@ -34,13 +34,13 @@ class Candidate:
     solution: Solution
     verdict: Verdict
     lenses: Lenses
-    other_models: tuple[int, ...] = ()  # photos of the models that were not kept
+    apart: tuple[tuple[int, ...], ...] = ()  # photos of each model that does not join this one, the largest first
 
     def to_json(self) -> dict[str, object]:
         """Return it as prepare.json has it."""
         return {
             "reconstruction": self.name, **self.verdict.to_json(), "lenses": str(self.lenses),
-            "other_models_photos": list(self.other_models),
+            "other_models_photos": [len(photos) for photos in self.apart],
         }  # fmt: skip
 
 
@@ -156,8 +156,8 @@ def best_lenses(name: str, photos: Sequence[Features], matches: Matches, focal: 
         models = reconstruct(photos, matches, focal, lenses, seed)
         if not models:
             continue
-        others = tuple(len(model.photo) for model in models[1:])
-        found = Candidate(name, models[0], asked.judge(models[0]), lenses, others)
+        apart = tuple(tuple(model.photo.tolist()) for model in models[1:])
+        found = Candidate(name, models[0], asked.judge(models[0]), lenses, apart)
         if best is None or len(found.solution.photo) > len(best.solution.photo):
             best = found
         if len(found.solution.photo) >= _NEARLY_ALL * _matched(matches, len(photos)):

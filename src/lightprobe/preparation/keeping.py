@@ -31,7 +31,7 @@ def _to_arrays(choice: Choice) -> dict[str, np.ndarray]:
 def _words(candidate: Candidate) -> dict[str, object]:
     return {
         "name": candidate.name, "verdict": asdict(candidate.verdict), "lenses": candidate.lenses.name,
-        "other_models": candidate.other_models,
+        "apart": candidate.apart,
     }  # fmt: skip
 
 
@@ -41,8 +41,8 @@ def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
     solution = Solution(**{field.name: arrays[field.name] for field in fields(Solution)})
 
     def candidate(stored: dict) -> Candidate:
-        verdict, others = Verdict(**stored["verdict"]), tuple(stored["other_models"])
-        return Candidate(stored["name"], solution, verdict, Lenses[stored["lenses"]], others)
+        verdict, apart = Verdict(**stored["verdict"]), tuple(tuple(photos) for photos in stored["apart"])
+        return Candidate(stored["name"], solution, verdict, Lenses[stored["lenses"]], apart)
 
     tried = tuple(candidate(stored) for stored in words["tried"])
     return Choice(candidate(words["kept"]), tried, words["why"], words["trap"], words["moving"])

@@ -113,10 +113,19 @@ def refuse_copies(photos: Sequence[SourcePhoto], fewest: int) -> None:
         )
 
 
-def reason_lost(photo: SourcePhoto, each: Seen, best_match: int, median_sharpness: float, original: str | None) -> str:
-    """Return why a photo has no camera, in a few words."""
+def reason_lost(
+    photo: SourcePhoto, each: Seen, best_match: int, median_sharpness: float, original: str | None,
+    together: Sequence[str] = (),
+) -> str:  # fmt: skip
+    """Return why a photo has no camera, in a few words.
+
+    together: the other photos of the reconstruction it is part of, where that one does not join the one that is kept.
+    """
     if original is not None:
         return f"the same file as {original}"
+    if together:
+        more = f" and {len(together) - 1} more" if len(together) > 1 else ""
+        return f"fits {together[0]}{more}, but none with a camera; photos between are missing"
     if each.sharpness < _BLURRED * median_sharpness:
         return f"blurred; sharpness {each.sharpness / median_sharpness:.2f} of the others'"
     if len(each.features.points) < _FEW_FEATURES:

@@ -163,11 +163,13 @@ def _lost(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches,
     """Return why each photo without a camera has none."""
     counts, again = match_counts(matches), copies(photos)
     middle = float(np.median([each.sharpness for each in seen]))
-    return {
-        photo.name: reason_lost(photo, seen[index], counts.get(index, 0), middle, again.get(photo.name))
-        for index, photo in enumerate(photos)
-        if index not in cutting.views
-    }
+    apart = {i: group for group in reversed(cutting.choice.kept.apart) for i in group}
+
+    def reason(index: int, photo: SourcePhoto) -> str:
+        together = [photos[i].name for i in apart.get(index, ()) if i != index]
+        return reason_lost(photo, seen[index], counts.get(index, 0), middle, again.get(photo.name), together)
+
+    return {photo.name: reason(i, photo) for i, photo in enumerate(photos) if i not in cutting.views}
 
 
 def _report(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapping[str, Any],
@@ -177,6 +179,7 @@ def _report(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapp
     kept = cutting.choice.kept
     return {
         "registered": len(cutting.views), "total": len(photos), "without_camera": dict(lost),
+        "apart": [[photos[i].name for i in group] for group in kept.apart],
         "kept": kept.to_json(), "why": cutting.choice.why, "trap": cutting.choice.trap,
         "tried": [candidate.to_json() for candidate in cutting.choice.tried],
         "reprojection_error_px": float(kept.solution.errors.mean()) if len(kept.solution.errors) else None,
@@ -194,6 +197,13 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
         found.append(
             f"Only {len(cutting.views)} of {len(photos)} photos have cameras; prepare.json says why others have none."
         )
+    for group in cutting.choice.kept.apart:
+        lost = [photos[i].name for i in group if i not in cutting.views]
+        if lost:
+            found.append(
+                f"{len(lost)} photos, such as {lost[0]}, fit together but not with those that have cameras: take "
+                "photos between the two, or prepare these by themselves."
+            )
     if mean is None:
         found.append("The masks do not fit together in space; look at contact.png and give a --hint.")
     elif mean < _DOUBTFUL_HULL:
