@@ -28,8 +28,10 @@ COLMAP = [
         (-0.05, 0.01, 0.002, -0.001, 0.003, 0.001, 0.004, -0.003),
         Lens((-0.05, 0.01, 0.003, 0.001), (0.002, -0.001), prism=(0.004, -0.003), fisheye=True),
     ),
+    ("FOV", (0.9,), Lens(fov=0.9)),
 ]
-LENSES = [lens for _, _, lens in COLMAP]
+PRISM = Lens((0.3, -0.1, 0.02), (0.003, -0.002), (0.4, 0.01, 0.02), (0.01, -0.006), (0.004, 0.008))
+LENSES = [*(lens for _, _, lens in COLMAP), PRISM]
 
 
 @pytest.mark.parametrize(("model", "parameters", "lens"), COLMAP)
@@ -47,6 +49,9 @@ def test_points_fall_where_opencv_puts_them():
     expected = cv2.projectPoints(world, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
     lens = Lens((k1, k2, k3), (p1, p2), (k4, k5, k6))
     np.testing.assert_allclose(lens.distort(POINTS), expected[0][:, 0], atol=1e-12)
+    prisms = np.array([k1, k2, p1, p2, k3, k4, k5, k6, 0.01, 0.004, -0.006, 0.008])  # x's two, then y's
+    expected = cv2.projectPoints(world, np.zeros(3), np.zeros(3), np.eye(3), prisms)
+    np.testing.assert_allclose(PRISM.distort(POINTS), expected[0][:, 0], atol=1e-12)
     fisheye = np.array([-0.05, 0.01, 0.002, -0.001])
     expected = cv2.fisheye.distortPoints(POINTS[:, None], np.eye(3), fisheye)
     np.testing.assert_allclose(Lens(tuple(fisheye), fisheye=True).distort(POINTS), expected[:, 0], atol=1e-9)
@@ -80,6 +85,8 @@ def test_as_json(lens):
         {"zoom": 0},
         {"prism": [float("nan"), 0]},
         {"rational": None},
+        {"prism_fourth": [1]},
+        {"fov": float("inf")},
     ],
 )
 def test_odd_json(change):

@@ -187,6 +187,7 @@ def write_colmap_model(
     model: Path, files: list[str], shots: list[View], *, binary: bool, lens: str = "PINHOLE", extra: tuple = ()
 ) -> None:
     models = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"]
+    models += ["SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"]
     number = models.index(lens)
     one_focal = lens.startswith(("SIMPLE", "RADIAL"))
     parameters = [[*(view.focal[:1] if one_focal else view.focal), *view.center, *extra] for view in shots]

@@ -39,6 +39,7 @@ _LENSES: dict[str, Callable[..., Lens]] = {
     "OPENCV_FISHEYE": lambda *k: Lens(k, fisheye=True),
     "SIMPLE_RADIAL_FISHEYE": lambda k: Lens((k,), fisheye=True),
     "RADIAL_FISHEYE": lambda k1, k2: Lens((k1, k2), fisheye=True),
+    "FOV": lambda angle: Lens(fov=angle),
     "THIN_PRISM_FISHEYE": lambda k1, k2, p1, p2, k3, k4, s1, s2: Lens(
         (k1, k2, k3, k4), (p1, p2), prism=(s1, s2), fisheye=True
     ),

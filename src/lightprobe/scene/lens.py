@@ -5,13 +5,15 @@ from the axis; x', y' where the lens moves it. Polynomial lenses (Brown, "Close-
 models of OpenCV, COLMAP and nerfstudio):
 
     q  = (1 + a1 r^2 + a2 r^4 + a3 r^6 + a4 r^8) / (1 + b1 r^2 + b2 r^4 + b3 r^6)
-    x' = x q + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2,     y' = y q + 2 p2 x y + p1 (r^2 + 2 y^2) + s2 r^2
+    x' = x q + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + t1 r^4
+    y' = y q + 2 p2 x y + p1 (r^2 + 2 y^2) + s2 r^2 + t2 r^4
 
 Fisheye lenses first turn r into the angle from the axis (Kannala and Brandt, 2006): (x, y) atan(r) / r goes into the
-same polynomial. The photo's pixel is (cx + fx x', cy + fy y').
+same polynomial. So do those of COLMAP's model FOV (Devernay and Faugeras, "Straight lines have to be straight", 2001),
+with atan(2 r tan(w/2)) / (r w), w being the angle. The photo's pixel is (cx + fx x', cy + fy y').
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,40 +35,49 @@ class Lens:
     tangential: tuple[float, float] = (0.0, 0.0)  # p1, p2
     rational: tuple[float, ...] = ()  # b1, b2, b3
     prism: tuple[float, float] = (0.0, 0.0)  # s1, s2
+    prism_fourth: tuple[float, float] = (0.0, 0.0)  # t1, t2
     fisheye: bool = False
+    fov: float = 0.0  # w in radians, of which the model FOV has one; 0 for other lenses
     zoom: float = 1.0  # focal length of the pinhole camera that the photo is resampled to, over the photo's own
 
     @property
     def is_pinhole(self) -> bool:
         """Whether nothing is bent."""
-        return not self.fisheye and not any(
-            value for values in (self.radial, self.tangential, self.rational, self.prism) for value in values
-        )
+        numbers = (*self.radial, *self.tangential, *self.rational, *self.prism, *self.prism_fourth, self.fov)
+        return not self.fisheye and not any(numbers)
 
     def distort(self, points: np.ndarray) -> np.ndarray:
         """Return where the lens moves points (..., 2) of the image plane, float64; overflow is infinite or NaN."""
         x, y = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            if self.fisheye:
+            if self.fisheye or self.fov:
                 r = np.hypot(x, y)
-                squeeze = np.where(r > 1e-9, np.arctan(r) / np.maximum(r, 1e-9), 1.0)
+                squeeze = np.where(r > 1e-9, self._angle(r) / np.maximum(r, 1e-9), self._angle(1e-9) / 1e-9)
                 x, y = x * squeeze, y * squeeze
             r2 = x * x + y * y
             q = _polynomial(self.radial, r2) / _polynomial(self.rational, r2)
-            (p1, p2), (s1, s2) = self.tangential, self.prism
+            (p1, p2), (s1, s2), (t1, t2) = self.tangential, self.prism, self.prism_fourth
             return np.stack(
                 [
-                    x * q + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + s1 * r2,
-                    y * q + 2 * p2 * x * y + p1 * (r2 + 2 * y * y) + s2 * r2,
+                    x * q + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + (s1 + t1 * r2) * r2,
+                    y * q + 2 * p2 * x * y + p1 * (r2 + 2 * y * y) + (s2 + t2 * r2) * r2,
                 ],
                 axis=-1,
             )
+
+    def _angle(self, r: Any) -> Any:
+        """Return what a lens that measures angles makes of r."""
+        return np.arctan(2 * r * np.tan(self.fov / 2)) / self.fov if self.fov else np.arctan(r)
 
     def undistort(self, points: np.ndarray) -> np.ndarray:
         """Return the points (..., 2) that `distort` moves to `points`, float64, by Newton's method; NaN for none."""
         target = np.asarray(points, np.float64)
         found = target.copy()
-        if self.fisheye:  # from the lens without its polynomial
+        if self.fov:
+            angle = np.linalg.norm(target, axis=-1, keepdims=True)
+            r = np.tan(np.minimum(angle * self.fov, np.radians(84))) / (2 * np.tan(self.fov / 2))
+            found = target * np.where(angle > 1e-9, r / np.maximum(angle, 1e-9), 1.0)
+        elif self.fisheye:  # from the lens without its polynomial
             angle = np.minimum(np.linalg.norm(target, axis=-1, keepdims=True), np.radians(84))
             found = target * np.where(angle > 1e-9, np.tan(angle) / np.maximum(angle, 1e-9), 1.0)
         for _ in range(_NEWTON_STEPS):
@@ -89,8 +100,11 @@ class Lens:
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON value; `from_json` is its inverse."""
-        value = {key: list(getattr(self, key)) for key in ("radial", "tangential", "rational", "prism")}
-        return {**value, "fisheye": self.fisheye, "zoom": self.zoom}
+        value: dict[str, Any] = {key: list(getattr(self, key)) for key in ("radial", "tangential", "rational", "prism")}
+        value |= {"fisheye": self.fisheye, "zoom": self.zoom}
+        # Only where a lens has them: records of other lenses stay those that earlier versions wrote.
+        value |= {"prism_fourth": list(self.prism_fourth)} if any(self.prism_fourth) else {}
+        return value | ({"fov": self.fov} if self.fov else {})
 
     @staticmethod
     def from_json(value: Any, *, source: str) -> "Lens":
@@ -99,18 +113,22 @@ class Lens:
             radial, tangential, rational, prism = (
                 tuple(float(number) for number in value[key]) for key in ("radial", "tangential", "rational", "prism")
             )
-            lens = Lens(radial, _pair(tangential), rational, _pair(prism), bool(value["fisheye"]), float(value["zoom"]))
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            fourth = tuple(float(number) for number in value.get("prism_fourth", (0.0, 0.0)))
+            lens = Lens(
+                radial, _pair(tangential), rational, _pair(prism), _pair(fourth), bool(value["fisheye"]),
+                float(value.get("fov", 0.0)), float(value["zoom"]),
+            )  # fmt: skip
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{source}: the lens is not described as lightprobe writes it.") from error
-        numbers = [*radial, *tangential, *rational, *prism]
+        numbers = [*radial, *tangential, *rational, *prism, *fourth, lens.fov]
         if len(radial) > 4 or len(rational) > 3 or not 0.1 <= lens.zoom <= 1 or not np.isfinite(numbers).all():
             raise InputError(f"{source}: the lens has values that no lens has.")
         return lens
 
     def check(self, source: str) -> None:
         """Raise `InputError` naming `source` when a coefficient is not finite or beyond all lenses."""
-        radial, tangential, rational, prism = astuple(self)[:4]
-        if not all(abs(value) <= _LARGEST for value in (*radial, *tangential, *rational, *prism)):
+        numbers = (*self.radial, *self.tangential, *self.rational, *self.prism, *self.prism_fourth)
+        if not all(abs(value) <= _LARGEST for value in numbers) or not 0 <= self.fov < np.pi:
             raise InputError(
                 f"{source} has lens distortion with coefficients that no lens has; estimate the camera again."
             )

@@ -161,12 +161,15 @@ def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_
 
 
 def _lens(settings: dict[str, Any], source: str, *, fisheye: bool, full: bool) -> Lens:
-    """Return the lens of k1..k4, p1 and p2; OpenCV's full model has k4..k6 below the fraction line."""
-    keys = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
-    k1, k2, k3, k4, k5, k6, p1, p2 = (_number(settings, key, source) or 0.0 for key in keys)
+    """Return the lens of k1..k4, p1 and p2; OpenCV's full model has k4..k6 below the fraction line, and s1..s4."""
+    keys = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4")
+    k1, k2, k3, k4, k5, k6, p1, p2, s1, s2, s3, s4 = (_number(settings, key, source) or 0.0 for key in keys)
     if fisheye:
         return Lens((k1, k2, k3, k4), fisheye=True)
-    return Lens((k1, k2, k3), (p1, p2), (k4, k5, k6)) if full else Lens((k1, k2, k3, k4), (p1, p2))
+    prism, fourth = (s1, s3), (s2, s4)  # OpenCV counts x's two, then y's
+    if full:
+        return Lens((k1, k2, k3), (p1, p2), (k4, k5, k6), prism, fourth)
+    return Lens((k1, k2, k3, k4), (p1, p2), (), prism, fourth)
 
 
 def _number(settings: dict[str, Any], key: str, source: str) -> float | None:
