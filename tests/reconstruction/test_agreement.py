@@ -10,7 +10,7 @@ from lightprobe.core.device import generator
 from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction import agreement
 from lightprobe.reconstruction.agreement import SPLITS, disagreement
-from lightprobe.render.split_sum import shade
+from lightprobe.render.split_sum import shade, shade_under
 from tests.gbuffers import sky, sphere_gbuffer
 
 CONFIG = DecomposeConfig()
@@ -49,7 +49,7 @@ def test_of_a_photo_that_the_surface_explains_nothing_is_left():
 
 def test_a_light_is_solved_from_the_colours_of_its_own_pixels(monkeypatch):
     true, photo, light = two_materials()
-    explained, solve, calls = agreement.render(true, light), agreement.solve_target_light, []
+    explained, solve, calls = shade_under(true, light), agreement.solve_target_light, []
 
     def checked(observed, clipped, pixels, start, rows, *rest):
         assert torch.equal(observed, photo[rows]) or torch.equal(observed, explained[rows])

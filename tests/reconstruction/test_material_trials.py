@@ -156,6 +156,19 @@ def test_a_nearly_finished_material_is_changed_only_for_what_is_clearly_better(g
     assert material_trials._clearly_less(rival * (1 - by), rival) is clear
 
 
+def test_photos_that_cannot_be_halved_have_no_say():
+    samples, lights, _ = photos(0.25, 2)
+    few = torch.arange(10)
+    small = replace(samples[1], pixels=samples[1].pixels.select(few), color=samples[1].color[few],
+                    clipped=samples[1].clipped[few])  # fmt: skip
+    errors = Trial(material_of(0.3), [samples[0], small], lights, 1.0, 0).errors()
+    assert errors.isnan().any(1).tolist() == [False, True]
+    assert material_trials._score(errors) == material_trials._score(errors[:1])
+    rival = torch.tensor([[0.03, 0.03], [0.03, 0.03], [0.03, 0.03]], dtype=torch.float64)
+    unjudged = torch.cat([0.96 * rival[:2], rival[:1] * torch.nan])
+    assert material_trials._clearly_less(unjudged, rival)  # as a gain of 0 it would make .04 uncertain
+
+
 @pytest.mark.parametrize(("errors", "best", "expected"), [
     ([3.0, 1.0, 3.0, 5.0], 1, 1.0),  # nearly even on both sides
     ([1.0, 2.0, 3.0, 4.0], 0, 1.0),  # at the end of the range

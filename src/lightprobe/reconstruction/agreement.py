@@ -14,11 +14,10 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.light import prefilter as prefilters
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import shade
+from lightprobe.render.split_sum import shade_under
 
 SPLITS = 2  # ways of halving the pixels: dark and bright, and at random
 _SOLVES = 3  # of a part's light; from a light that knows the other part, too, fewer would do and tell nothing
@@ -42,7 +41,7 @@ def disagreement(
         return None
     chance = torch.randperm(count, generator=random).to(light.device)
     dark_first = chance[pixels.base_color.mean(1)[chance].argsort(stable=True)]  # equally bright ones by chance
-    explained, unclipped = render(pixels, light), torch.zeros_like(clipped)
+    explained, unclipped = shade_under(pixels, light), torch.zeros_like(clipped)
     found = []
     for order in (dark_first, chance):
         part, rest = order.tensor_split(2)
@@ -61,10 +60,4 @@ def _error(
     part, rest = half
     start = light.mean((0, 1, 2)).expand_as(light).contiguous()
     found = solve_target_light(observed[part], clipped[part], pixels, start, part, config, _SOLVES)
-    return float(displayed_error(render(pixels.select(rest), found), observed[rest], clipped[rest]))
-
-
-def render(pixels: GBuffer, light: Tensor) -> Tensor:
-    """Return the radiance (P, 3) of pixels under a light (6, R, R, 3)."""
-    operator = prefilters.cached(light.shape[1], light.device)
-    return shade(pixels, operator, operator.apply(light))
+    return float(displayed_error(shade_under(pixels.select(rest), found), observed[rest], clipped[rest]))

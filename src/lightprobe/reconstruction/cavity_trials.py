@@ -17,7 +17,6 @@ from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.agreement import render
 from lightprobe.reconstruction.cavities import ClosedSurface, LatticeSolid, Lid, find_lids, hollowed, without_voids
 from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence, standard_error
 from lightprobe.reconstruction.gauge import evenly_spaced
@@ -26,6 +25,7 @@ from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import shade_under
 
 _WALLS = (1.0, 1.75, 3.0, 5.0)  # lattice cells, tried with the first depth
 _DEPTHS = (1.0, 0.5, 2.0)  # radii of the lid; the others are tried with the best wall
@@ -111,7 +111,7 @@ def _suspects(model: LatticeModel, surface: ClosedSurface, photos: _Photos) -> l
     seen: list[dict[str, Tensor]] = [{} for _ in lids]
     for target, gbuffer in photos.shown(model) if lids else ():
         pixels = gbuffer.select(target.inside(gbuffer.pixel))
-        image = render(pixels, lights.maps[lights.index[target.name]].detach())
+        image = shade_under(pixels, lights.maps[lights.index[target.name]].detach())
         for lid_faces, error, shown in zip(of_lid, errors, seen, strict=True):
             here = lid_faces[pixels.face]
             if float(here.float().mean()) >= _SEEN and not bool(here.all()):

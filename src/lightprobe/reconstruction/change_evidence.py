@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.agreement import render
 from lightprobe.reconstruction.material_trials import Sample, Trial
+from lightprobe.render.split_sum import shade_under
 
 FEWEST_PHOTOS = 8  # that judge a change
 
@@ -79,7 +79,7 @@ def _part_errors(trial: Trial, part: Callable[[Sample], Tensor], fewest: int) ->
             errors.append(float("nan"))
             continue
         pixels = sample.of_material(trial.material(sample.pixels.position)).select(rows)
-        image = render(pixels, trial.lights[sample.name])
+        image = shade_under(pixels, trial.lights[sample.name])
         errors.append(float(displayed_error(image, sample.color[rows], sample.clipped[rows])))
     return torch.tensor(errors, dtype=torch.float64)
 

@@ -24,10 +24,10 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.agreement import render
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import shade_under
 
 CHOICES = 2  # checkpoints that choose a factor
 _FIRST_TRIAL = 2  # the checkpoint that fits the material anew before it chooses
@@ -92,7 +92,7 @@ def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float) -> fl
     observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
     # Twice, as the light so far is that of another state of the asset.
     light = solve_target_light(observed, clipped, pixels, light, None, lights.config, times=2)
-    return float(displayed_error(render(pixels, light), observed, clipped))
+    return float(displayed_error(shade_under(pixels, light), observed, clipped))
 
 
 def brightened(pixels: GBuffer, factor: float) -> GBuffer:

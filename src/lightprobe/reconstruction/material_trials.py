@@ -25,7 +25,7 @@ from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.agreement import SPLITS, disagreement, render
+from lightprobe.reconstruction.agreement import SPLITS, disagreement
 from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST
 from lightprobe.reconstruction.lights import Lights, solve_target_light
@@ -33,6 +33,7 @@ from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.reconstruction.surroundings import Surroundings
 from lightprobe.render.gbuffer import GBuffer
+from lightprobe.render.split_sum import shade_under
 from lightprobe.scene.camera import mean_up
 from lightprobe.training import Descent, ParameterGroup
 
@@ -41,7 +42,7 @@ STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours that a new material 
 FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # that the present material's are tried times, as far as they stay plausible
 _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
-_JUDGES = 8  # of the photos
+_JUDGES = 8  # of the photos, or up to twice as many where their number is no multiple of it
 _ALIKE = 1.3  # a brightness within this factor of the present one is no reason to start over
 _CLEAR = 0.03  # share by which parts must agree better before a nearly finished material changes its brightness
 _SURE = 2.0  # standard errors over the photos that this gain must have as well
@@ -108,14 +109,17 @@ class Trial:
             start = self.lights[sample.name]
             light = solve_target_light(color[solved], clipped[solved], pixels, start, solved, self.config)
         self.lights[sample.name] = light
-        image = displayed_error(render(pixels.select(fitted), light), color[fitted], clipped[fitted])
+        image = displayed_error(shade_under(pixels.select(fitted), light), color[fitted], clipped[fitted])
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
 
     @torch.no_grad()
     def errors(self, photos: int = _JUDGES) -> Tensor:
-        """Return how much parts of the object disagree about the lights of some photos, (J, SPLITS) float64."""
+        """Return how much parts of the object disagree about the lights of some photos, (J, SPLITS) float64.
+
+        It is nan for photos that show too little of it to be halved.
+        """
         judges = self.samples[:: max(1, len(self.samples) // photos)]
-        errors = torch.zeros(len(judges), SPLITS, dtype=torch.float64)
+        errors = torch.full((len(judges), SPLITS), torch.nan, dtype=torch.float64)
         for row, sample in zip(errors, judges, strict=True):
             pixels = sample.of_material(self.material(sample.pixels.position))
             random = generator(self.seed, f"halves/{sample.name}")
@@ -191,7 +195,7 @@ def _best(
 
 def _score(errors: Tensor) -> float:
     """Return the logarithm of the disagreement (J, SPLITS) of all photos together, mean over splits."""
-    return float(errors.sum(0).clamp(min=1e-9).log().mean())
+    return float(errors.nansum(0).clamp(min=1e-9).log().mean())
 
 
 def _least(scores: list[float], surprises: Sequence[float]) -> tuple[int, list[float]]:
@@ -207,6 +211,8 @@ def _least(scores: list[float], surprises: Sequence[float]) -> tuple[int, list[f
 
 def _clearly_less(errors: Tensor, rival: Tensor) -> bool:
     """Return whether disagreements (J, SPLITS) are less than the rival's by more than chance and a wrong shape make."""
+    judged = ~(rival.isnan() | errors.isnan()).any(1)
+    errors, rival = errors[judged], rival[judged]
     gain = (rival - errors).sum(1) / rival.sum(1).mean().clamp(min=1e-9)
     uncertainty = float(gain.std()) / len(gain) ** 0.5 if len(gain) > 1 else 0.0
     return float(gain.mean()) > max(_CLEAR, _SURE * uncertainty)

@@ -7,7 +7,6 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.light import prefilter as prefilters
 from lightprobe.light.photometry import one_sided, srgb_encode
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
@@ -18,7 +17,7 @@ from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surroundings import Surroundings
 from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.split_sum import shade
+from lightprobe.render.split_sum import shade_under
 from lightprobe.render.surface import visible_surface
 
 _JUDGED = 1536  # pixels of each photo that an object is judged by
@@ -54,12 +53,11 @@ def fit_light(
 @torch.no_grad()
 def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> float:
     """Return the mean masked sRGB PSNR in dB of photos re-rendered under lights solved for them."""
-    operator = prefilters.cached(config.light_resolution, asset.mesh.vertices.device)
     scores = []
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
         image = torch.zeros_like(target.color)
-        image[gbuffer.pixel] = shade(gbuffer, operator, operator.apply(light))
+        image[gbuffer.pixel] = shade_under(gbuffer, light)
         inside = target.alpha > 0.5
         ours = one_sided(image[inside], target.color[inside], target.clipped[inside]).clamp(0, 1)
         error = (srgb_encode(ours) - srgb_encode(target.color[inside].clamp(0, 1))).square().mean()

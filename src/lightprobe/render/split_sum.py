@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.kernels import weighted_gather
-from lightprobe.light.prefilter import Prefilter
+from lightprobe.light.prefilter import Prefilter, cached
 from lightprobe.render import brdf
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.specular_lobes import LOBES, SpecularLobes, dielectric_part, specular_lobes
@@ -103,6 +103,12 @@ def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
     diffuse, ambient, opened = arriving[:, :3], arriving[:, 3:6], arriving[:, 6]
     lobe, bounce = occlude(gbuffer, r, opened)
     return r.specular * lobe * specular + r.diffuse * diffuse + bounce * ambient
+
+
+def shade_under(gbuffer: GBuffer, light: Tensor) -> Tensor:
+    """Return what `shade` does, (P, 3), under a light (6, R, R, 3) that is not prefiltered yet."""
+    prefilter = cached(light.shape[1], light.device)
+    return shade(gbuffer, prefilter, prefilter.apply(light))
 
 
 def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, Tensor]:
