@@ -1,12 +1,12 @@
-"""Fits the weights of `predict.confidence` to photos that the project makes of a run's object under its own lights.
+"""Fits the weights of `prediction.confidence` to photos that the project makes of a run's object under its own lights.
 
     python tools/fit_confidence.py runs/demo [RUN ...] [--method probe-net+optimize] [--photos 64]
 
 Each photo is what a training camera of the run would see of the object, with errors of the asset, noise, clipping and 8
-bits (`distill.synthetic.rerender`), under a generated light that no training has seen (`light.generated`). The light is
-predicted from it, and the error of ln radiance after one factor is explained, direction by direction, by non-negative
-least squares on the causes that `error_causes` names. No light of a data set enters, neither for training nor for
-evaluation; those check the confidence afterwards.
+bits (`lessons.synthetic.rerender`), under a generated light that no training has seen (`lessons.generated_lights`). The
+light is predicted from it, and the error of ln radiance after one factor is explained, direction by direction, by non-
+negative least squares on the causes that `error_causes` names. No light of a data set enters, neither for training nor
+for evaluation; those check the confidence afterwards.
 
 Prints the weights of all photos, and the errors in five bins of confidence: with the weights in use, and with those
 fitted to the other half of the photos.
