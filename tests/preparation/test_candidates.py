@@ -62,9 +62,19 @@ def test_where_the_object_stands_still_too_the_whole_photos_are_kept(monkeypatch
     assert len(found.tried) == 1
 
 
+def test_of_two_models_the_one_of_the_object_is_kept(turned, monkeypatch):
+    photos, matches, inside, right, wrong = turned
+    monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [wrong, right])
+    found = choose(photos, matches, [None] * 10, inside)
+    assert found.kept.name == WHOLE
+    assert np.array_equal(found.kept.solution.pose, right.pose)
+    assert found.kept.apart == (tuple(range(10)),)
+
+
 def test_photos_that_fit_together_elsewhere_are_kept_by_index(monkeypatch, tmp_path):
     photos, matches, right = photographed(ring_cameras(10), ball_points(OBJECT + BACKGROUND))
-    apart = replace(right, photo=np.array([1, 4, 6]))
+    some = np.array([1, 4, 6])
+    apart = replace(right, photo=some, pose=right.pose[some], lens=right.lens[some], size=right.size[some])
     monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [right, apart])
     made = kept_choice(Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, None))
     again = kept_choice(Cache(tmp_path), "cameras", "key", lambda: pytest.fail("it was kept"))

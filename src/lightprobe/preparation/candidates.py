@@ -149,15 +149,18 @@ def best_lenses(name: str, photos: Sequence[Features], matches: Matches, focal: 
                 asked: ObjectMatches, seed: int) -> Candidate | None:  # fmt: skip
     """Return the reconstruction of matches (M, 2) with the lenses that register most photos, None when none does.
 
-    Between these, matches and photos being the same, what registers more is better: a wrong lens loses photos.
+    Of several models that do not join, the one that does best on the object. Between lenses, matches and photos being
+    the same, what registers more is better: a wrong lens loses photos.
     """
     best: Candidate | None = None
     for lenses in _trials(photos, focal):
         models = reconstruct(photos, matches, focal, lenses, seed)
         if not models:
             continue
-        apart = tuple(tuple(model.photo.tolist()) for model in models[1:])
-        found = Candidate(name, models[0], asked.judge(models[0]), lenses, apart)
+        verdicts = [asked.judge(model) for model in models]
+        kept = max(range(len(models)), key=lambda k: verdicts[k].score(len(photos)))
+        apart = tuple(tuple(model.photo.tolist()) for k, model in enumerate(models) if k != kept)
+        found = Candidate(name, models[kept], verdicts[kept], lenses, apart)
         if best is None or len(found.solution.photo) > len(best.solution.photo):
             best = found
         if len(found.solution.photo) >= _NEARLY_ALL * _matched(matches, len(photos)):
