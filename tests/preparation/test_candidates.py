@@ -74,7 +74,10 @@ def test_of_two_models_the_one_of_the_object_is_kept(turned, monkeypatch):
 def test_photos_that_fit_together_elsewhere_are_kept_by_index(monkeypatch, tmp_path):
     photos, matches, right = photographed(ring_cameras(10), ball_points(OBJECT + BACKGROUND))
     some = np.array([1, 4, 6])
-    apart = replace(right, photo=some, pose=right.pose[some], lens=right.lens[some], size=right.size[some])
+    theirs = np.isin(right.seen_by, some)
+    sightings = {name: getattr(right, name)[theirs] for name in ("seen_by", "feature", "seen")}
+    cameras = {name: getattr(right, name)[some] for name in ("photo", "pose", "lens", "size")}
+    apart = replace(right, **cameras, **sightings)
     monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [right, apart])
     made = kept_choice(Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, None))
     again = kept_choice(Cache(tmp_path), "cameras", "key", lambda: pytest.fail("it was kept"))
