@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from lightprobe.core.config import distillation, prediction, reconstruction
+from lightprobe.core.config import Preset, distillation, prediction, reconstruction
 from lightprobe.core.run import RunFolder
-from lightprobe.report.run_info import read_phases, training_commands, training_facts
+from lightprobe.report.run_info import fitted_preset, read_phases, training_commands, training_facts
 
 BUNDLED = Path("anywhere/lightprobe/assets/demo")
 
@@ -91,6 +91,14 @@ def test_settings_of_another_version_tell_nothing(run, change):
     assert read_phases(run) == []
     assert training_facts([]) == {}
     assert training_commands([], BUNDLED) == []
+
+
+def test_the_fitted_preset_is_told_while_the_second_phase_is_started_over(run, monkeypatch):
+    record(run, reconstruction.standard(), distillation.standard())
+    first, later = iter([run.sections()]), RunFolder.sections
+    run.restart("distill", outputs=())  # by another process, after this one has looked once
+    monkeypatch.setattr(RunFolder, "sections", lambda self: next(first, None) or later(self))
+    assert fitted_preset(run) is Preset.STANDARD
 
 
 def test_a_run_without_settings_tells_nothing(run):

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.checkpoint import Checkpoints
-from lightprobe.core.config.stored import first_difference, plain
+from lightprobe.core.config.stored import first_difference, plain, setting_of_one
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.file_lock import locked_file
 from lightprobe.core.files import append_text, disk_errors, named_file, remove, write_bytes, write_json
@@ -191,7 +191,12 @@ class RunFolder:
         """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError` if not."""
         stored = self.sections()
         if phase in stored:
-            self._check_settings(stored[phase], config, phase)
+            alone = setting_of_one(stored[phase], config)
+            if alone:
+                raise ConfigError(
+                    f"{self.path} was started by another version of lightprobe, whose settings of {phase} are others "
+                    f"({alone}): choose another run folder with -o, or start over with --restart."
+                )
             self._check_same(stored[phase], plain(config), phase, "use the same options to go on")
         else:
             write_json(self.config_file, {**stored, phase: plain(config)})
@@ -225,15 +230,6 @@ class RunFolder:
         """Forget all phases, their timings and metrics.jsonl and the given outputs, whatever state the files are in."""
         remove(*outputs, self.metrics_log, self.timings_file)
         write_json(self.config_file, {})
-
-    def _check_settings(self, stored: Any, given: Mapping[str, Any], phase: str) -> None:
-        """Raise `ConfigError` when a setting is missing in one of both: no option makes them the same."""
-        alone = set(stored) ^ set(given) if isinstance(stored, dict) else set()
-        if alone:
-            raise ConfigError(
-                f"{self.path} was started by another version of lightprobe, whose settings of {phase} are others "
-                f"({min(alone)}): choose another run folder with -o, or start over with --restart."
-            )
 
     def _check_same(self, stored: Any, given: Any, what: str, hint: str) -> None:
         difference = first_difference(stored, given, what)

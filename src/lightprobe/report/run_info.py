@@ -63,7 +63,7 @@ def read_phases(run: RunFolder) -> list[Phase]:
     if "decompose" not in stored:
         return []
     try:
-        phases = [_phase("decompose", run.config("decompose"), DecomposeConfig.from_json)]
+        phases = [_first_phase(run)]
         if "distill" in stored:
             phases.append(_second_phase(run))
     except ConfigError:
@@ -72,9 +72,16 @@ def read_phases(run: RunFolder) -> list[Phase]:
 
 
 def fitted_preset(run: RunFolder) -> Preset:
-    """Return the preset that Phase I was run with, up to single settings; quick where its settings do not tell."""
-    phases = read_phases(run)
-    return Preset(phases[0].nearest()) if phases else Preset.QUICK
+    """Return the preset that Phase I was run with, up to single settings; quick where its settings do not tell.
+
+    Phase II is not read: another process may be starting it over just now.
+    """
+    if "decompose" not in run.sections():
+        return Preset.QUICK
+    try:
+        return Preset(_first_phase(run).nearest())
+    except ConfigError:
+        return Preset.QUICK
 
 
 def training_facts(phases: list[Phase]) -> dict[str, str]:
@@ -120,6 +127,10 @@ def _phase(
     if settings.keys() != {f.name for f in fields(parsed)} or type(seed) is not int:  # what is missing would be guessed
         raise ConfigError(f"The stored settings of '{section}' are of another version.")
     return Phase(section, parsed, seed, stored.get("hdri") is not None)
+
+
+def _first_phase(run: RunFolder) -> Phase:
+    return _phase("decompose", run.config("decompose"), DecomposeConfig.from_json)
 
 
 def _second_phase(run: RunFolder) -> Phase:

@@ -43,6 +43,11 @@ def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] 
     return None if stored == given else (key, _brief(stored), _brief(given))
 
 
+def setting_of_one(stored: Any, given: Mapping[str, Any]) -> str | None:
+    """Return the first setting that only one of two configurations has, so that no option makes them the same."""
+    return min(set(stored) ^ set(given), default=None) if isinstance(stored, dict) else None
+
+
 def _brief(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:20]}...{text[-37:]}"  # of paths the ends differ
