@@ -32,9 +32,9 @@ def test_photos_of_another_reconstruction_are_told_from_photos_that_fit_nothing(
     view = View(ring_cameras(1)[0], np.zeros((SIZE, SIZE, 3), np.uint8), None, False)
     cutting = Cutting(choice, {0: view, 1: view}, Cutout({}, {}, None, None), np.ones(5, np.int8))
     lost = _lost(photos, seen, {}, cutting)
-    assert lost["2.png"].startswith("fits 1.png and 1 more, but none")
+    assert lost["2.png"].startswith("fits 1.png and 1 more, apart")
     assert lost["3.png"].startswith("fits 1.png and 1 more")  # the larger of its two
-    assert lost["4.png"].startswith("fits 3.png, but none")
+    assert lost["4.png"].startswith("fits 3.png, apart")
     warnings = _warnings(photos, cutting, SimpleNamespace(doubt=None), 1.0)
     assert next(text for text in warnings if "fit together" in text).startswith("2 photos, such as 2.png, fit together")
 

@@ -125,7 +125,7 @@ def reason_lost(
         return f"the same file as {original}"
     if together:
         more = f" and {len(together) - 1} more" if len(together) > 1 else ""
-        return f"fits {together[0]}{more}, but none with a camera; photos between are missing"
+        return f"fits {together[0]}{more}, apart from those that have cameras; photos between are missing"
     if each.sharpness < _BLURRED * median_sharpness:
         return f"blurred; sharpness {each.sharpness / median_sharpness:.2f} of the others'"
     if len(each.features.points) < _FEW_FEATURES:

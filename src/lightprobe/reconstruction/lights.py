@@ -28,9 +28,9 @@ def solve_target_light(
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from `start`.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. It is solved so
-    `times` times, each time from the last light. Places they do not pin are pulled towards the mean colour of the light
-    it starts from, with `regularisation` or, by default, the weaker pull that `config` has while the asset changes: a
-    light that is too smooth asks for a surface that is too glossy.
+    `times` times, each time from the last light. Places that the pixels do not pin are pulled towards the mean colour
+    of the light it starts from, with `regularisation` or, by default, the weaker pull that `config` has while the asset
+    changes: a light that is too smooth asks for a surface that is too glossy.
 
     Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows there: what
     either takes for a highlight weighs little (docs/decisions/light-weights.md).
