@@ -18,11 +18,11 @@ from torch import Tensor
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.cavities import ClosedSurface, LatticeSolid, Lid, find_lids, hollowed, without_voids
-from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence, standard_error
+from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence
 from lightprobe.reconstruction.gauge import evenly_spaced
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial
+from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial, standard_error
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.material_trials import Sample, Trial
+from lightprobe.reconstruction.material_trials import Sample, Trial, standard_error
 from lightprobe.render.split_sum import shade_under
 
 FEWEST_PHOTOS = 8  # that judge a change
@@ -82,11 +82,6 @@ def _part_errors(trial: Trial, part: Callable[[Sample], Tensor], fewest: int) ->
         image = shade_under(pixels, trial.lights[sample.name])
         errors.append(float(displayed_error(image, sample.color[rows], sample.clipped[rows])))
     return torch.tensor(errors, dtype=torch.float64)
-
-
-def standard_error(values: Tensor) -> float:
-    """Return the standard error of the mean of values (K,)."""
-    return float(values.std()) / len(values) ** 0.5
 
 
 def _gain(before: Tensor, after: Tensor) -> Tensor:

@@ -214,8 +214,13 @@ def _clearly_less(errors: Tensor, rival: Tensor) -> bool:
     judged = ~(rival.isnan() | errors.isnan()).any(1)
     errors, rival = errors[judged], rival[judged]
     gain = (rival - errors).sum(1) / rival.sum(1).mean().clamp(min=1e-9)
-    uncertainty = float(gain.std()) / len(gain) ** 0.5 if len(gain) > 1 else 0.0
+    uncertainty = standard_error(gain) if len(gain) > 1 else 0.0
     return float(gain.mean()) > max(_CLEAR, _SURE * uncertainty)
+
+
+def standard_error(values: Tensor) -> float:
+    """Return the standard error of the mean of values (K,)."""
+    return float(values.std()) / len(values) ** 0.5
 
 
 def _vertex(starts: Sequence[float], errors: Sequence[float], best: int) -> float:
