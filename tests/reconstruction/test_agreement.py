@@ -8,12 +8,13 @@ import torch
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.light.prefilter import cached
-from lightprobe.reconstruction import agreement
-from lightprobe.reconstruction.agreement import SPLITS, disagreement
+from lightprobe.reconstruction import lights as lights_module
+from lightprobe.reconstruction.agreement import SPLITS, disagreement, part_solver
 from lightprobe.render.split_sum import shade, shade_under
 from tests.gbuffers import sky, sphere_gbuffer
 
 CONFIG = DecomposeConfig()
+SOLVER = part_solver(CONFIG, torch.device("cpu"), 1000)
 
 
 def two_materials():
@@ -28,7 +29,7 @@ def two_materials():
 
 def error(pixels, photo, light):
     clipped = torch.zeros_like(photo, dtype=torch.bool)
-    found = disagreement(pixels, photo, clipped, light, CONFIG, generator(0, "test"))
+    found = disagreement(pixels, photo, clipped, light, SOLVER, generator(0, "test"))
     assert found is not None
     assert found.shape == (SPLITS,)
     return float(found.mean())
@@ -49,14 +50,15 @@ def test_of_a_photo_that_the_surface_explains_nothing_is_left():
 
 def test_a_light_is_solved_from_the_colours_of_its_own_pixels(monkeypatch):
     true, photo, light = two_materials()
-    explained, solve, calls = shade_under(true, light), agreement.solve_target_light, []
+    explained, solve, calls = shade_under(true, light), lights_module.solve_target_light, []
 
-    def checked(observed, clipped, pixels, start, rows, *rest):
+    def checked(observed, clipped, pixels, *rest):
+        rows = pixels.pixel
         assert torch.equal(observed, photo[rows]) or torch.equal(observed, explained[rows])
         calls.append(len(rows))
-        return solve(observed, clipped, pixels, start, rows, *rest)
+        return solve(observed, clipped, pixels, *rest)
 
-    monkeypatch.setattr(agreement, "solve_target_light", checked)
+    monkeypatch.setattr(lights_module, "solve_target_light", checked)
     photo = photo + 0.1  # no longer what the surface explains
     error(true, photo, light)
     assert len(calls) == 4 * SPLITS
@@ -66,4 +68,4 @@ def test_too_few_pixels_say_nothing():
     true, photo, light = two_materials()
     few = torch.arange(10)
     clipped = torch.zeros(10, 3, dtype=torch.bool)
-    assert disagreement(true.select(few), photo[few], clipped, light, CONFIG, generator(0, "test")) is None
+    assert disagreement(true.select(few), photo[few], clipped, light, SOLVER, generator(0, "test")) is None

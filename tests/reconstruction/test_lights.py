@@ -8,7 +8,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction import lights as lights_module
-from lightprobe.reconstruction.lights import Lights, solve_target_light
+from lightprobe.reconstruction.lights import Lights, LightSolver, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
@@ -113,6 +113,23 @@ def test_recorded_visits_solve_what_single_ones_do(monkeypatch):
     for one, other in zip(single, recorded, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
     assert not torch.allclose(single[3], single[4], rtol=1e-3)  # other pixels, another light
+
+
+@pytest.mark.slow
+def test_photos_of_fewer_pixels_are_solved_from_the_same_recording(monkeypatch):
+    compute_as_a_gpu_does(monkeypatch)
+    gbuffer, target, light = ball()
+    start, rows = torch.full_like(light, 0.5), torch.arange(500)
+    few = [rows, rows, rows, rows[:250], rows[250:]]  # in 500 pixels each of the last two comes twice
+
+    def solved():
+        solver = LightSolver(CONFIG, CPU, pixels=500)
+        return [solver(target.color, target.clipped, gbuffer, part, start) for part in few]
+
+    single, recorders = solved(), record_on_tape(monkeypatch, lights_module)
+    for one, other in zip(single, solved(), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
+    assert [(recorder.recordings, recorder.replays) for recorder in recorders] == [(1, 2)]
 
 
 @pytest.mark.cuda

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.lights import solve_target_light
+from lightprobe.reconstruction.lights import LightSolver
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
 
@@ -26,15 +26,21 @@ _FEWEST_PIXELS = 32  # of a photo that can be halved
 Half = tuple[Tensor, Tensor]  # the rows of a part, and those of the rest
 
 
+def part_solver(config: DecomposeConfig, device: torch.device, pixels: int) -> LightSolver:
+    """Return what finds the lights of parts of up to `pixels` pixels, for `disagreement`."""
+    return LightSolver(config, device, pixels, _SOLVES)
+
+
 @torch.no_grad()
 def disagreement(
-    pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, config: DecomposeConfig, random: torch.Generator
+    pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, solver: LightSolver, random: torch.Generator
 ) -> Tensor | None:
     """Return by how much each half of the pixels fails to explain the other, (SPLITS,) float64, or None for too few.
 
     It is the root of the squared displayed error of each half under the light of the other, less that in a photo which
     the surface explains. The halves are the darker and the brighter surfaces, and two at random. observed (P, 3):
-    linear colours of the P pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): the one that explains them all.
+    linear colours of the P pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): the one that explains them all;
+    solver: a `part_solver` for half of the pixels, rounded up.
     """
     count = len(pixels.pixel)
     if count < _FEWEST_PIXELS:
@@ -46,18 +52,16 @@ def disagreement(
     for order in (dark_first, chance):
         part, rest = order.tensor_split(2)
         measured, expected = (
-            sum(_error(pixels, *photo, light, config, half) for half in ((part, rest), (rest, part)))
+            sum(_error(pixels, *photo, light, solver, half) for half in ((part, rest), (rest, part)))
             for photo in ((observed, clipped), (explained, unclipped))
         )
         found.append(max(measured**2 - expected**2, 0.0) ** 0.5 / 2)
     return torch.tensor(found, dtype=torch.float64)
 
 
-def _error(
-    pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, config: DecomposeConfig, half: Half
-) -> float:
+def _error(pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, solver: LightSolver, half: Half) -> float:
     """Return the displayed error of the rest under a light solved from a part alone, of the mean colour of `light`."""
     part, rest = half
     start = light.mean((0, 1, 2)).expand_as(light).contiguous()
-    found = solve_target_light(observed[part], clipped[part], pixels, start, part, config, _SOLVES)
+    found = solver(observed, clipped, pixels, part, start)
     return float(displayed_error(shade_under(pixels.select(rest), found), observed[rest], clipped[rest]))

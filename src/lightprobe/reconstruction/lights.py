@@ -18,7 +18,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
 from lightprobe.training import ParameterGroup
-from lightprobe.training.recording import RecordedStep, recorder_for
+from lightprobe.training.recording import RecordedStep, Recorder, recorder_for
 
 
 def solve_target_light(
@@ -51,32 +51,40 @@ def solve_target_light(
     return light
 
 
-class _VisitSolver:
-    """`solve_target_light` for visits of the photos, recorded on a GPU: many small operators, the same each time.
+class LightSolver:
+    """`solve_target_light` from up to `pixels` pixels of a photo, recorded on a GPU: many small operators.
 
-    The record holds for a surface of one number of vertices, and as many pixels in every photo; others are solved
-    singly.
+    The record holds for a surface of one number of vertices. It reads `pixels` pixels, so those of a photo that has
+    fewer are counted again in turn there.
     """
 
-    def __init__(self, config: DecomposeConfig, device: torch.device):
-        self._config, self._device = config, device
-        self._vertices = 0
+    def __init__(self, config: DecomposeConfig, device: torch.device, pixels: int, times: int = 1):
+        """Solve lights on `device`, each `times` times."""
+        self._config, self._device, self._pixels, self._times = config, device, pixels, times
+        self._vertices = -1  # of the surface seen last
+        self._recorder: Recorder | None = None
         self._solve: RecordedStep | None = None
 
     @torch.no_grad()
-    def __call__(self, target: Target, gbuffer: GBuffer, rows: Tensor, start: Tensor) -> Tensor:
-        """Return the light from `start` (6, R, R, 3), solved once from the pixels `rows` (K,) of the G-buffer."""
+    def __call__(self, observed: Tensor, clipped: Tensor, gbuffer: GBuffer, rows: Tensor, start: Tensor) -> Tensor:
+        """Return the light from `start` (6, R, R, 3) that explains the rows (K,) int64 of the G-buffer, K > 0, best.
+
+        observed (P, 3), clipped (P, 3) bool: as in `solve_target_light`, of all pixels of the G-buffer.
+        """
+        vertices = 0 if gbuffer.visibility is None else len(gbuffer.visibility.vertices.unoccluded)
+        if vertices != self._vertices:  # the old record would never fit again
+            self._vertices, self._recorder, self._solve = vertices, recorder_for(self._device), None
+        if self._recorder is not None:
+            rows = rows[torch.arange(self._pixels, device=rows.device) % len(rows)]
         part = gbuffer.select(rows)
-        observed, clipped = target.color[part.pixel], target.clipped[part.pixel]
-        vertices = 0 if part.visibility is None else len(part.visibility.vertices.unoccluded)
-        if self._solve is None or vertices != self._vertices:  # the old record would never fit again
-            self._vertices, self._solve = vertices, RecordedStep(self._step(part), recorder_for(self._device))
-        return self._solve(observed, clipped, start, *part.tensors())
+        if self._solve is None:
+            self._solve = RecordedStep(self._step(part), self._recorder)
+        return self._solve(observed[rows], clipped[rows], start, *part.tensors())
 
     def _step(self, like: GBuffer) -> Callable[..., Tensor]:
         def step(observed: Tensor, clipped: Tensor, start: Tensor, *tensors: Tensor) -> Tensor:
             seen = like.holding(tensors)
-            return solve_target_light(observed, clipped, seen, start, None, self._config)
+            return solve_target_light(observed, clipped, seen, start, None, self._config, self._times)
 
         return step
 
@@ -94,7 +102,7 @@ class Lights:
         shape = (6, resolution, resolution, 3)
         self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
         self.prefilter = prefilters.cached(resolution, device)
-        self._solver = _VisitSolver(config, device)
+        self._solver = LightSolver(config, device, config.light_solve_pixels)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
         """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""
@@ -109,7 +117,8 @@ class Lights:
             return self.prefilter.apply(self.maps[row]), self.grey_cost(row)
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
-            self.maps[row] = self._solver(target, gbuffer, rows, self.maps[row])
+            observed, clipped = target.color[gbuffer.pixel], target.clipped[gbuffer.pixel]
+            self.maps[row] = self._solver(observed, clipped, gbuffer, rows, self.maps[row])
         return self.prefilter.apply(self.maps[row]), self.grey_cost(row)
 
     def grey_cost(self, row: int) -> Tensor:
@@ -121,7 +130,7 @@ class Lights:
 
     def color_cast(self) -> Tensor:
         """Return by how much the lights are brighter in each channel than on the average, (3,), in logarithms."""
-        means = torch.stack([light.detach().mean((0, 1, 2)) for light in self.maps]).clamp(min=1e-4).log().mean(0)
+        means = self.stacked().mean((1, 2, 3)).clamp(min=1e-4).log().mean(0)
         return means - means.mean()
 
     @torch.no_grad()

@@ -25,10 +25,10 @@ from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.agreement import SPLITS, disagreement
+from lightprobe.reconstruction.agreement import SPLITS, disagreement, part_solver
 from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.gauge import BRIGHTEST, DARKEST
-from lightprobe.reconstruction.lights import Lights, solve_target_light
+from lightprobe.reconstruction.lights import Lights, LightSolver
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.reconstruction.surroundings import Surroundings
@@ -88,6 +88,9 @@ class Trial:
         """
         self.material, self.samples, self.config, self.seed = material, samples, material.config, seed
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
+        device = lights.maps[0].device
+        self._solver = LightSolver(self.config, device, _PIXELS // 2)
+        self._part_solver = part_solver(self.config, device, _PIXELS // 2)
 
     def fit(self, steps: int) -> None:
         """Fit the material to the samples, one photo a step, each photo's light solved at each visit."""
@@ -105,9 +108,7 @@ class Trial:
         pixels, color, clipped = sample.of_material(material), sample.color, sample.clipped
         order = torch.randperm(len(color), generator=generator(self.seed, f"trial-halves/{sample.name}", step))
         solved, fitted = order.to(color.device).tensor_split(2)
-        with torch.no_grad():
-            start = self.lights[sample.name]
-            light = solve_target_light(color[solved], clipped[solved], pixels, start, solved, self.config)
+        light = self._solver(color, clipped, pixels, solved, self.lights[sample.name])
         self.lights[sample.name] = light
         image = displayed_error(shade_under(pixels.select(fitted), light), color[fitted], clipped[fitted])
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
@@ -123,7 +124,8 @@ class Trial:
         for row, sample in zip(errors, judges, strict=True):
             pixels = sample.of_material(self.material(sample.pixels.position))
             random = generator(self.seed, f"halves/{sample.name}")
-            found = disagreement(pixels, sample.color, sample.clipped, self.lights[sample.name], self.config, random)
+            light = self.lights[sample.name]
+            found = disagreement(pixels, sample.color, sample.clipped, light, self._part_solver, random)
             if found is not None:
                 row.copy_(found)
         return errors

@@ -10,7 +10,7 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import one_sided, srgb_encode
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
-from lightprobe.reconstruction.agreement import disagreement
+from lightprobe.reconstruction.agreement import disagreement, part_solver
 from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.reconstruction.photos import Target
@@ -74,13 +74,13 @@ def judge_object(
 
     bias, around: of the lights of all training photos, where there are enough of them.
     """
-    errors = []
+    errors, solver = [], part_solver(config, asset.mesh.vertices.device, _JUDGED // 2)
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
         inside = target.inside(gbuffer.pixel)
         pixels = gbuffer.select(draw_rows(inside, _JUDGED, generator(seed, f"judge/{target.name}")))
         color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
-        halves = disagreement(pixels, color, clipped, light, config, generator(seed, f"judge-halves/{target.name}"))
+        halves = disagreement(pixels, color, clipped, light, solver, generator(seed, f"judge-halves/{target.name}"))
         if halves is not None:
             errors.append(float(halves[0]))  # of the darker and the brighter surfaces
     if not errors:
