@@ -118,3 +118,13 @@ def test_voids_are_filled_and_openings_are_not():
     filled = without_voids(solid, LATTICE.boundary.numpy())
     assert (filled[void] == np.float32(-CELL)).all()
     assert np.array_equal(filled[~void], cup[~void])
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.08])
+def test_a_dent_in_a_lid_leaves_no_pillar(radius):
+    beside = np.hypot(POINTS[:, 0] - 0.2, POINTS[:, 1])
+    dent = np.maximum(beside - radius, 0.55 - POINTS[:, 2])  # a steep hole
+    dented = np.maximum(cylinder(POINTS), -dent).astype(np.float32)
+    cup = hollow(dented, wall=0.15, depth=3.0)
+    around = (beside < radius + 0.15) & (np.abs(POINTS[:, 2]) < 0.5)
+    assert (cup[around] > 0).all()

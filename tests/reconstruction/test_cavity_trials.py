@@ -12,6 +12,7 @@ from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction import cavity_trials, image_task
 from lightprobe.reconstruction.cavity_trials import Opening, best_opening, has_doubtful_lid
+from lightprobe.reconstruction.change_evidence import Evidence
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
@@ -75,6 +76,27 @@ def test_a_cup_is_opened(monkeypatch):
     middle = closed.lattice.vertices.norm(dim=1).argmin()
     assert before[middle] < 0 < opening.distance[middle]
     assert torch.equal(closed.distances().detach(), before)  # the model itself stays as it is
+
+
+@pytest.mark.slow
+def test_a_cavity_is_judged_by_pixels_that_show_it(monkeypatch):
+    monkeypatch.setattr(cavity_trials, "_WALLS", (3.0,))
+    monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0,))
+    closed, judged, evidence_of = model_of(inner=None), [], Evidence.of
+
+    def spy(trial, part, *rest):
+        judged.append([(sample.pixels.position, part(sample)) for sample in trial.samples])
+        return evidence_of(trial, part, *rest)
+
+    monkeypatch.setattr(cavity_trials.Evidence, "of", spy)
+    assert best_opening(closed, *photos(model_of(inner=0.64)), 1.0, 0) is not None
+    of_closed, of_opened = judged
+    for position, rows in of_closed:
+        assert len(rows) > 0
+        assert (position[rows, 2] > 0.45).all()  # the lid, of which a rim stays
+        assert (position[rows, :2].norm(dim=1) < 0.72).all()
+    for position, rows in of_opened:
+        assert (position[rows, 2] < 0.5 - closed.lattice.cell).all()
 
 
 @pytest.mark.slow

@@ -16,6 +16,8 @@ _AXES = np.concatenate([np.eye(3), -np.eye(3)])  # ways that a lid may face
 _FACING = math.cos(math.radians(40))  # least cosine between a lid's normals and its axis
 _SMALLEST = 0.015  # share of the surface that is worth opening
 _SMOOTHING = 8  # rounds in which normals are averaged with those around: a hull's surface is rough
+_RINGS = 2  # of vertices that are bridged between parts of a lid: photos have bent it to what lies behind
+_GAP = 0.25  # share of a lid's area, up to which what it surrounds is a part of it
 _NEAREST, _BLUR = 24, 2.0  # vertices whose tangent planes are averaged, and over how many lattice cells
 _TOUCHING = 1.5  # lattice cells between a lid and the first lattice vertices of the cavity behind it
 
@@ -73,7 +75,7 @@ def find_lids(surface: ClosedSurface) -> list[Lid]:
         for part in np.flatnonzero(sizes > _SMALLEST * areas.sum()):
             chosen = np.zeros(count, bool)
             chosen[facing[labels == part]] = True
-            lids.append(Lid(chosen, math.sqrt(sizes[part] / math.pi)))
+            lids.append(Lid(_without_gaps(chosen, links, areas), math.sqrt(sizes[part] / math.pi)))
     return sorted(lids, key=lambda lid: -lid.radius)
 
 
@@ -118,6 +120,24 @@ def _connected(chosen: np.ndarray, ends: np.ndarray, edges: np.ndarray) -> np.nd
     links = scipy.sparse.coo_array((np.ones(len(kept)), kept.T), shape=(count, count))
     labels = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
     return chosen & np.isin(labels, np.unique(labels[chosen & ends]))
+
+
+def _without_gaps(chosen: np.ndarray, links: "scipy.sparse.csr_array", areas: np.ndarray) -> np.ndarray:
+    """Return a part of a surface, (V,) bool, with the dents and gaps in it, which would leave pillars behind a lid.
+
+    links (V, V): of neighbours; areas (V,): of the vertices.
+    """
+    closed = chosen
+    for _ in range(_RINGS):
+        closed = closed | (links @ closed > 0)
+    for _ in range(_RINGS):
+        closed = closed & ~(links @ ~closed > 0)
+    closed = closed | chosen
+    rest = np.flatnonzero(~closed)
+    parts, labels = scipy.sparse.csgraph.connected_components(links[rest][:, rest], directed=False)
+    gaps = np.bincount(labels, areas[rest], minlength=parts) < _GAP * areas[closed].sum()
+    closed[rest[gaps[labels]]] = True
+    return closed
 
 
 def _averaged(normals: np.ndarray, links: "scipy.sparse.csr_array") -> np.ndarray:

@@ -18,7 +18,7 @@ from torch import Tensor
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.cavities import ClosedSurface, LatticeSolid, Lid, find_lids, hollowed, without_voids
-from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence
+from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence, disagreement_of
 from lightprobe.reconstruction.gauge import evenly_spaced
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
@@ -27,7 +27,7 @@ from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
 
-_WALLS = (1.0, 1.75, 3.0, 5.0)  # lattice cells, tried with the first depth
+_WALLS = (1.0, 1.3, 1.75, 3.0, 5.0)  # lattice cells, tried with the first depth
 _DEPTHS = (1.0, 0.5, 2.0)  # radii of the lid; the others are tried with the best wall
 _BAR = Bar(sure=2.5, least=0.12)  # higher than usual: one of several attempts, each with a shape of its own
 _SUSPECT = 1.5  # times the error of the rest, from which on a lid is tried
@@ -35,7 +35,9 @@ _DOUBTFUL = 2.0  # times that error, from which on the surface follows its textu
 _TRIED = 3  # lids at most, the worst first
 _SEEN = 0.03  # share of the object's pixels in a photo that a lid needs there
 _COVERED = 0.999  # share of the masks that must still be covered: a wall that is too thin for the lattice has holes
-_FEWEST_PIXELS = 40  # of a lid, among those that a trial draws from a photo
+_BEHIND = 2.0  # lattice cells that a pixel's surface moves by if it is to judge a cavity
+_FAR = 1e3  # object radii
+_FEWEST_PIXELS = 40  # of those, among the ones that a trial draws from a photo
 
 
 @dataclass(frozen=True)
@@ -140,18 +142,24 @@ def _opened(
 ) -> tuple[LatticeModel, Opening] | None:
     """Return a copy of the model with the best cavity behind a lid of its surface, None where no cavity is better."""
     photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
-    closed, shown = _fitted(model, photos)
-    before = Evidence.of(closed, suspect.rows, _FEWEST_PIXELS)
+    closed = _Fitted.of(model, photos)
+    agreement = disagreement_of(closed.trial)
 
     def attempts(sizes: Iterable[tuple[float, float]]) -> Iterator[_Attempt]:
         for wall, depth in sizes:
             hollow = _with_cavity(model, surface, suspect.lid, wall=wall, depth=depth)
             if hollow is None:
                 continue
-            trial, covered = _fitted(hollow, photos)
-            evidence = Evidence.of(trial, suspect.rows, _FEWEST_PIXELS)
-            if covered >= _COVERED * shown and evidence.explains_part(before, _BAR):
-                yield _Attempt(wall, hollow, trial, evidence, evidence.own_gain(before))
+            opened = _Fitted.of(hollow, photos)
+
+            def inside(sample: Sample, opened: _Fitted = opened) -> Tensor:
+                rows = suspect.rows(sample)
+                return rows[opened.moved(closed, sample, rows) > _BEHIND * model.lattice.cell]
+
+            before = Evidence.of(closed.trial, inside, _FEWEST_PIXELS, agreement)
+            evidence = Evidence.of(opened.trial, inside, _FEWEST_PIXELS)
+            if opened.covered >= _COVERED * closed.covered and evidence.explains_part(before, _BAR):
+                yield _Attempt(wall, hollow, opened.trial, before, evidence)
 
     first, *other_depths = _DEPTHS
     better = list(attempts((wall, first) for wall in _WALLS))
@@ -159,7 +167,7 @@ def _opened(
         wall = _by_preference(better)[0].wall
         better += attempts((wall, depth) for depth in other_depths)
     for attempt in _by_preference(better):
-        if attempt.evidence.speaks_for_change(before, _BAR):
+        if attempt.evidence.speaks_for_change(attempt.before, _BAR):
             attempt.model.material.take_over(attempt.trial.material)  # the next lid's trials start from it
             return attempt.model, Opening(attempt.model.distances().detach(), attempt.trial)
     return None
@@ -172,8 +180,13 @@ class _Attempt:
     wall: float  # lattice cells
     model: LatticeModel
     trial: Trial
+    before: Evidence  # of the closed surface, by the pixels that show the cavity
     evidence: Evidence
-    gains: Tensor  # (K,) of photos, in the logarithm of the error
+
+    @property
+    def gains(self) -> Tensor:
+        """Of photos, (K,), in the logarithm of the error."""
+        return self.evidence.own_gain(self.before)
 
     @property
     def gain(self) -> float:
@@ -235,10 +248,29 @@ def _surface(model: LatticeModel) -> ClosedSurface:
     return ClosedSurface(vertices, normals, faces)
 
 
-def _fitted(model: LatticeModel, photos: _Photos) -> tuple[Trial, int]:
-    """Return a fitted trial of the model's material on its surface, and how many of the photos' pixels this covers."""
-    shown = list(photos.shown(model))
-    samples = [Sample.of(*one, photos.seed) for one in shown]
-    trial = Trial(copy.deepcopy(model.material), samples, photos.lights, 1.0, photos.seed)
-    trial.fit((model.config.trial_steps + 1) // 2)
-    return trial, sum(len(target.inside(gbuffer.pixel)) for target, gbuffer in shown)
+@dataclass(frozen=True)
+class _Fitted:
+    """A material fitted to a surface, and where the photos show this."""
+
+    trial: Trial
+    covered: int  # how many of the photos' pixels the surface covers
+    places: dict[str, Tensor]  # photo name -> (H * W, 3) where the surface of each pixel is, far away where it is none
+
+    @staticmethod
+    def of(model: LatticeModel, photos: _Photos) -> "_Fitted":
+        """Return the model's material fitted on its surface."""
+        samples, covered, places = [], 0, {}
+        for target, gbuffer in photos.shown(model):
+            samples.append(Sample.of(target, gbuffer, photos.seed))
+            covered += len(target.inside(gbuffer.pixel))
+            place = gbuffer.position.new_full((gbuffer.height * gbuffer.width, 3), _FAR)
+            place[gbuffer.pixel] = gbuffer.position
+            places[target.name] = place
+        trial = Trial(copy.deepcopy(model.material), samples, photos.lights, 1.0, photos.seed)
+        trial.fit((model.config.trial_steps + 1) // 2)
+        return _Fitted(trial, covered, places)
+
+    def moved(self, other: "_Fitted", sample: Sample, rows: Tensor) -> Tensor:
+        """Return how far the surface is from another one, (K,), at the rows (K,) int64 of a sample's pixels."""
+        at = sample.pixels.pixel[rows]
+        return (self.places[sample.name][at] - other.places[sample.name][at]).norm(dim=1)
