@@ -128,3 +128,21 @@ def test_a_dent_in_a_lid_leaves_no_pillar(radius):
     cup = hollow(dented, wall=0.15, depth=3.0)
     around = (beside < radius + 0.15) & (np.abs(POINTS[:, 2]) < 0.5)
     assert (cup[around] > 0).all()
+
+
+@pytest.mark.parametrize("radius", [0.06, 0.12])
+def test_a_knob_is_no_part_of_the_lid_it_stands_on(radius):
+    across = np.hypot(POINTS[:, 0] - 0.2, POINTS[:, 1])
+    knob = np.maximum(across - radius, np.abs(POINTS[:, 2] - 0.8) - 0.25)
+    closed = surface(np.minimum(cylinder(POINTS), knob).astype(np.float32))
+    heights = closed.vertices[:, 2]
+    lid = max(find_lids(closed), key=lambda lid: heights[lid.vertices].max())
+    assert heights[lid.vertices].max() < HEIGHT + 1.5 * CELL
+    assert not lid.vertices[heights > HEIGHT + 2 * CELL].any()
+
+
+def test_a_solid_that_is_all_lid_stays_as_it_is():
+    closed = surface(cylinder(POINTS))
+    lid = Lid(np.ones(len(closed.vertices), bool), RADIUS)
+    solid = LatticeSolid(cylinder(POINTS), POINTS, LATTICE.edges.numpy(), CELL)
+    assert hollowed(solid, closed, lid, wall=0.1, depth=1.0) is solid.distance

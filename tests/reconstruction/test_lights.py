@@ -120,7 +120,8 @@ def test_photos_of_fewer_pixels_are_solved_from_the_same_recording(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     gbuffer, target, light = ball()
     start, rows = torch.full_like(light, 0.5), torch.arange(500)
-    few = [rows, rows, rows, rows[:250], rows[250:]]  # in 500 pixels each of the last two comes twice
+    bright_first = rows[target.color[:500].mean(1).argsort(descending=True)]
+    few = [rows, rows, rows, bright_first[:250], bright_first]  # in 500 pixels each of 250 comes twice
 
     def solved():
         solver = LightSolver(CONFIG, CPU, pixels=500)
@@ -130,6 +131,8 @@ def test_photos_of_fewer_pixels_are_solved_from_the_same_recording(monkeypatch):
     for one, other in zip(single, solved(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
     assert [(recorder.recordings, recorder.replays) for recorder in recorders] == [(1, 2)]
+    half_more = LightSolver(CONFIG, CPU, pixels=375)(target.color, target.clipped, gbuffer, bright_first[:250], start)
+    torch.testing.assert_close(half_more, single[3], rtol=0.2, atol=0.05)  # as many more of the bright as of the dark
 
 
 @pytest.mark.cuda

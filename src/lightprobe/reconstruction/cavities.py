@@ -16,8 +16,8 @@ _AXES = np.concatenate([np.eye(3), -np.eye(3)])  # ways that a lid may face
 _FACING = math.cos(math.radians(40))  # least cosine between a lid's normals and its axis
 _SMALLEST = 0.015  # share of the surface that is worth opening
 _SMOOTHING = 8  # rounds in which normals are averaged with those around: a hull's surface is rough
-_RINGS = 2  # of vertices that are bridged between parts of a lid: photos have bent it to what lies behind
-_GAP = 0.25  # share of a lid's area, up to which what it surrounds is a part of it
+_RINGS = 2  # of vertices on either side of a dent's steep sides that are bridged: photos have bent the lid
+_GAP = 0.25  # share of a lid's area, up to which a dent that it surrounds is a part of it
 _NEAREST, _BLUR = 24, 2.0  # vertices whose tangent planes are averaged, and over how many lattice cells
 _TOUCHING = 1.5  # lattice cells between a lid and the first lattice vertices of the cavity behind it
 
@@ -75,7 +75,8 @@ def find_lids(surface: ClosedSurface) -> list[Lid]:
         for part in np.flatnonzero(sizes > _SMALLEST * areas.sum()):
             chosen = np.zeros(count, bool)
             chosen[facing[labels == part]] = True
-            lids.append(Lid(_without_gaps(chosen, links, areas), math.sqrt(sizes[part] / math.pi)))
+            chosen = _with_dents(chosen, links, areas, vertices @ axis)
+            lids.append(Lid(chosen, math.sqrt(areas[chosen].sum() / math.pi)))
     return sorted(lids, key=lambda lid: -lid.radius)
 
 
@@ -85,6 +86,8 @@ def hollowed(solid: LatticeSolid, surface: ClosedSurface, lid: Lid, *, wall: flo
     The cavity stays `wall` away from all of the surface but the lid, and goes no further than `depth` from the lid.
     Away from the surface the distances are bounds. Where there is no room they are those of the solid.
     """
+    if lid.vertices.all():
+        return solid.distance
     near = np.flatnonzero(solid.distance < solid.cell)
     points, own = solid.points[near], lid.vertices
     to_lid = scipy.spatial.cKDTree(surface.vertices[own]).query(points)[0]
@@ -122,21 +125,29 @@ def _connected(chosen: np.ndarray, ends: np.ndarray, edges: np.ndarray) -> np.nd
     return chosen & np.isin(labels, np.unique(labels[chosen & ends]))
 
 
-def _without_gaps(chosen: np.ndarray, links: "scipy.sparse.csr_array", areas: np.ndarray) -> np.ndarray:
-    """Return a part of a surface, (V,) bool, with the dents and gaps in it, which would leave pillars behind a lid.
+def _with_dents(
+    chosen: np.ndarray, links: "scipy.sparse.csr_array", areas: np.ndarray, height: np.ndarray
+) -> np.ndarray:
+    """Return a lid, (V,) bool, with the sides of its dents, around which a pillar would be left behind it.
 
-    links (V, V): of neighbours; areas (V,): of the vertices.
+    links (V, V): of neighbours; areas (V,): of the vertices; height (V,): along the way that the lid faces. What stands
+    out of the lid, as a knob does, is no part of it.
     """
     closed = chosen
     for _ in range(_RINGS):
         closed = closed | (links @ closed > 0)
     for _ in range(_RINGS):
         closed = closed & ~(links @ ~closed > 0)
-    closed = closed | chosen
+    closed = chosen | closed & (height <= height[chosen].max())
     rest = np.flatnonzero(~closed)
     parts, labels = scipy.sparse.csgraph.connected_components(links[rest][:, rest], directed=False)
-    gaps = np.bincount(labels, areas[rest], minlength=parts) < _GAP * areas[closed].sum()
-    closed[rest[gaps[labels]]] = True
+    beside = np.zeros(parts, bool)
+    beside[labels[links[rest] @ closed > 0]] = True
+    highest = np.full(parts, -np.inf)
+    np.maximum.at(highest, labels, height[rest])
+    small = np.bincount(labels, areas[rest], minlength=parts) < _GAP * areas[closed].sum()
+    dents = beside & small & (highest <= height[chosen].max())
+    closed[rest[dents[labels]]] = True
     return closed
 
 

@@ -36,8 +36,7 @@ _TRIED = 3  # lids at most, the worst first
 _SEEN = 0.03  # share of the object's pixels in a photo that a lid needs there
 _COVERED = 0.999  # share of the masks that must still be covered: a wall that is too thin for the lattice has holes
 _BEHIND = 2.0  # lattice cells that a pixel's surface moves by if it is to judge a cavity
-_FAR = 1e3  # object radii
-_FEWEST_PIXELS = 40  # of those, among the ones that a trial draws from a photo
+_FEWEST_PIXELS = 20  # of those, among the ones that a trial draws from a photo
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,7 @@ def _opened(
     """Return a copy of the model with the best cavity behind a lid of its surface, None where no cavity is better."""
     photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
     closed = _Fitted.of(model, photos)
-    agreement = disagreement_of(closed.trial)
+    agreement, whole_lid = disagreement_of(closed.trial), Evidence.of(closed.trial, suspect.rows, _FEWEST_PIXELS)
 
     def attempts(sizes: Iterable[tuple[float, float]]) -> Iterator[_Attempt]:
         for wall, depth in sizes:
@@ -159,7 +158,8 @@ def _opened(
             before = Evidence.of(closed.trial, inside, _FEWEST_PIXELS, agreement)
             evidence = Evidence.of(opened.trial, inside, _FEWEST_PIXELS)
             if opened.covered >= _COVERED * closed.covered and evidence.explains_part(before, _BAR):
-                yield _Attempt(wall, hollow, opened.trial, before, evidence)
+                gains = Evidence.of(opened.trial, suspect.rows, _FEWEST_PIXELS).own_gain(whole_lid)
+                yield _Attempt(wall, hollow, opened.trial, before, evidence, gains)
 
     first, *other_depths = _DEPTHS
     better = list(attempts((wall, first) for wall in _WALLS))
@@ -182,11 +182,7 @@ class _Attempt:
     trial: Trial
     before: Evidence  # of the closed surface, by the pixels that show the cavity
     evidence: Evidence
-
-    @property
-    def gains(self) -> Tensor:
-        """Of photos, (K,), in the logarithm of the error."""
-        return self.evidence.own_gain(self.before)
+    gains: Tensor  # (K,) of photos, in the logarithm of the whole lid's error: attempts are compared by the same pixels
 
     @property
     def gain(self) -> float:
@@ -254,7 +250,7 @@ class _Fitted:
 
     trial: Trial
     covered: int  # how many of the photos' pixels the surface covers
-    places: dict[str, Tensor]  # photo name -> (H * W, 3) where the surface of each pixel is, far away where it is none
+    places: dict[str, Tensor]  # photo name -> (H * W, 3) where the surface of each pixel is, nan where there is none
 
     @staticmethod
     def of(model: LatticeModel, photos: _Photos) -> "_Fitted":
@@ -263,7 +259,7 @@ class _Fitted:
         for target, gbuffer in photos.shown(model):
             samples.append(Sample.of(target, gbuffer, photos.seed))
             covered += len(target.inside(gbuffer.pixel))
-            place = gbuffer.position.new_full((gbuffer.height * gbuffer.width, 3), _FAR)
+            place = gbuffer.position.new_full((gbuffer.height * gbuffer.width, 3), torch.nan)
             place[gbuffer.pixel] = gbuffer.position
             places[target.name] = place
         trial = Trial(copy.deepcopy(model.material), samples, photos.lights, 1.0, photos.seed)
@@ -271,6 +267,9 @@ class _Fitted:
         return _Fitted(trial, covered, places)
 
     def moved(self, other: "_Fitted", sample: Sample, rows: Tensor) -> Tensor:
-        """Return how far the surface is from another one, (K,), at the rows (K,) int64 of a sample's pixels."""
+        """Return how far the surface is from another one, (K,), at the rows (K,) int64 of a sample's pixels.
+
+        It is nan where one of them is not seen.
+        """
         at = sample.pixels.pixel[rows]
         return (self.places[sample.name][at] - other.places[sample.name][at]).norm(dim=1)

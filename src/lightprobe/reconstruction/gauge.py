@@ -60,7 +60,7 @@ def lids_tried(config: DecomposeConfig) -> bool:
 def metals_tried(config: DecomposeConfig, step: int) -> bool:
     """Return whether by a step of the phase it has been tried what is metal, as it is with the second trial."""
     trials = trials_at(config)
-    return len(trials) > 1 and step >= max(trials)
+    return config.brightness_anchor > 0 and len(trials) > 1 and step >= max(trials)
 
 
 def evenly_spaced(targets: list[Target], count: int = _PHOTOS) -> list[Target]:

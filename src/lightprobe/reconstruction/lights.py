@@ -54,8 +54,8 @@ def solve_target_light(
 class LightSolver:
     """`solve_target_light` from up to `pixels` pixels of a photo, recorded on a GPU: many small operators.
 
-    The record holds for a surface of one number of vertices. It reads `pixels` pixels, so those of a photo that has
-    fewer are counted again in turn there.
+    The record holds for a surface of one number of vertices. It reads `pixels` pixels, so that on a GPU the pixels of a
+    photo that has fewer count as often as it takes.
     """
 
     def __init__(self, config: DecomposeConfig, device: torch.device, pixels: int, times: int = 1):
@@ -75,7 +75,8 @@ class LightSolver:
         if vertices != self._vertices:  # the old record would never fit again
             self._vertices, self._recorder, self._solve = vertices, recorder_for(self._device), None
         if self._recorder is not None:
-            rows = rows[torch.arange(self._pixels, device=rows.device) % len(rows)]
+            count = max(self._pixels, len(rows))
+            rows = rows[torch.arange(count, device=rows.device) * len(rows) // count]
         part = gbuffer.select(rows)
         if self._solve is None:
             self._solve = RecordedStep(self._step(part), self._recorder)
