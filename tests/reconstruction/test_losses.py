@@ -1,6 +1,7 @@
 """What the losses of Phase I prefer: clipped pixels, usual materials, grey lights."""
 
 import numpy as np
+import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
@@ -61,6 +62,22 @@ def test_once_it_is_decided_what_is_metal_it_costs_to_be_neither():
     material_prior(dark, DecomposeConfig(), decided=True).backward()
     assert dark.grad is not None
     assert (dark.grad[:10, 4] > 0).all()  # soot and leather are no metals
+
+
+def test_once_it_is_decided_what_is_metal_only_that_is_still_pulled_to_a_usual_roughness():
+    config = DecomposeConfig(metallic_prior=0.0, roughness_prior=0.5, late_roughness_prior=0.125)
+
+    def cost(metallic: float, *, decided: bool) -> float:
+        matte = material(0.3, USUAL_ROUGHNESS + 0.4, metallic).detach()
+        return float(material_prior(matte, config, decided=decided)) / 0.4**2
+
+    assert cost(0.0, decided=False) == cost(1.0, decided=False) == pytest.approx(0.5)
+    assert cost(0.0, decided=True) == pytest.approx(0.125)
+    assert cost(1.0, decided=True) == pytest.approx(0.5)
+    between = material(0.3, USUAL_ROUGHNESS + 0.4, 0.5)
+    material_prior(between, config, decided=True).backward()
+    assert between.grad is not None
+    assert (between.grad[:, 4] == 0).all()  # being rough is no reason to be less of a metal
 
 
 def test_metals_of_few_colours_cost_less():

@@ -14,8 +14,8 @@ from tests.lit_sphere import CORNER, CPU, glossy_sphere
 
 CONFIG = DecomposeConfig(shadows=False)
 SHAPE = replace(  # nothing costs but what bends the shape
-    CONFIG, smoothness_texture=0.0, normal_prior=0.0, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0,
-    laplacian=1.0,
+    CONFIG, smoothness_texture=0.0, normal_prior=0.0, metallic_prior=0.0, roughness_prior=0.0, late_roughness_prior=0.0,
+    brightness_anchor=0.0, laplacian=1.0,
 )  # fmt: skip
 
 

@@ -63,7 +63,9 @@ def material_prior(material: Tensor, config: DecomposeConfig, *, decided: bool) 
     """Return what materials (N, >= 5), channels as in `material.field`, cost for being unusual.
 
     decided: whether it has been tried what is metal (`reconstruction.metal_trials`). From then on it costs to be
-    neither metal nor none, where before it costs to be metal; what is dark goes on being pulled away from metal.
+    neither metal nor none, where before it costs to be metal; what is dark goes on being pulled away from metal. The
+    roughness of what is no metal is pulled with `late_roughness_prior` then: its diffuse part tells of the light. A
+    metal that may be as sharp as it likes only bends its light.
 
     Photos under unknown lights leave some things nearly open: a mirror under a free light can imitate any shading, and
     a sharp lobe under a blurred light a wide lobe under a sharp one. A dark metal is no mirror. It reflects less than
@@ -72,9 +74,11 @@ def material_prior(material: Tensor, config: DecomposeConfig, *, decided: bool) 
     red, green, blue, roughness, metallic = material.unbind(1)[:5]  # slices would each cost a gradient of the whole
     color = (red + green + blue).detach()
     price = (color / (_DARK * color.mean()).clamp(min=1e-6)).clamp(max=1)
-    unusual = (roughness - USUAL_ROUGHNESS).square().mean()
+    unusual = (roughness - USUAL_ROUGHNESS).square()
     metal = torch.lerp(metallic, torch.minimum(metallic, 1 - metallic), price) if decided else metallic
-    return config.metallic_prior * (price * metal).mean() + config.roughness_prior * unusual
+    early, late = config.roughness_prior, config.late_roughness_prior
+    pulled = ((late + (early - late) * metallic.detach()) * unusual).mean() if decided else early * unusual.mean()
+    return config.metallic_prior * (price * metal).mean() + pulled
 
 
 def brightness_anchor(base_color: Tensor, mean: Tensor) -> Tensor:

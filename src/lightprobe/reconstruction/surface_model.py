@@ -126,7 +126,7 @@ class SurfaceModel(nn.Module):
         if config.normal_prior > 0:
             bends = torch.stack(self.finish.unbind(1)[2:4])
             loss = loss + 0.2 * config.normal_prior * bends.square().mean()
-        if config.metallic_prior > 0 or config.roughness_prior > 0:
+        if max(config.metallic_prior, config.roughness_prior, config.late_roughness_prior) > 0:
             loss = loss + material_prior(texels, config, decided=metals_tried(config, config.pass1_iterations))
         if config.brightness_anchor > 0:
             loss = loss + config.brightness_anchor * brightness_anchor(self.color, self.mean_color)

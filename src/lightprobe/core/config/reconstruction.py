@@ -173,6 +173,8 @@ class DecomposeConfig:
     """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals go free."""
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
+    late_roughness_prior: float = 0.006
+    """The same once it has been tried what is metal: by then photos tell more about roughness than what is usual."""
     brightness_anchor: float = 0.1
     """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
     trial_steps: int = 240
@@ -287,7 +289,8 @@ def paper() -> DecomposeConfig:
         light_resolution=128, light_chroma=0.0, shadows=False, learning_rate_finish=0.005, warm_up_steps=100,
         adam_decay=0.999, image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4,
         smoothed=Smoothed.BASE_COLOR, smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0,
-        brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0, texture_gradient_from=0.0, normal_prior=0.0,
-        normal_ramp=0.0, laplacian_fades=True, surface_smoothing=0, max_faces=1_000_000, crease_degrees=180.0,
-        texture_size=2048, unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
+        late_roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0,
+        texture_gradient_from=0.0, normal_prior=0.0, normal_ramp=0.0, laplacian_fades=True,
+        surface_smoothing=0, max_faces=1_000_000, crease_degrees=180.0, texture_size=2048,
+        unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
     )  # fmt: skip
