@@ -174,7 +174,7 @@ class DecomposeConfig:
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
     late_roughness_prior: float = 0.006
-    """The same once it has been tried what is metal: by then photos tell more about roughness than what is usual."""
+    """The same for what is no metal, once it has been tried what is: by then photos tell more about it than usage."""
     brightness_anchor: float = 0.1
     """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
     trial_steps: int = 240
