@@ -133,12 +133,12 @@ def _with_dents(
     links (V, V): of neighbours; areas (V,): of the vertices; height (V,): along the way that the lid faces. What stands
     out of the lid, as a knob does, is no part of it.
     """
-    closed = chosen
+    closed, top = chosen, height[chosen].max()
     for _ in range(_RINGS):
         closed = closed | (links @ closed > 0)
     for _ in range(_RINGS):
         closed = closed & ~(links @ ~closed > 0)
-    closed = chosen | closed & (height <= height[chosen].max())
+    closed = chosen | closed & (height <= top)
     rest = np.flatnonzero(~closed)
     parts, labels = scipy.sparse.csgraph.connected_components(links[rest][:, rest], directed=False)
     beside = np.zeros(parts, bool)
@@ -146,7 +146,7 @@ def _with_dents(
     highest = np.full(parts, -np.inf)
     np.maximum.at(highest, labels, height[rest])
     small = np.bincount(labels, areas[rest], minlength=parts) < _GAP * areas[closed].sum()
-    dents = beside & small & (highest <= height[chosen].max())
+    dents = beside & small & (highest <= top)
     closed[rest[dents[labels]]] = True
     return closed
 
