@@ -18,6 +18,15 @@ def test_parts_that_disagree_about_the_light_tell_a_poor_object(disagreement, tr
     assert "5 held-out photos" in verdict.sentence
 
 
+def test_an_object_that_was_only_judged_by_photos_it_was_fitted_to_is_doubtful_at_best(tmp_path):
+    verdict = ObjectVerdict(0.03, 4, held_out=False)
+    assert verdict.trust is Trust.DOUBTFUL
+    assert "4 photos that it was fitted to, as none was held back, expect less than 27 dB" in verdict.sentence
+    assert ObjectVerdict(0.09, 4, held_out=False).trust is Trust.POOR
+    verdict.save(tmp_path / "verdict.json")
+    assert ObjectVerdict.load(tmp_path / "verdict.json") == verdict
+
+
 def test_the_more_parts_disagree_the_less_is_expected_and_only_poor_objects_lower_the_confidence():
     verdicts = [ObjectVerdict(value, 5) for value in (0.0, 0.03, 0.06, 0.09)]
     expected = [verdict.expected_psnr for verdict in verdicts]

@@ -1,4 +1,4 @@
-"""What Phase I keeps of a pass that made things worse."""
+"""What Phase I keeps of a pass that made things worse, and what it says of an object of few photos."""
 
 import itertools
 
@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.models.object_verdict import Trust
 from lightprobe.reconstruction import phase1
 from lightprobe.scene import load_scene
 from tests.toy_scene import write_toy_scene
@@ -30,3 +31,13 @@ def test_lights_of_a_pass_that_is_not_kept_go_with_it(tmp_path, monkeypatch, kep
     found = phase1.decompose(scene, CONFIG)
     before = {photo.name: light for photo, light in zip(scene.train, handed[0].lights, strict=True)}
     assert all(torch.equal(found.lights[name].texels, light) for name, light in before.items()) is not kept
+
+
+@pytest.mark.slow
+def test_too_few_photos_to_hold_one_back_give_a_verdict_that_says_so(tmp_path):
+    scene = load_scene(write_toy_scene(tmp_path, train=3, test=1))
+    verdict = phase1.decompose(scene, CONFIG).verdict
+    assert verdict is not None
+    assert not verdict.held_out
+    assert verdict.photos <= 3
+    assert verdict.trust is not Trust.GOOD

@@ -29,6 +29,20 @@ COLMAP = [
         Lens((-0.05, 0.01, 0.003, 0.001), (0.002, -0.001), prism=(0.004, -0.003), fisheye=True),
     ),
     ("FOV", (0.9,), Lens(fov=0.9)),
+    ("SIMPLE_FISHEYE", (), Lens(fisheye=True)),
+    ("FISHEYE", (), Lens(fisheye=True)),
+    (
+        "RAD_TAN_THIN_PRISM_FISHEYE",
+        (-0.05, 0.01, 0.003, 0.001, -0.002, 0.0005, 0.002, -0.001, 0.004, -0.001, -0.003, 0.0015),
+        Lens(
+            (-0.05, 0.01, 0.003, 0.001, -0.002, 0.0005),
+            (-0.001, 0.002),
+            prism=(0.004, -0.003),
+            prism_fourth=(-0.001, 0.0015),
+            fisheye=True,
+            radial_first=True,
+        ),
+    ),
 ]
 PRISM = Lens((0.3, -0.1, 0.02), (0.003, -0.002), (0.4, 0.01, 0.02), (0.01, -0.006), (0.004, 0.008))
 LENSES = [*(lens for _, _, lens in COLMAP), PRISM]
@@ -36,8 +50,7 @@ LENSES = [*(lens for _, _, lens in COLMAP), PRISM]
 
 @pytest.mark.parametrize(("model", "parameters", "lens"), COLMAP)
 def test_points_fall_where_colmap_puts_them(model, parameters, lens):
-    one = model in ("SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
-    focal = (500.0,) if one else (500.0, 500.0)
+    focal = (500.0,) if model.startswith(("SIMPLE", "RADIAL")) else (500.0, 500.0)
     camera = pycolmap.Camera(model=model, width=800, height=600, params=[*focal, 400.0, 300.0, *parameters])
     expected = np.asarray(camera.img_from_cam(np.column_stack([POINTS, np.ones(len(POINTS))])))
     np.testing.assert_allclose(lens.distort(POINTS) * 500 + (400, 300), expected, atol=1e-6)
@@ -79,7 +92,7 @@ def test_as_json(lens):
 @pytest.mark.parametrize(
     "change",
     [
-        {"radial": [1, 2, 3, 4, 5]},
+        {"radial": [1] * 7},
         {"radial": "x"},
         {"tangential": [0]},
         {"zoom": 0},

@@ -188,6 +188,7 @@ def write_colmap_model(
 ) -> None:
     models = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"]
     models += ["SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"]
+    models += ["SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE"]
     number = models.index(lens)
     one_focal = lens.startswith(("SIMPLE", "RADIAL"))
     parameters = [[*(view.focal[:1] if one_focal else view.focal), *view.center, *extra] for view in shots]

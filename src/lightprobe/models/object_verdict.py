@@ -30,6 +30,7 @@ _AT_TENTH, _PER_DECADE = 17.0, 20.0
 _GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
 _UNLIKELY = 3.0  # what is unlikely about the photos' lights, in ln probability, from which the object is doubtful
 _OF_LIGHTS = ("front_bias", "surprise", "excess", "excess_surprise")
+_FITTED = "photos that it was fitted to, as none was held back"
 _DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
 
 
@@ -43,7 +44,7 @@ class Trust(StrEnum):
 
 @dataclass(frozen=True)
 class ObjectVerdict:
-    """What was measured on an object's held-out photos, and what follows from it."""
+    """What was measured on photos of an object, and what follows from it."""
 
     disagreement: float  # displayed, 0 to 1: by how much each half of the surface fails to explain the other
     photos: int  # that it is the mean over
@@ -51,13 +52,15 @@ class ObjectVerdict:
     surprise: float = 0.0  # how unlikely that is, in ln probability
     excess: float = 0.0  # by how much lights are brighter than what photos show, in ln radiance; `Surroundings.excess`
     excess_surprise: float = 0.0  # how unlikely that is, in ln probability
+    held_out: bool = True  # whether the object was not fitted to these photos; it is doubtful at best where it was
 
     @property
     def trust(self) -> Trust:
         """How far the object can be trusted."""
         if self.disagreement >= _POOR:
             return Trust.POOR
-        return Trust.GOOD if self.disagreement <= _GOOD and not self._brightness_is_wrong else Trust.DOUBTFUL
+        is_good = self.disagreement <= _GOOD and not self._brightness_is_wrong and self.held_out
+        return Trust.GOOD if is_good else Trust.DOUBTFUL
 
     @property
     def _brightness_is_wrong(self) -> bool:
@@ -71,9 +74,10 @@ class ObjectVerdict:
     @property
     def sentence(self) -> str:
         """What to think of the object, and what to do about a poor one."""
+        photos, some = ("held-out photos", "some") if self.held_out else (_FITTED, "less than")
         found = (
             f"its darker and its brighter parts disagree by {100 * self.disagreement:.1f} % about the light of "
-            f"{self.photos} held-out photos, expect some {self.expected_psnr:.0f} dB when it is relit"
+            f"{self.photos} {photos}, expect {some} {self.expected_psnr:.0f} dB when it is relit"
         )
         advice = {
             Trust.GOOD: "",
@@ -125,4 +129,7 @@ class ObjectVerdict:
             raise damaged(path, f"one of {', '.join(_OF_LIGHTS)} is no number", _REMEDY)
         if lights["surprise"] < 0 or lights["excess_surprise"] < 0:
             raise damaged(path, "a surprise is below 0", _REMEDY)
-        return ObjectVerdict(float(error), photos, **{name: float(x) for name, x in lights.items()})
+        held_out = value.get("held_out", True)
+        if not isinstance(held_out, bool):
+            raise damaged(path, "'held_out' is neither true nor false", _REMEDY)
+        return ObjectVerdict(float(error), photos, **{name: float(x) for name, x in lights.items()}, held_out=held_out)

@@ -31,6 +31,7 @@ from lightprobe.scene.photo import Photo, Scene
 from lightprobe.training import Progress, Resumed, Stage, Training
 from lightprobe.training.descent import exponential
 
+_JUDGES = 8  # photos that an object is judged by where none was held out
 _LIGHTS = "lights"  # beside the asset's tensors, of what a pass starts from
 
 
@@ -92,9 +93,14 @@ def stages(config: DecomposeConfig) -> tuple[Stage, Stage, Stage]:
 
 def split_validation(photos: tuple[Photo, ...], count: int) -> tuple[list[Photo], list[Photo]]:
     """Return (fitted, held out) photos; at most an eighth is held out, spread evenly over the list."""
-    count = min(count, len(photos) // 8)
-    chosen = {int((k + 0.5) * len(photos) / count) for k in range(count)}
-    return [p for i, p in enumerate(photos) if i not in chosen], [p for i, p in enumerate(photos) if i in chosen]
+    chosen = _spread(len(photos), min(count, len(photos) // 8))
+    return [p for i, p in enumerate(photos) if i not in chosen], [photos[i] for i in chosen]
+
+
+def _spread(length: int, count: int) -> list[int]:
+    """Return `count` places of a list of `length`, or all where there are fewer, spread evenly over it."""
+    count = min(count, length)
+    return [int((k + 0.5) * length / count) for k in range(count)]
 
 
 def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch.device | None = None, seed: int = 0,
@@ -124,7 +130,8 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     up = torch.from_numpy(up_of(photo.camera for photo in scene.train)).float()
     bias = FrontBias.of(every, [_towards(photo, scene) for photo in scene.train], up)
     around = Surroundings.of(every, [job.shown[photo.name] for photo in scene.train])
-    verdict = judge_object(end.asset, job.targets(held_out, config.pass1_side), bias, around, config, seed)
+    judges = job.targets(held_out or [fitted[i] for i in _spread(len(fitted), _JUDGES)], config.pass1_side)
+    verdict = judge_object(end.asset, judges, bias, around, config, seed, held_out=bool(held_out))
     if verdict is not None:
         job.tell(verdict.sentence)
     environments = {name: Environment(light) for name, light in lights.items()}

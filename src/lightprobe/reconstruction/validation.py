@@ -68,11 +68,13 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
 @torch.no_grad()
 def judge_object(
     asset: Asset, targets: list[Target], bias: FrontBias | None, around: Surroundings | None, config: DecomposeConfig,
-    seed: int,
+    seed: int, *, held_out: bool = True,
 ) -> ObjectVerdict | None:  # fmt: skip
-    """Return the verdict on an asset from photos it was not fitted to; None when they show too little.
+    """Return the verdict on an asset from photos; None when they show too little.
 
-    bias, around: of the lights of all training photos, where there are enough of them.
+    bias, around: of the lights of all training photos, where there are enough of them. held_out: whether the asset was
+    not fitted to the photos. Photos that it was fitted to are explained about a seventh better
+    (docs/decisions/object-verdict.md), more so where they are few.
     """
     errors, solver = [], part_solver(config, asset.mesh.vertices.device, _JUDGED // 2)
     for target in targets:
@@ -85,7 +87,7 @@ def judge_object(
             errors.append(float(halves[0]))  # of the darker and the brighter surfaces
     if not errors:
         return None
-    verdict = ObjectVerdict(sum(errors) / len(errors), len(errors))
+    verdict = ObjectVerdict(sum(errors) / len(errors), len(errors), held_out=held_out)
     if bias is not None:
         verdict = replace(verdict, front_bias=bias.mean, surprise=bias.surprise)
     if around is not None:

@@ -25,9 +25,13 @@ _MODELS = {
     0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4), 2: ("SIMPLE_RADIAL", 4), 3: ("RADIAL", 5), 4: ("OPENCV", 8),
     5: ("OPENCV_FISHEYE", 8), 6: ("FULL_OPENCV", 12), 7: ("FOV", 5), 8: ("SIMPLE_RADIAL_FISHEYE", 4),
     9: ("RADIAL_FISHEYE", 5), 10: ("THIN_PRISM_FISHEYE", 12), 11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    12: ("SIMPLE_DIVISION", 4), 13: ("DIVISION", 5), 14: ("SIMPLE_FISHEYE", 3), 15: ("FISHEYE", 4), 16: ("EUCM", 6),
+    17: ("EQUIRECTANGULAR", 2),
 }  # fmt: skip
 _COUNTS = dict(_MODELS.values())
-_ONE_FOCAL = frozenset({"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"})
+_ONE_FOCAL = frozenset(
+    {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
+)
 # What follows focal lengths and principal point in the parameters of each model that is read
 _LENSES: dict[str, Callable[..., Lens]] = {
     "SIMPLE_PINHOLE": Lens,
@@ -37,11 +41,16 @@ _LENSES: dict[str, Callable[..., Lens]] = {
     "OPENCV": lambda k1, k2, p1, p2: Lens((k1, k2), (p1, p2)),
     "FULL_OPENCV": lambda k1, k2, p1, p2, k3, k4, k5, k6: Lens((k1, k2, k3), (p1, p2), (k4, k5, k6)),
     "OPENCV_FISHEYE": lambda *k: Lens(k, fisheye=True),
+    "FISHEYE": lambda: Lens(fisheye=True),
+    "SIMPLE_FISHEYE": lambda: Lens(fisheye=True),
     "SIMPLE_RADIAL_FISHEYE": lambda k: Lens((k,), fisheye=True),
     "RADIAL_FISHEYE": lambda k1, k2: Lens((k1, k2), fisheye=True),
     "FOV": lambda angle: Lens(fov=angle),
     "THIN_PRISM_FISHEYE": lambda k1, k2, p1, p2, k3, k4, s1, s2: Lens(
         (k1, k2, k3, k4), (p1, p2), prism=(s1, s2), fisheye=True
+    ),
+    "RAD_TAN_THIN_PRISM_FISHEYE": lambda *k: Lens(
+        k[:6], (k[7], k[6]), prism=(k[8], k[10]), prism_fourth=(k[9], k[11]), fisheye=True, radial_first=True
     ),
 }
 

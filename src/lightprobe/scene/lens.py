@@ -4,13 +4,15 @@ Notation: x, y a point on the pinhole's image plane at distance 1 (x right, y do
 from the axis; x', y' where the lens moves it. Polynomial lenses (Brown, "Close-range camera calibration", 1971; the
 models of OpenCV, COLMAP and nerfstudio):
 
-    q  = (1 + a1 r^2 + a2 r^4 + a3 r^6 + a4 r^8) / (1 + b1 r^2 + b2 r^4 + b3 r^6)
+    q  = (1 + a1 r^2 + a2 r^4 + a3 r^6 + a4 r^8 + ...) / (1 + b1 r^2 + b2 r^4 + b3 r^6)
     x' = x q + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + t1 r^4
     y' = y q + 2 p2 x y + p1 (r^2 + 2 y^2) + s2 r^2 + t2 r^4
 
 Fisheye lenses first turn r into the angle from the axis (Kannala and Brandt, 2006): (x, y) atan(r) / r goes into the
 same polynomial. So do those of COLMAP's model FOV (Devernay and Faugeras, "Straight lines have to be straight", 2001),
-with atan(2 r tan(w/2)) / (r w), w being the angle. The photo's pixel is (cx + fx x', cy + fy y').
+with atan(2 r tan(w/2)) / (r w), w being the angle. In COLMAP's RAD_TAN_THIN_PRISM_FISHEYE (that of Project Aria's
+glasses) the terms after x q and y q are of the point (x q, y q), and p1 and p2 change places. The photo's pixel is
+(cx + fx x', cy + fy y').
 """
 
 from dataclasses import dataclass
@@ -31,13 +33,14 @@ _LARGEST = 1e6  # of a coefficient: beyond, a file is damaged
 class Lens:
     """How a lens departs from a pinhole."""
 
-    radial: tuple[float, ...] = ()  # a1, a2, a3, a4
+    radial: tuple[float, ...] = ()  # a1, a2, ...; at most six
     tangential: tuple[float, float] = (0.0, 0.0)  # p1, p2
     rational: tuple[float, ...] = ()  # b1, b2, b3
     prism: tuple[float, float] = (0.0, 0.0)  # s1, s2
     prism_fourth: tuple[float, float] = (0.0, 0.0)  # t1, t2
     fisheye: bool = False
     fov: float = 0.0  # w in radians, of which the model FOV has one; 0 for other lenses
+    radial_first: bool = False  # whether tangential and prism terms are of the point that the polynomial has moved
     zoom: float = 1.0  # focal length of the pinhole camera that the photo is resampled to, over the photo's own
 
     @property
@@ -56,11 +59,15 @@ class Lens:
                 x, y = x * squeeze, y * squeeze
             r2 = x * x + y * y
             q = _polynomial(self.radial, r2) / _polynomial(self.rational, r2)
+            bent_x, bent_y = x * q, y * q
+            if self.radial_first:
+                x, y = bent_x, bent_y
+                r2 = x * x + y * y
             (p1, p2), (s1, s2), (t1, t2) = self.tangential, self.prism, self.prism_fourth
             return np.stack(
                 [
-                    x * q + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + (s1 + t1 * r2) * r2,
-                    y * q + 2 * p2 * x * y + p1 * (r2 + 2 * y * y) + (s2 + t2 * r2) * r2,
+                    bent_x + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + (s1 + t1 * r2) * r2,
+                    bent_y + 2 * p2 * x * y + p1 * (r2 + 2 * y * y) + (s2 + t2 * r2) * r2,
                 ],
                 axis=-1,
             )
@@ -104,6 +111,7 @@ class Lens:
         value |= {"fisheye": self.fisheye, "zoom": self.zoom}
         # Only where a lens has them: records of other lenses stay those that earlier versions wrote.
         value |= {"prism_fourth": list(self.prism_fourth)} if any(self.prism_fourth) else {}
+        value |= {"radial_first": True} if self.radial_first else {}
         return value | ({"fov": self.fov} if self.fov else {})
 
     @staticmethod
@@ -116,12 +124,12 @@ class Lens:
             fourth = tuple(float(number) for number in value.get("prism_fourth", (0.0, 0.0)))
             lens = Lens(
                 radial, _pair(tangential), rational, _pair(prism), _pair(fourth), bool(value["fisheye"]),
-                float(value.get("fov", 0.0)), float(value["zoom"]),
+                float(value.get("fov", 0.0)), bool(value.get("radial_first", False)), float(value["zoom"]),
             )  # fmt: skip
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{source}: the lens is not described as lightprobe writes it.") from error
         numbers = [*radial, *tangential, *rational, *prism, *fourth, lens.fov]
-        if len(radial) > 4 or len(rational) > 3 or not 0.1 <= lens.zoom <= 1 or not np.isfinite(numbers).all():
+        if len(radial) > 6 or len(rational) > 3 or not 0.1 <= lens.zoom <= 1 or not np.isfinite(numbers).all():
             raise InputError(f"{source}: the lens has values that no lens has.")
         return lens
 
