@@ -1,9 +1,10 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, shapes in docstrings, fast tests
-# make test    the same with the slow tests
-# make style, make tests   the parts of these two, which run side by side; MARKS chooses tests
+# make test    the same with the slow tests: some ten minutes
+# make test-all  the same with the long ones, trainings and the documentation's build among them; continuous integration runs it
+# make style, make tests   the parts of these three, which run side by side; MARKS chooses tests
 # make docs    the documentation, build/docs/index.html; a warning is an error
-# make coverage  which lines and branches the tests run, build/coverage/index.html; MARKS="not slow" for a part of them
+# make coverage  which lines and branches the tests run, build/coverage/index.html; MARKS="not long" for a part of them
 # make fuzz    damaged and hostile files for every reader, for MINUTES (60); findings are left in build/fuzz
 # make kills   kill -9 at MOMENTS (50) moments of the commands, full disks; the same bits afterwards
 # make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
@@ -23,15 +24,18 @@ MARKS ?=
 MINUTES ?= 60
 MOMENTS ?= 50
 
-.PHONY: demo check test style tests docs coverage fuzz kills bench
+.PHONY: demo check test test-all style tests docs coverage fuzz kills bench
 
 demo: $(READY)
 	$(BIN)/lightprobe demo
 
 check: $(TOOLS)
-	@$(MAKE) --no-print-directory -j 2 style tests MARKS="not slow and not cuda" || $(FAILED)
+	@$(MAKE) --no-print-directory -j 2 style tests MARKS="not slow and not long and not cuda" || $(FAILED)
 
 test: $(TOOLS)
+	@$(MAKE) --no-print-directory -j 2 style tests MARKS="not long" || $(FAILED)
+
+test-all: $(TOOLS)
 	@$(MAKE) --no-print-directory -j 2 style tests || $(FAILED)
 
 # What is wrong with the style is printed when it is found, and once more after the tests.

@@ -16,15 +16,18 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 if not torch.cuda.is_available():
     os.environ.setdefault("TRITON_INTERPRET", "1")
 
-# Files of tests that take longest, 20 seconds and more of one core
+# Files of tests that take longest, 20 seconds and more of one core; the longest first
 _LONGEST = tuple(
     f"tests/{name}.py"
     for name in (
-        "cli/test_resume", "evaluation/test_memory", "preparation/test_preparing", "tools/test_measure_gpu",
-        "fleet/test_ray_cluster", "cli/test_damaged_run", "cli/test_using", "docs/test_docs", "examples/test_examples",
-        "reconstruction/test_cavity_trials", "tools/test_measure_speed", "view/test_page",
-        "reconstruction/test_metal_trials", "kernels/test_triton_compiles", "fuzz/test_fuzz", "runs/test_training",
-        "tools/test_make_demo_scene",
+        "cli/test_resume", "tools/test_measure_gpu", "reconstruction/test_cavity_trials", "cli/test_damaged_run",
+        "cli/test_using", "evaluation/test_memory", "docs/test_docs", "examples/test_examples",
+        "preparation/test_preparing", "tools/test_measure_speed", "reconstruction/test_metal_trials",
+        "kernels/test_triton_compiles", "tools/test_make_demo_scene", "cli/test_torchrun", "fuzz/test_fuzz",
+        "fleet/test_ray_cluster", "insertion/test_compositing", "localization/test_locator", "view/test_page",
+        "cli/test_inserting", "cli/test_evaluation", "runs/test_golden", "localization/test_pose_search",
+        "scene/test_inspect", "render/test_mitsuba_oracle", "kernels/test_hash_grid", "runs/test_training",
+        "cli/test_paper_preset",
     )
 )  # fmt: skip
 _FOR_WANT_OF_CUDA = ("CUDA", "Triton runs on the device")

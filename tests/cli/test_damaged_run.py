@@ -316,7 +316,7 @@ def test_a_damaged_checkpoint_is_passed_over(damaged, name, change):
     assert "goes on from step 20" in damaged.run.log_file.read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_restart_mends_a_run_whatever_its_files_hold(damaged, capsys):
     for file in (damaged.run.config_file, damaged.run.scene_file, damaged.run.asset_file, damaged.run.metrics_log):
         emptied(file)

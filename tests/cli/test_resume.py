@@ -49,7 +49,7 @@ def contents(run: Path) -> dict[str, bytes]:
     return {name: data for name, data in files.items() if name not in ("log.txt", "timings.json", ".lock")}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_killed_again_and_again_ends_with_the_same_bits(tmp_path):
     scene = write_toy_scene(tmp_path / "scene")
     finish(scene, tmp_path / "whole")  # which compiles the kernels that the other finds

@@ -46,7 +46,7 @@ def files(run: RunFolder) -> set[str]:
     return {str(path.relative_to(run.path)) for path in run.path.rglob("*")}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_processes_learn_what_one_learns_also_after_one_was_killed(trained, tmp_path):
     one, two = trained[1], RunFolder(shutil.copytree(trained[1].path, tmp_path / "two"))
     succeed("distill", one.path, *OPTIONS)

@@ -90,7 +90,7 @@ def test_export_writes_every_environment_twice(trained, tmp_path):
     assert np.abs(exr - hdr).max() <= exr.max() / 128
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
     scene, run = trained
     (tmp_path / "runs").mkdir()

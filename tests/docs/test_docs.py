@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 LOADED = re.compile(r"""<(?:script|img|iframe|source)\b[^>]*\bsrc="([^"]+)|<link\b[^>]*\bhref="([^"]+)""")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_documentation_builds_without_a_warning_and_without_other_hosts(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-q", "-E", "-n", "-W", "--keep-going", "docs", str(tmp_path)]
     command += ["-D", "toc_object_entries=0"]  # every function in every page's menu: a third of the time, no warning

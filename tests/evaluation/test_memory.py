@@ -41,7 +41,7 @@ print(json.dumps({"memory": peak_memory(), **found["mean"]}))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_photo_of_twelve_megapixels_stays_below_four_gibibytes(tmp_path):
     command = [sys.executable, "-c", EVALUATION, str(tmp_path), str(SIDE)]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)

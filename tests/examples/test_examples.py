@@ -15,7 +15,7 @@ from tests.export.glb_reader import Glb
 from tests.toy_scene import write_toy_scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 def run(name: str, *arguments: object) -> str:

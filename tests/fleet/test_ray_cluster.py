@@ -53,7 +53,7 @@ def test_a_process_that_dies_costs_its_own_task_alone(tmp_path):
     assert "five" in outcomes[5].lost
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_scenes_of_a_machine_that_dies_are_finished_elsewhere_with_the_same_bits(monkeypatch, tmp_path):
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("RAY_worker_niceness", "0")  # else its workers wait for whatever other tests run beside this one

@@ -51,7 +51,7 @@ def test_a_png_gets_its_checksums_back(tmp_path):
     assert with_checksums(sound[:29] + b"xxxx" + sound[33:]) == sound
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_whatever_a_reader_does_is_told_apart(tmp_path, monkeypatch):
     """Each in a process of its own kind: one that is killed, hangs, or takes all memory ends nobody else."""
     monkeypatch.setattr(worker, "SECONDS", 1.0)

@@ -12,7 +12,7 @@ KERNELS = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "architecture"), [("cuda", "80"), ("cuda", "90"), ("hip", "gfx942")])
 def test_every_kernel_compiles(kind, architecture, tmp_path):
     pytest.importorskip("triton")

@@ -15,7 +15,7 @@ from tests.kills.program import Fault, Moment
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="children are forked, as Linux does it safely")
 def test_export_ends_with_the_same_bits_after_every_fault(tmp_path):
     words = [sys.executable, "-m", "tests.kills", "--moments", "2", "--commands", "export"]

@@ -51,7 +51,7 @@ def test_the_loss_is_zero_for_the_truth_and_sees_a_dim_lamp():
     assert float(sphere_loss(flat.reshape(exact.shape), truth)) > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_short_training_beats_the_constant_and_the_stacked_light_on_photos_it_has_not_seen():
     asset, camera = glossy_sphere(), camera_at((2.6, 1.4, 1.2), size=40, focal=53.0)
     random = torch.Generator().manual_seed(2)

@@ -54,7 +54,7 @@ def test_the_scene_stands_upright(photographed):
     assert max(abs(camera.camera_to_world[2, 0]) for camera in cameras) < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_command_goes_on_and_keeps_a_corrected_mask(photographed):
     folder, prepared, first = photographed
     path = prepared.folder / "masks" / "p_003.png"

@@ -64,7 +64,7 @@ def model_of(inner: float | None) -> LatticeModel:
     return model
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cup_is_opened(monkeypatch):
     monkeypatch.setattr(cavity_trials, "_WALLS", (1.75, 3.0))
     monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0, 0.5))
@@ -78,7 +78,7 @@ def test_a_cup_is_opened(monkeypatch):
     assert torch.equal(closed.distances().detach(), before)  # the model itself stays as it is
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cavity_is_judged_by_pixels_that_show_it(monkeypatch):
     monkeypatch.setattr(cavity_trials, "_WALLS", (3.0,))
     monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0,))
@@ -101,7 +101,7 @@ def test_a_cavity_is_judged_by_pixels_that_show_it(monkeypatch):
         assert (position[rows, 2] < 0.5 - closed.lattice.cell).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_block_stays_solid(monkeypatch):
     monkeypatch.setattr(cavity_trials, "_SUSPECT", -1.0)  # its best explained lids, too
     monkeypatch.setattr(cavity_trials, "_TRIED", 1)

@@ -115,7 +115,7 @@ def test_recorded_visits_solve_what_single_ones_do(monkeypatch):
     assert not torch.allclose(single[3], single[4], rtol=1e-3)  # other pixels, another light
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_photos_of_fewer_pixels_are_solved_from_the_same_recording(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     gbuffer, target, light = ball()

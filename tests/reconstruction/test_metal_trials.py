@@ -59,7 +59,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     return material
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
     samples, lights = photos(gilt=True)
     material = painted(samples, gilt=False)
@@ -74,7 +74,7 @@ def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
     assert all(torch.equal(before[name], value) for name, value in material.state_dict().items())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_paint_stays_paint():
     samples, lights = photos(gilt=False)
     assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None

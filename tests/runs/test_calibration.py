@@ -77,7 +77,7 @@ def test_a_known_light_tells_the_factor(clean):
     assert again == found  # not on top of itself
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_map_that_was_predicted_before_is_told_to_be_too_dark(clean, tmp_path):
     run, _, shot, folder, light = clean
     light.save(tmp_path / "light.exr")

@@ -17,7 +17,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=300, check=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("subject", ["coffee-pot", "toy-car"])
 def test_equal_options_make_equal_scenes(tmp_path, subject):
     if run("-c", PROBE).returncode != 0:

@@ -127,7 +127,7 @@ def test_a_kernel_is_held_against_the_limit_and_the_cpu():
     assert difference(torch.tensor([3.0, 4.0]), torch.tensor([0.0, 4.0])) == 0.75
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_runs_briefly_on_a_cpu(tmp_path):
     words = [
         sys.executable,

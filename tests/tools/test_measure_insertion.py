@@ -25,7 +25,7 @@ def test_objects_reach_the_product_as_they_are(tmp_path):
     assert len(thing.faces) == sum(len(part.faces) for part in model.parts)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scene_is_traced_and_scored(tmp_path):
     pytest.importorskip("mitsuba")
     try:

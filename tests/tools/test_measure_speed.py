@@ -134,7 +134,7 @@ def test_the_cases_are_what_they_are_called():
     assert cases.probes()[4].shape[0] * len(cases.probes()[0]) == 25_165_824
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_small_page():
     assert measure_limits(1).arithmetic > 1e8
     text = page(Plan(quick=True))

@@ -88,7 +88,7 @@ def judgements(project: Path) -> dict[str, str]:
     return {after: outcome for _, after, outcome in rows}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_tests_kill_what_they_check_and_survivors_show_what_they_do_not(project):
     outcomes = judgements(project)
     assert outcomes["a / b"] == outcomes["1.0"] == "KILLED"

@@ -29,7 +29,7 @@ def test_solids_are_centred_closed_and_different():
     assert len({len(vertices) for vertices, _ in solids}) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_number_decides_the_lessons_and_their_lights_differ():
     config = DistillConfig(samples=64)
     first, again = lessons_of(3, config, seed=1), lessons_of(3, config, seed=1)
