@@ -48,6 +48,7 @@ def test_the_run_says_what_it_was(trained):
         "unseen_share": 0.0,
     }  # fmt: skip
     assert "held-out" not in run.log_file.read_text()  # no guard
+    assert json.loads(run.verdict_file.read_text())["held_out"] is False
     lights = load_tensors(run.mesh_folder / LIGHTS_FILE)
     assert {light.shape for light in lights.values()} == {(6, 128, 128, 3)}
     assert len(lights) == 3

@@ -21,7 +21,8 @@ def test_parts_that_disagree_about_the_light_tell_a_poor_object(disagreement, tr
 def test_an_object_that_was_only_judged_by_photos_it_was_fitted_to_is_doubtful_at_best(tmp_path):
     verdict = ObjectVerdict(0.03, 4, held_out=False)
     assert verdict.trust is Trust.DOUBTFUL
-    assert "4 photos that it was fitted to, as none was held back, expect less than 27 dB" in verdict.sentence
+    assert "4 photos that it was fitted to, as none was held out, expect some 27 dB at best" in verdict.sentence
+    assert "at least eight photos" in verdict.sentence
     assert ObjectVerdict(0.09, 4, held_out=False).trust is Trust.POOR
     verdict.save(tmp_path / "verdict.json")
     assert ObjectVerdict.load(tmp_path / "verdict.json") == verdict
@@ -78,6 +79,7 @@ def test_a_verdict_comes_back_from_its_file(tmp_path):
         {"disagreement": 0.1, "photos": 5, "surprise": -1},
         {"disagreement": 0.1, "photos": 5, "excess": None},
         {"disagreement": 0.1, "photos": 5, "excess_surprise": -0.1},
+        {"disagreement": 0.1, "photos": 5, "held_out": "no"},
     ],
 )
 def test_a_file_that_holds_none_is_refused(tmp_path, value):

@@ -64,7 +64,7 @@ def model_of(inner: float | None) -> LatticeModel:
     return model
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_cup_is_opened(monkeypatch):
     monkeypatch.setattr(cavity_trials, "_WALLS", (1.75, 3.0))
     monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0, 0.5))

@@ -59,7 +59,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     return material
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
     samples, lights = photos(gilt=True)
     material = painted(samples, gilt=False)

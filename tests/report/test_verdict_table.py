@@ -25,6 +25,9 @@ def test_what_was_said_stands_beside_what_was_found():
         "| cup | 2 | good | 5.0 | .2 | 23.0 | 23.0 | .80 | .100 |",
     ]  # of two objects no order is told
     assert verdict_table(BenchResults([record("pot")])) == []
+    fitted = judged("cup", 0.1, 18.5, 0.2)
+    fitted.object_verdict["held_out"] = False
+    assert verdict_table(BenchResults([fitted])) == []
 
 
 def test_an_order_is_told_of_some_objects():

@@ -6,6 +6,7 @@ import pycolmap
 import pytest
 
 from lightprobe.core.errors import InputError
+from lightprobe.scene import colmap
 from lightprobe.scene.lens import Lens
 
 RNG = np.random.default_rng(6)
@@ -54,6 +55,9 @@ def test_points_fall_where_colmap_puts_them(model, parameters, lens):
     camera = pycolmap.Camera(model=model, width=800, height=600, params=[*focal, 400.0, 300.0, *parameters])
     expected = np.asarray(camera.img_from_cam(np.column_stack([POINTS, np.ones(len(POINTS))])))
     np.testing.assert_allclose(lens.distort(POINTS) * 500 + (400, 300), expected, atol=1e-6)
+    assert colmap._LENSES[model](*parameters) == lens
+    assert colmap._MODELS[int(camera.model)] == (model, len(camera.params))
+    assert (model in colmap._ONE_FOCAL) is (len(focal) == 1)
 
 
 def test_points_fall_where_opencv_puts_them():
@@ -100,6 +104,7 @@ def test_as_json(lens):
         {"rational": None},
         {"prism_fourth": [1]},
         {"fov": float("inf")},
+        {"radial_first": "no"},
     ],
 )
 def test_odd_json(change):

@@ -233,7 +233,7 @@ def test_long_names_are_cut_by_bytes():
         assert re.fullmatch(r"x?漢{36,40}(-\d)?", name)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_many_equal_names_take_no_longer_than_others():
     """Once the time grew with the square of the photos."""
     root = Path("/scene")
@@ -244,7 +244,7 @@ def test_many_equal_names_take_no_longer_than_others():
     names = unique_names([root / f"{long}{i}.png" for i in range(100_000)], root)
     assert len(set(names)) == 100_000
     assert all(len(name) <= 120 for name in names)
-    assert time.process_time() - start < 15  # it takes two seconds, and once took hours
+    assert time.process_time() - start < 15  # it takes some seconds, and once took hours
 
 
 def test_load_scene_reads_a_plain_string(tmp_path):

@@ -2,9 +2,9 @@
 
 Every photo can be explained by some light, and the wrong materials bend it: a light that is solved from the darker half
 of the surface then fails to explain the brighter half, and the other way round. That failure (`disagreement`, see
-`reconstruction.agreement`), on photos the object was not fitted to, is the number that the verdict rests on. What
-relighting turned out to be on objects with known materials tells what to expect of it
-(docs/decisions/object-verdict.md).
+`reconstruction.agreement`) is the number that the verdict rests on, measured on photos the object was not fitted to.
+Where none was held out it is of photos it was fitted to, and the object is doubtful at best. What relighting turned out
+to be on objects with known materials tells what to expect of it (docs/decisions/object-verdict.md).
 
 It hardly sees how bright the whole object is, as light and base colour share a factor. Of that the photos' lights tell
 a little: where more of it comes from behind the object than from the camera's side, photo after photo, the object is
@@ -30,7 +30,8 @@ _AT_TENTH, _PER_DECADE = 17.0, 20.0
 _GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
 _UNLIKELY = 3.0  # what is unlikely about the photos' lights, in ln probability, from which the object is doubtful
 _OF_LIGHTS = ("front_bias", "surprise", "excess", "excess_surprise")
-_FITTED = "photos that it was fitted to, as none was held back"
+_FITTED = "photos that it was fitted to, as none was held out"
+_MORE_PHOTOS = ", or train it on at least eight photos, of which some are held out (--decompose.validation-photos)"
 _DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
 
 
@@ -74,14 +75,14 @@ class ObjectVerdict:
     @property
     def sentence(self) -> str:
         """What to think of the object, and what to do about a poor one."""
-        photos, some = ("held-out photos", "some") if self.held_out else (_FITTED, "less than")
+        photos, at_best = ("held-out photos", "") if self.held_out else (_FITTED, " at best")
         found = (
             f"its darker and its brighter parts disagree by {100 * self.disagreement:.1f} % about the light of "
-            f"{self.photos} {photos}, expect {some} {self.expected_psnr:.0f} dB when it is relit"
+            f"{self.photos} {photos}, expect some {self.expected_psnr:.0f} dB{at_best} when it is relit"
         )
         advice = {
             Trust.GOOD: "",
-            Trust.DOUBTFUL: "; look at its materials before you rely on it",
+            Trust.DOUBTFUL: "; look at its materials before you rely on it" + ("" if self.held_out else _MORE_PHOTOS),
             Trust.POOR: "; its materials are probably wrong: try more steps (--preset standard), more photos under "
             "other lights, or another --seed",
         }[self.trust]

@@ -1,4 +1,4 @@
-"""How well an asset explains photos it was not fitted to: the passes' guard, the final lights, and the verdict."""
+"""How well an asset explains photos, as a rule such that it was not fitted to: the guard, final lights, verdict."""
 
 from dataclasses import replace
 
@@ -73,8 +73,7 @@ def judge_object(
     """Return the verdict on an asset from photos; None when they show too little.
 
     bias, around: of the lights of all training photos, where there are enough of them. held_out: whether the asset was
-    not fitted to the photos. Photos that it was fitted to are explained about a seventh better
-    (docs/decisions/object-verdict.md), more so where they are few.
+    not fitted to the photos; those it was fitted to flatter it (docs/decisions/object-verdict.md).
     """
     errors, solver = [], part_solver(config, asset.mesh.vertices.device, _JUDGED // 2)
     for target in targets:

@@ -12,11 +12,17 @@ _FEWEST = 4  # objects that an order can be told of
 
 
 def verdict_table(results: BenchResults) -> list[str]:
-    """Return a row for every run and seed whose object has a verdict and known truth, and below how well both agree."""
+    """Return a row for every run and seed that has a verdict from held-out photos and known truth.
+
+    Below stands how well both agree.
+    """
     told = [
         record
         for record in results.records
-        if record.kind in (Kind.RUN, Kind.SEED) and record.object_verdict and _FOUND in record.metrics["mean"]
+        if record.kind in (Kind.RUN, Kind.SEED)
+        and record.object_verdict
+        and _FOUND in record.metrics["mean"]
+        and record.object_verdict.get("held_out", True)  # from photos it was fitted to a verdict says less
     ]
     rows: list[tuple[list[str], Record | None]] = []
     for record in told:

@@ -49,6 +49,7 @@ _LENSES: dict[str, Callable[..., Lens]] = {
     "THIN_PRISM_FISHEYE": lambda k1, k2, p1, p2, k3, k4, s1, s2: Lens(
         (k1, k2, k3, k4), (p1, p2), prism=(s1, s2), fisheye=True
     ),
+    # six radial coefficients, then p0 and p1, which are our p2 and p1, then s1, t1, s2, t2
     "RAD_TAN_THIN_PRISM_FISHEYE": lambda *k: Lens(
         k[:6], (k[7], k[6]), prism=(k[8], k[10]), prism_fourth=(k[9], k[11]), fisheye=True, radial_first=True
     ),

@@ -11,8 +11,7 @@ models of OpenCV, COLMAP and nerfstudio):
 Fisheye lenses first turn r into the angle from the axis (Kannala and Brandt, 2006): (x, y) atan(r) / r goes into the
 same polynomial. So do those of COLMAP's model FOV (Devernay and Faugeras, "Straight lines have to be straight", 2001),
 with atan(2 r tan(w/2)) / (r w), w being the angle. In COLMAP's RAD_TAN_THIN_PRISM_FISHEYE (that of Project Aria's
-glasses) the terms after x q and y q are of the point (x q, y q), and p1 and p2 change places. The photo's pixel is
-(cx + fx x', cy + fy y').
+glasses) the terms after x q and y q are of the point (x q, y q). The photo's pixel is (cx + fx x', cy + fy y').
 """
 
 from dataclasses import dataclass
@@ -122,9 +121,12 @@ class Lens:
                 tuple(float(number) for number in value[key]) for key in ("radial", "tangential", "rational", "prism")
             )
             fourth = tuple(float(number) for number in value.get("prism_fourth", (0.0, 0.0)))
+            radial_first = value.get("radial_first", False)
+            if not isinstance(radial_first, bool):
+                raise TypeError(radial_first)
             lens = Lens(
-                radial, _pair(tangential), rational, _pair(prism), _pair(fourth), bool(value["fisheye"]),
-                float(value.get("fov", 0.0)), bool(value.get("radial_first", False)), float(value["zoom"]),
+                radial, _pair(tangential), rational, _pair(prism), _pair(fourth), fisheye=bool(value["fisheye"]),
+                fov=float(value.get("fov", 0.0)), radial_first=radial_first, zoom=float(value["zoom"]),
             )  # fmt: skip
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{source}: the lens is not described as lightprobe writes it.") from error

@@ -218,7 +218,8 @@ class DecomposeConfig:
     unwrap_seconds: float = 60.0
     """Time limit of the UV unwrapper, after which a simple atlas is used."""
     validation_photos: int = 5
-    """Training photos held out to decide whether the second and third pass are kept; 0 keeps them unseen."""
+    """Training photos held out to decide whether the second and third pass are kept, and to judge the object by.
+    With 0 the passes are kept unseen, and the object is doubtful at best."""
     checkpoint_every: int = 150
     """Steps between checkpoints, and between renewals of the object's shadows."""
 
