@@ -1,7 +1,7 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, shapes in docstrings, fast tests
-# make test    the same with the slow tests: some ten minutes
-# make test-all  the same with the long ones, trainings and the documentation's build among them; continuous integration runs it
+# make test    the same with the slow tests: ten to twenty minutes
+# make test-all  the same with the long ones (trainings, the documentation's build), as continuous integration runs it
 # make style, make tests   the parts of these three, which run side by side; MARKS chooses tests
 # make docs    the documentation, build/docs/index.html; a warning is an error
 # make coverage  which lines and branches the tests run, build/coverage/index.html; MARKS="not long" for a part of them

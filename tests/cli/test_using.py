@@ -21,6 +21,7 @@ from tests.toy_scene import SIZE
 PHASES = ("decompose", "distill")
 
 
+@pytest.mark.slow
 def test_render_writes_the_camera_s_picture(trained, tmp_path, capsys):
     scene, run = trained
     record = json.loads(run.scene_file.read_text())["photos"]["test"]["test_01"]["camera"]
@@ -82,6 +83,7 @@ def test_a_number_of_rays_that_makes_no_picture_is_refused(trained, tmp_path, ca
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_export_writes_every_environment_twice(trained, tmp_path):
     _, run = trained
     succeed("export", run.path, "-o", tmp_path)

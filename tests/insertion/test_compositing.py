@@ -45,6 +45,7 @@ def beside(studio):
     return insert(decomposition, light, photo, thing, Wish(scale=0.4))
 
 
+@pytest.mark.slow
 def test_the_layers_make_the_picture(studio, beside, tmp_path):
     photo = studio[2]
     made = photo.color * beside.shadow * (1 - beside.mask[..., None]) + beside.beauty
@@ -114,6 +115,7 @@ def test_the_thing_shades_the_object_that_stands_by(studio):
     assert left.min() < 0.85
 
 
+@pytest.mark.slow
 def test_a_cut_out_photo_stays_one(studio):
     decomposition, light, photo, thing = studio
     cut = dataclasses.replace(photo, opaque=False, color=photo.color * (photo.mask[..., None] > 0))

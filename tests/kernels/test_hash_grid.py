@@ -37,6 +37,7 @@ def test_matches_the_reference(body, features):
     torch.testing.assert_close(grad_points, expected, rtol=1e-4, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_gradients_in_float64():
     points, table, resolutions = problem(n=5, size=16)
     variables = points.double().requires_grad_(), table.double().requires_grad_()

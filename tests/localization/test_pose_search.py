@@ -34,6 +34,7 @@ def test_and_without_any_match_from_the_light_alone(known, views, camera, photo,
     assert found[0].inliers == 0
 
 
+@pytest.mark.slow
 def test_the_focal_length_is_found(known, views, camera, photo, points):
     found = PoseFinder(known, views).find(photo[0], None)
     assert mean_distance(found[0].camera, camera, points) < 0.7

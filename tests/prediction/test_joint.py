@@ -64,6 +64,7 @@ def test_an_exposed_photo_has_its_colours_and_level_divided(seen):
     torch.testing.assert_close(half.light_level, seen[0].light_level / 2)
 
 
+@pytest.mark.slow
 def test_exposures_are_found_with_the_light(sphere, photos):
     seen = [
         observe(sphere, scaled(photo, factor), camera, CPU, 65_536)

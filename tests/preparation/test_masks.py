@@ -139,6 +139,7 @@ def test_only_what_a_photo_saw_itself_marks_the_object_in_it(world):
     assert everybody.min() < marked.min() - 20
 
 
+@pytest.mark.slow
 def test_a_part_that_some_first_cuts_lose_is_not_lost_in_all():
     cameras = ring_cameras(40)
     views = {i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)}

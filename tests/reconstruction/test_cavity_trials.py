@@ -165,6 +165,7 @@ def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
     assert (task.lights.maps[1] == 0.25).all()
 
 
+@pytest.mark.slow
 def test_a_network_of_distances_is_not_opened():
     model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, sdf=SdfMode.MLP), CPU, 0)
     before = model.distances().detach().clone()

@@ -102,6 +102,7 @@ def test_brightening_multiplies_colours_their_mean_and_what_is_seen_of_them():
     torch.testing.assert_close(model.visibility.occluder_color, 0.5 * asset.visibility.occluder_color)
 
 
+@pytest.mark.slow
 def test_shadows_are_found_anew_once_something_moved():
     asset = glossy_sphere()
     asset = replace(asset, visibility=textured_visibility(asset.mesh, asset.textures.flat()))

@@ -94,6 +94,7 @@ def test_equal_seeds_give_equal_pictures_and_others_other_noise():
     assert not torch.equal(first, other)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("tracer_works")
 def test_a_picture_made_in_parts_has_every_pixel(monkeypatch):
     light = patch_light((1.0, 0.3, 0.4))
