@@ -7,6 +7,7 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.reconstruction import phase1
+from lightprobe.reconstruction.gauge import evenly_spaced
 from lightprobe.scene import load_scene
 from tests.toy_scene import write_toy_scene
 
@@ -42,9 +43,9 @@ def test_too_few_photos_to_hold_one_back_give_a_verdict_that_says_so(tmp_path):
 
 
 def test_photos_are_chosen_evenly():
-    assert phase1._spread(20, 8) == [1, 3, 6, 8, 11, 13, 16, 18]
-    assert phase1._spread(3, 8) == [0, 1, 2]
-    assert phase1._spread(0, 8) == []
+    assert evenly_spaced(range(20), 8) == [1, 3, 6, 8, 11, 13, 16, 18]
+    assert evenly_spaced(range(3), 8) == [0, 1, 2]
+    assert evenly_spaced(range(0), 8) == []
     photos = tuple(range(24))
     assert phase1.split_validation(photos, 5)[1] == [4, 12, 20]  # an eighth at most
     assert phase1.split_validation(photos[:7], 5) == (list(photos[:7]), [])

@@ -17,8 +17,9 @@ unless it has just come out what is metal (`reconstruction.metal_trials`): what 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import torch
 
@@ -34,6 +35,7 @@ _FIRST_TRIAL = 2  # the checkpoint that fits the material anew before it chooses
 _SECOND_TRIAL = 0.7  # share of the first pass after which that is done again: the rest adapts shape and detail to it
 START = 0.45  # mean linear base colour that Phase I starts with
 DARKEST, BRIGHTEST = 0.02, 0.8  # mean linear base colours that no choice goes beyond
+_Photo = TypeVar("_Photo")  # whatever stands for one
 _PHOTOS = 8  # that a choice looks at
 _STEP = math.log(1.4)  # factors tried: one over, none and once this
 _REACH = 1.5  # of it, at most, in one choice
@@ -63,10 +65,10 @@ def metals_tried(config: DecomposeConfig, step: int) -> bool:
     return config.brightness_anchor > 0 and len(trials) > 1 and step >= max(trials)
 
 
-def evenly_spaced(targets: list[Target], count: int = _PHOTOS) -> list[Target]:
-    """Return `count` photos spread evenly over the list, all where there are fewer."""
-    count = min(count, len(targets))
-    return [targets[int((k + 0.5) * len(targets) / count)] for k in range(count)]
+def evenly_spaced(photos: Sequence[_Photo], count: int = _PHOTOS) -> list[_Photo]:
+    """Return `count` photos spread evenly over the sequence, all where there are fewer."""
+    count = min(count, len(photos))
+    return [photos[int((k + 0.5) * len(photos) / count)] for k in range(count)]
 
 
 @torch.no_grad()

@@ -14,6 +14,7 @@ from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake
 from lightprobe.reconstruction.front_bias import FrontBias
+from lightprobe.reconstruction.gauge import evenly_spaced
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
@@ -93,14 +94,8 @@ def stages(config: DecomposeConfig) -> tuple[Stage, Stage, Stage]:
 
 def split_validation(photos: tuple[Photo, ...], count: int) -> tuple[list[Photo], list[Photo]]:
     """Return (fitted, held out) photos; at most an eighth is held out, spread evenly over the list."""
-    chosen = _spread(len(photos), min(count, len(photos) // 8))
+    chosen = evenly_spaced(range(len(photos)), min(count, len(photos) // 8))
     return [p for i, p in enumerate(photos) if i not in chosen], [photos[i] for i in chosen]
-
-
-def _spread(length: int, count: int) -> list[int]:
-    """Return `count` places of a list of `length`, or all where there are fewer, spread evenly over it."""
-    count = min(count, length)
-    return [int((k + 0.5) * length / count) for k in range(count)]
 
 
 def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch.device | None = None, seed: int = 0,
@@ -130,7 +125,7 @@ def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch
     up = torch.from_numpy(up_of(photo.camera for photo in scene.train)).float()
     bias = FrontBias.of(every, [_towards(photo, scene) for photo in scene.train], up)
     around = Surroundings.of(every, [job.shown[photo.name] for photo in scene.train])
-    judges = job.targets(held_out or [fitted[i] for i in _spread(len(fitted), _JUDGES)], config.pass1_side)
+    judges = job.targets(held_out or evenly_spaced(fitted, _JUDGES), config.pass1_side)
     verdict = judge_object(end.asset, judges, bias, around, config, seed, held_out=bool(held_out))
     if verdict is not None:
         job.tell(verdict.sentence)
