@@ -38,6 +38,7 @@ def test_the_same_command_again_changes_nothing(trained):
     assert {p: p.read_bytes() for p in run.path.rglob("*") if p.is_file() and p.name != "log.txt"} == before
 
 
+@pytest.mark.slow
 def test_another_scene_or_option_is_refused_with_the_difference(trained, tmp_path, capsys):
     scene, run = trained
     assert main(["fit", str(scene), "-o", str(run.path), *TINY_WITHOUT_TRIALS, "--seed", "3"]) == 3
@@ -47,6 +48,7 @@ def test_another_scene_or_option_is_refused_with_the_difference(trained, tmp_pat
     assert "--restart" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_moved_scene_is_found_by_its_new_place(trained, tmp_path, capsys):
     scene, run = trained
     quickly = ("--no-unseen", "--methods", "constant")
@@ -103,6 +105,7 @@ def test_help_loads_no_torch():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
 
 
+@pytest.mark.slow
 def test_the_program_looks_for_garbage_in_what_a_command_makes_alone():
     code = """
 import gc, sys

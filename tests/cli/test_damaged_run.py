@@ -282,7 +282,7 @@ def tensor(name: str, change: Callable[[torch.Tensor], torch.Tensor | None]) -> 
     return "tensors.safetensors", odd_tensor(name, change)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("step", "first", "second"),
     [(5, "distance", "offset"), (17, "displacement", "finish"), (25, "color", "finish")],
@@ -306,7 +306,7 @@ def test_a_checkpoint_of_another_training_is_named(damaged, capsys, step, first,
         (folder / name).write_bytes(original)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "change"), [("state.json", emptied), tensor("parameter.color", filled_first(math.nan))]
 )

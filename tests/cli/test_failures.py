@@ -25,6 +25,7 @@ def test_a_defect_of_the_program_names_the_log_with_its_traceback(scene, tmp_pat
     assert "Traceback" in run.log_file.read_text()
 
 
+@pytest.mark.slow
 def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch):
     def stop(*arguments):
         raise KeyboardInterrupt

@@ -1,5 +1,7 @@
 """inspect, as typed."""
 
+import pytest
+
 from tests.cli.commands import fails, succeed
 from tests.scene.plain_world import take
 from tests.scene.worlds import views, write_nerd
@@ -26,6 +28,7 @@ def test_a_sheet_needs_cameras(tmp_path, capsys):
     assert not (tmp_path / "s.png").exists()
 
 
+@pytest.mark.slow
 def test_a_scene_with_cameras_gets_its_sheet(tmp_path, capsys):
     succeed("inspect", write_nerd(tmp_path / "scene", views(18)), "-o", tmp_path / "s.png")
     assert (tmp_path / "s.png").exists()

@@ -41,6 +41,7 @@ def test_predict_writes_a_map_of_the_size_that_is_asked_for_and_what_else_is_kno
         assert {"direction", "angular_radius_deg", "irradiance_rgb", "uncertainty"} <= source.keys()
 
 
+@pytest.mark.slow
 def test_suns_and_lamps_that_are_not_looked_for_cannot_be_kept_out_of_a_map(trained, tmp_path, capsys):
     scene, run = trained
     words = ["predict", run.path, scene / "test/test_00.png", "-o", tmp_path / "light.exr", "--no-sources"]

@@ -32,7 +32,7 @@ def test_a_value_that_is_no_size_and_a_command_of_many_processes_are_refused(tmp
         limit_among("serve", ["runs", "--max-memory", "2GB"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_large_jpeg_is_reduced_and_the_limit_is_held(tmp_path):
     """Of 64 megapixels, which take 256 MB decoded: without a limit `inspect` takes 0.66 GB."""
     ramp = np.linspace(0, 255, 8000).astype(np.uint8)
@@ -43,6 +43,7 @@ def test_a_large_jpeg_is_reduced_and_the_limit_is_held(tmp_path):
     assert "is reduced from 8000 x 8000 to 4000 x 4000 pixels" in said
 
 
+@pytest.mark.slow
 def test_a_bomb_is_refused_and_the_limit_is_held(tmp_path):
     """A header of 121 megapixels and no pixels: had they been asked for, the file would be called damaged."""
     header = b"IHDR" + struct.pack(">IIBBBBB", 11000, 11000, 8, 2, 0, 0, 0)

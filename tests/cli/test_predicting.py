@@ -4,6 +4,7 @@ import json
 import shutil
 
 import numpy as np
+import pytest
 
 from lightprobe.cli.main import main
 from lightprobe.imaging import read_hdr, read_ldr, write_png
@@ -11,6 +12,7 @@ from tests.cli.commands import succeed
 from tests.toy_scene import SIZE
 
 
+@pytest.mark.slow
 def test_predict_writes_map_picture_and_confidence(trained, tmp_path, capsys):
     scene, run = trained
     out = tmp_path / "deep" / "light.exr"
@@ -33,6 +35,7 @@ def test_predict_writes_map_picture_and_confidence(trained, tmp_path, capsys):
     assert run.prediction_file("test_00", ".confidence.exr").read_bytes() == (tmp_path / "c.exr").read_bytes()
 
 
+@pytest.mark.slow
 def test_predict_takes_the_run_s_settings_and_the_command_line_s_before_them(trained, tmp_path):
     scene, run = trained
     kept = run.config_file.read_bytes()
@@ -60,6 +63,7 @@ def test_unusable_settings_of_a_prediction_are_refused(trained, capsys):
     assert "light_resolution must be a power of two" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_several_photos_are_predicted_into_a_folder(trained, tmp_path, capsys):
     scene, run = trained
     images = sorted((scene / "test").glob("*.png"))
@@ -78,6 +82,7 @@ def test_several_photos_are_predicted_into_a_folder(trained, tmp_path, capsys):
     assert "same name" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_camera_of_another_photo_is_noticed(trained, tmp_path, capsys):
     scene, run = trained
     record = run.scene()["photos"]["train"]["train_03"]["camera"]
@@ -88,6 +93,7 @@ def test_a_camera_of_another_photo_is_noticed(trained, tmp_path, capsys):
     assert "overlap by only" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_photo_that_shows_nothing_of_the_object_is_refused_and_costs_no_other_its_map(trained, tmp_path, capsys):
     scene, run = trained
     good = scene / "test" / "test_00.png"

@@ -54,7 +54,7 @@ def test_a_scene_with_cameras_is_named_as_such(tmp_path, capsys):
     fails(["prepare", scene, "-o", tmp_path / "out"], capsys, ["has cameras", "lightprobe train"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_training_on_plain_photos_makes_their_scene_in_the_run(photos, tmp_path, monkeypatch):
     scene, seen = write_toy_scene(tmp_path / "toy"), []
 

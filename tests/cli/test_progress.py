@@ -88,6 +88,7 @@ def test_a_terminal_has_a_bar_with_colours_unless_they_are_not_wanted(monkeypatc
     assert (re.search(r"\x1b\[[\d;]*3[0-8][\d;]*m", printed) is not None) is colored
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a terminal of POSIX")
 @pytest.mark.parametrize(("variables", "colored"), [({}, True), ({"NO_COLOR": "1"}, False)])
 def test_help_is_coloured_on_a_terminal_unless_it_is_not_wanted(variables, colored):

@@ -33,6 +33,7 @@ def slow(first: str):
     return pytest.param(first, marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "first", ["", slow("import lightprobe.evaluation"), slow("from lightprobe.models import ProbeModel")]
 )

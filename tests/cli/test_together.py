@@ -29,6 +29,7 @@ def given(opaque):
     return ["--camera", opaque[2], "--mask", opaque[1]]
 
 
+@pytest.mark.slow
 def test_photos_of_one_light_give_one_map(trained, opaque, tmp_path, capsys):
     images, _, _ = opaque
     out = tmp_path / "light.exr"
@@ -50,6 +51,7 @@ def test_a_photo_that_is_given_twice_is_refused_before_any_work(trained, opaque,
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_exposures_come_from_exif_where_all_photos_tell_them(trained, opaque, tmp_path, capsys):
     images = []
     for path, seconds in zip(opaque[0], (0.01, 0.02), strict=True):
@@ -61,6 +63,7 @@ def test_exposures_come_from_exif_where_all_photos_tell_them(trained, opaque, tm
     assert f"from EXIF: {images[0].name} 1.00, {images[1].name} 2.00" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_photo_that_cannot_serve_is_left_out_and_named(trained, opaque, tmp_path, capsys):
     images, masks, _ = opaque
     empty = tmp_path / "masks"
@@ -73,6 +76,7 @@ def test_a_photo_that_cannot_serve_is_left_out_and_named(trained, opaque, tmp_pa
     assert out.is_file()
 
 
+@pytest.mark.slow
 def test_a_photo_that_is_white_all_over_is_left_out_and_named(trained, opaque, tmp_path, capsys):
     images = opaque[0]
     white, plain = tmp_path / images[0].name, tmp_path / "plain.exr"
@@ -85,6 +89,7 @@ def test_a_photo_that_is_white_all_over_is_left_out_and_named(trained, opaque, t
     np.testing.assert_array_equal(read_hdr(light), read_hdr(plain))
 
 
+@pytest.mark.slow
 def test_the_background_is_used_unless_told_otherwise(trained, opaque, tmp_path, capsys):
     image = opaque[0][0]
     succeed("predict", trained[1].path, image, *given(opaque), "-o", tmp_path / "with.exr")
@@ -93,7 +98,7 @@ def test_the_background_is_used_unless_told_otherwise(trained, opaque, tmp_path,
     assert "; background " not in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_video_gives_a_map_for_every_few_frames_or_one_for_all(trained, opaque, tmp_path, capsys):
     clip = tmp_path / "clip.mp4"
     write_clip(clip, opaque[0][0], frames=7)

@@ -109,6 +109,7 @@ def test_nothing_is_appended_through_a_link(tmp_path):
     assert (tmp_path / "precious").read_text() == "mine\n"
 
 
+@pytest.mark.slow
 def test_many_writers_of_one_folder_do_not_take_each_other_s_files(tmp_path):
     code = (
         "import sys\nfrom pathlib import Path\nfrom lightprobe.core.files import write_bytes\n"

@@ -5,6 +5,7 @@ import sys
 
 import numba
 import numpy as np
+import pytest
 import torch
 
 from lightprobe.core import jit
@@ -44,6 +45,7 @@ def test_arrays_are_contiguous_and_of_one_integer_type():
     assert index.dtype == np.int32
 
 
+@pytest.mark.slow
 def test_a_compiled_loop_leaves_pytorch_its_number_of_threads():
     """Numba gives OpenMP all cores when it starts its threads, in the first loop of a process."""
     program = (

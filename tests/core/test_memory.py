@@ -21,6 +21,7 @@ def test_the_peak_counts_what_was_held_in_gib_and_never_falls():
     assert peak_memory() >= max(grown - COUNTED, 0.37)
 
 
+@pytest.mark.slow
 def test_a_process_does_not_count_what_the_one_that_started_it_held():
     held = np.ones(3 * 2**28, np.uint8)  # 768 MiB
     shown = "from lightprobe.core.memory import peak_memory; print(peak_memory())"

@@ -54,6 +54,7 @@ def test_a_limit_that_is_passed_already_is_refused():
         pass
 
 
+@pytest.mark.slow
 def test_a_process_that_passes_its_limit_ends_with_a_sentence():
     done = subprocess.run([sys.executable, "-c", GREEDY], capture_output=True, text=True, check=False)
     assert done.returncode == ResourceError.exit_code

@@ -51,6 +51,7 @@ def log_error(model, lesson):
     return float((torch.log1p(predicted(model, lesson)) - torch.log1p(lesson.teacher))[seen].square().mean().sqrt())
 
 
+@pytest.mark.slow
 def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
     network, up = new_network(CONFIG).requires_grad_(False), photos[0].up
     untrained = ProbeModel(network, Environment(torch.ones(6, 16, 16, 3)), up, CONFIG)
@@ -69,6 +70,7 @@ def weights(model):
     return {f"{part}.{k}": v for part in ("network", "sphere") for k, v in getattr(model, part).state_dict().items()}
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
     first, second, other = (weights(train(photos, CONFIG, CPU, seed=s)) for s in (1, 1, 2))
     assert all(torch.equal(first[k], second[k]) for k in first)
@@ -76,7 +78,7 @@ def test_equal_seeds_give_equal_bits_and_others_do_not(photos):
         assert not torch.equal(first[name], other[name])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_recorded_steps_learn_what_single_ones_do(photos, monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     config = replace(CONFIG, steps=12, sphere_steps=8)
@@ -128,6 +130,7 @@ def test_a_gpu_learns_from_recordings_what_it_learns_step_by_step(photos, monkey
     assert sum(float((recorded[name] - value).norm()) for name, value in single.items()) < 0.05 * moves
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed_at", [30, 40, 47])
 def test_resuming_gives_the_bits_of_an_uninterrupted_run(photos, tmp_path, killed_at):
     class KilledError(Exception):

@@ -34,6 +34,7 @@ def largest_difference(model, other) -> float:
     return max(float((after[name] - value).abs().max()) for name, value in before.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 3])
 def test_processes_learn_what_one_learns(photos, count):
     losses = []
@@ -63,6 +64,7 @@ def test_the_loss_as_printed_is_shared_alike(photos):
                 torch.testing.assert_close(value, one[name], rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed_at", [14, 23])
 def test_they_go_on_from_what_the_first_one_wrote(photos, tmp_path, killed_at):
     class KilledError(Exception):

@@ -22,6 +22,7 @@ def test_distance_of_parallel_grids_is_their_gap():
     assert chamfer_distance(grid, grid) == 0
 
 
+@pytest.mark.slow
 def test_concentric_spheres_differ_by_their_radii_in_any_unit():
     vertices, faces = sphere(4)
     larger = 7.0 * vertices + [3.0, 1.0, -2.0]
@@ -29,6 +30,7 @@ def test_concentric_spheres_differ_by_their_radii_in_any_unit():
     assert mesh_chamfer((smaller, faces), (larger, faces), count=10_000) == pytest.approx(0.1, abs=0.005)
 
 
+@pytest.mark.slow
 def test_what_nobody_can_see_does_not_count():
     vertices, faces = sphere(3)
     both = np.concatenate([vertices, 0.5 * vertices])

@@ -40,6 +40,7 @@ def evaluated(known, tmp_path_factory):
     return result, run, views
 
 
+@pytest.mark.slow
 def test_the_true_asset_has_no_error(evaluated):
     truth = evaluated[0].truth
     assert truth["base_color_psnr"] > 60
@@ -72,7 +73,7 @@ def test_the_first_method_is_the_default_one(evaluated):
     assert default.read_bytes() == named.read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_place_without_a_name_is_only_for_the_run_s_own_default(known, tmp_path):
     decomposition, scene = known
     run, quickly = RunFolder(tmp_path), Protocols(unseen=False)
@@ -85,6 +86,7 @@ def test_the_place_without_a_name_is_only_for_the_run_s_own_default(known, tmp_p
     assert run.prediction_file("a", ".exr").read_bytes() == solved
 
 
+@pytest.mark.slow
 def test_a_photo_that_cannot_be_scored_is_named_and_costs_no_other(known, tmp_path):
     decomposition, scene = known
     away = dataclasses.replace(scene.test[1].camera, camera_to_world=scene.test[1].camera.camera_to_world.copy())
@@ -116,6 +118,7 @@ def test_photos_under_one_light_are_one_piece_of_evidence():
     assert result.interval(Method.SOLVE) == {}
 
 
+@pytest.mark.slow
 def test_a_wrong_material_is_found_out(known):
     decomposition, scene = known
     t = decomposition.asset.textures
@@ -132,6 +135,7 @@ def test_a_wrong_material_is_found_out(known):
     assert truth["relight_psnr_scaled"] > truth["relight_psnr"] + 5
 
 
+@pytest.mark.slow
 def test_a_shrunken_surface_is_found_out(known):
     decomposition, scene = known
     mesh = dataclasses.replace(decomposition.asset.mesh, vertices=decomposition.asset.mesh.vertices * 0.9)
@@ -148,6 +152,7 @@ def test_a_scene_without_test_photos_says_so(known):
         evaluate(decomposition, None, dataclasses.replace(scene, test=()), methods=methods_for(None), device=CPU)
 
 
+@pytest.mark.slow
 def test_slow_methods_see_few_photos_but_the_default_all(known):
     decomposition, scene = known
     slow = Protocols(unseen=False, slow_seconds=0.0, slow_photos=1)
@@ -261,6 +266,7 @@ def test_usually_unseen_halves_are_scored_and_methods_of_over_twenty_seconds_on_
     assert Protocols() == Protocols(unseen=True, slow_seconds=20.0, slow_photos=4)
 
 
+@pytest.mark.slow
 def test_whoever_waits_hears_of_each_photo_that_was_scored(known: tuple[Decomposition, Scene], tmp_path: Path) -> None:
     """A photo that cannot be read is not reported, and names of lights come from the photos."""
     decomposition, scene = known

@@ -41,7 +41,7 @@ def oracle(scene, tmp_path_factory):
     return oracle_decomposition(wrong, scene, tmp_path_factory.mktemp("kept") / "asset.safetensors")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_true_object_is_found_again(oracle, scene):
     """RasterisedView from a camera that no photo has, in every channel that shading uses."""
     camera = dataclasses.replace(scene.test[0].camera).normalised(SIMILARITY)

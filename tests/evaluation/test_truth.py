@@ -136,6 +136,7 @@ def test_what_has_no_truth_has_no_scores() -> None:
     assert scores.result() == {}
 
 
+@pytest.mark.slow
 def test_the_distance_of_surfaces_is_in_radii_of_the_true_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chamfer, "_VIEWS", 12)
     vertices, faces = sphere(2)

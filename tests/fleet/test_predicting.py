@@ -143,6 +143,7 @@ def check(rows, read, alone):
     assert rows[1]["map"] == "/".join(map_place(1)) + ".exr"
 
 
+@pytest.mark.slow
 def test_photos_get_the_maps_that_they_get_alone(photos, tmp_path):
     jobs, alone = photos
     found = predict_fleet(jobs, tmp_path / "out", Stub(), chunk=4, options=PhotoOptions(confidence=True))
@@ -152,6 +153,7 @@ def test_photos_get_the_maps_that_they_get_alone(photos, tmp_path):
     assert not list((tmp_path / "out").rglob("*partial*"))
 
 
+@pytest.mark.slow
 def test_object_stores_serve_as_folders_do(run, photos, tmp_path):
     """Run, photo, camera, jobs and results by URL."""
     jobs, alone = photos

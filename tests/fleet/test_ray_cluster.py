@@ -28,7 +28,7 @@ LITTLE = Needs(memory=0.1, retries=1)
 os.environ.setdefault("RAY_AUTH_TOKEN", os.urandom(32).hex())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_process_that_dies_costs_its_own_task_alone(tmp_path):
     def work(number: int) -> tuple[int, str | None]:
         with open(tmp_path / str(number), "a") as file:

@@ -33,6 +33,7 @@ def defects(root: Path, path: Path) -> None:
         raise InputError("Refused.")
 
 
+@pytest.mark.slow
 def test_edits_follow_from_their_seed_and_leave_what_they_do_not_name():
     assert drawn(value_edits(), 20, 3) == drawn(value_edits(), 20, 3) != drawn(value_edits(), 20, 4)
     assert spoilt(b"abcdef", [Splice(2, 1, b"XY"), Splice(14, 9, b"")], None) == b"abXYde"
@@ -89,6 +90,7 @@ def test_every_reader_survives_a_short_attack(tmp_path):
     assert all(tally.files >= 2 for tally in attack.tallies.values())
 
 
+@pytest.mark.slow
 def test_findings_are_kept_and_read_again(tmp_path, capsys, monkeypatch):
     attack = Attack(tmp_path, 0, [target for target in TARGETS if target.name == "GLB"])
     found = worker.Outcome("KeyError in GLB at thing.py:load_thing", "a trace")

@@ -66,6 +66,7 @@ def test_the_fallback_gives_every_face_of_the_default_preset_texels():
     assert len(face.unique()) == config.max_faces
 
 
+@pytest.mark.slow
 def test_tangents_are_unit_and_point_along_u():
     vertices, faces = sphere(2)
     mesh, _ = atlas.unwrap(vertices, faces, 256, time_limit=60)

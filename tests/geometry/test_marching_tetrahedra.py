@@ -44,6 +44,7 @@ def test_sphere_is_closed_outward_and_has_the_right_volume():
     assert (vertices.norm(dim=1) - 0.7).abs().max() < 0.01
 
 
+@pytest.mark.slow
 def test_gradient_reaches_distances_and_positions():
     lattice = cube_lattice(3)
     distance = (lattice.vertices.norm(dim=1) - 0.77).double().requires_grad_()

@@ -329,6 +329,7 @@ def test_a_heic_without_its_primary_picture(tmp_path):
         image_size(tmp_path / "a.heic")
 
 
+@pytest.mark.slow
 def test_damaged_tiff_prints_nothing_of_its_own(tmp_path):
     """In a process of its own, where nobody has set up logging."""
     path = any_photo(tmp_path / "a.deep.tif")

@@ -91,7 +91,7 @@ def test_what_is_far_from_the_thing_stays(studio, beside):
     assert np.abs(beside.color - photo.color)[far].max() < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_object_hides_what_is_behind_it_and_is_hidden_by_what_is_before(studio):
     decomposition, light, photo, thing = studio
     behind, before = (
@@ -104,7 +104,7 @@ def test_the_object_hides_what_is_behind_it_and_is_hidden_by_what_is_before(stud
     assert (behind.mask > 0.5).sum() > 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_thing_shades_the_object_that_stands_by(studio):
     decomposition, light, photo, thing = studio
     sky = torch.zeros_like(light.texels) + 0.05
@@ -115,7 +115,7 @@ def test_the_thing_shades_the_object_that_stands_by(studio):
     assert left.min() < 0.85
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cut_out_photo_stays_one(studio):
     decomposition, light, photo, thing = studio
     cut = dataclasses.replace(photo, opaque=False, color=photo.color * (photo.mask[..., None] > 0))
@@ -128,7 +128,7 @@ def test_a_cut_out_photo_stays_one(studio):
     assert np.quantile(found.alpha, 0.2) < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_light_in_another_exposure_is_told(studio):
     decomposition, light, photo, thing = studio
     found = insert(decomposition, light.scaled(6.0), photo, thing, Wish(scale=0.4))

@@ -39,6 +39,7 @@ def test_of_many_vertices_some_stand_for_their_neighbours(thing):
     assert (points.points[points.vertex] - ball).norm(dim=1).max() < 0.05
 
 
+@pytest.mark.slow
 def test_directions_left_out_could_not_have_been_blocked():
     ball, faces = (torch.from_numpy(part) for part in sphere(2))
     colors, other = torch.full((len(faces), 3), 0.5), 0.6 * ball + torch.tensor([1.7, 0.2, -0.4])

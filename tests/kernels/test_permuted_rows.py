@@ -16,6 +16,7 @@ def problem(old=12, new=40, columns=15, permutations=6, seed=0, dtype=np.float32
     return rows.indptr, rows.indices, rows.data, which, by, source
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_matches_the_reference(monkeypatch, dtype):
     case = problem(dtype=dtype)

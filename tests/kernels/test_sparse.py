@@ -30,6 +30,7 @@ def some_rows(operator, count, seed=0):
     return ChosenRows.of(operator, rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-5), (torch.float64, 1e-13)])
 def test_matches_the_reference(dtype, tolerance):
     operator = SparseOperator.build(matrix())

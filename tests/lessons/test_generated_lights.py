@@ -68,6 +68,7 @@ def test_tumbled_lights_come_from_anywhere():
     assert float(torch.stack(axes).mean(0).norm()) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", list(Place))
 def test_lights_are_made_on_the_device_they_are_wanted_on(place, monkeypatch):
     """PyTorch's device without values stands in for a GPU: no operator takes operands here and there."""

@@ -28,6 +28,7 @@ def collect(world, lessons, **options):
     return collect_lessons(*world, replace(CONFIG, lessons=lessons), CPU, 0, **options)
 
 
+@pytest.mark.slow
 def test_each_choice_gives_its_lessons(world):
     photos = [photo.name for photo in world[2].train]
     teacher, synthetic, both = (collect(world, choice) for choice in Lessons)
@@ -50,6 +51,7 @@ def test_a_lesson_s_light_is_relative_to_its_photo_s_level():
     torch.testing.assert_close(other, one, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_lessons_and_progress_is_told(world):
     told = []
     first = collect(world, Lessons.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
@@ -58,6 +60,7 @@ def test_equal_seeds_give_equal_lessons_and_progress_is_told(world):
     assert told[-1] == (len(world[2].train), len(world[2].train))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [(0,), (1, 2), (-1,)])
 def test_photos_that_show_too_little_leave_their_share_to_others(world, monkeypatch, hidden):
     names, told = [photo.name for photo in world[2].train], []
@@ -72,6 +75,7 @@ def test_photos_that_show_too_little_leave_their_share_to_others(world, monkeypa
     assert told[-1] == (len(names), len(names))
 
 
+@pytest.mark.slow
 def test_maps_of_the_user_are_lit_with(world):
     plain, lit = (
         collect(world, Lessons.SYNTHETIC, environments=maps)

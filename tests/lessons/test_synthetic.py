@@ -82,6 +82,7 @@ def test_the_lessons_light_explains_its_photo(gbuffer):
         assert float((ratio - 1).abs().max()) < 0.25
 
 
+@pytest.mark.slow
 def test_errors_and_photos_are_made_where_the_g_buffer_is(gbuffer, monkeypatch):
     """PyTorch's device without values stands in for a GPU: no operator takes operands here and there."""
     elsewhere = {name: value.to("meta") for name, value in vars(gbuffer).items() if isinstance(value, torch.Tensor)}
@@ -92,6 +93,7 @@ def test_errors_and_photos_are_made_where_the_g_buffer_is(gbuffer, monkeypatch):
     assert color.device.type == "meta"
 
 
+@pytest.mark.slow
 def test_a_pool_turns_and_mixes_its_lights_on_its_device(monkeypatch):
     monkeypatch.setattr("lightprobe.lessons.generated_lights._mean_above", lambda d, radiance: radiance.mean(0))
     pool = LightPool(

@@ -26,6 +26,7 @@ def errors(case, resolution):
     return [float((found.double() - true).norm() / true.norm()) for found, true in pairs]
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     st.lists(st.floats(0.08, 1), min_size=1, max_size=4),
@@ -37,6 +38,7 @@ def test_few_pixels_of_any_kind_stay_within_the_bound(roughness, tilt, seed, res
     assert max(errors(pixels(torch.tensor(roughness), seed=seed, tilt=tilt), resolution)) < ERROR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "roughness",
     [torch.full((200,), 0.08), torch.full((200,), 1.0), torch.linspace(0.08, 1, 200), torch.full((40,), 0.3)],

@@ -14,6 +14,7 @@ def probes():
     return cases.sphere_pixels()
 
 
+@pytest.mark.slow
 @pytest.mark.benchmark(group="stacking, 4096 pixels, 6 x 128 x 128 texels")
 def test_all_pairs(benchmark, probes):
     directions = cubemap.directions(128).reshape(-1, 3)

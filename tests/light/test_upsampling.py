@@ -25,6 +25,7 @@ def block_means(image: np.ndarray, rows: int) -> np.ndarray:
     return image.astype(np.float64).reshape(rows, k, 2 * rows, k, 3).mean((1, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [128, 512, 1024])
 def test_a_larger_map_averages_back_to_the_map(height):
     image = lit_map()
@@ -37,6 +38,7 @@ def test_a_larger_map_averages_back_to_the_map(height):
     assert np.allclose(resize_area(large, 64, 128), image, rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_light_of_the_whole_sphere_is_kept():
     image = lit_map()
     flux = [(part * equirect.solid_angles(len(part)).numpy()[..., None]).sum((0, 1), dtype=np.float64)
@@ -44,6 +46,7 @@ def test_the_light_of_the_whole_sphere_is_kept():
     assert np.allclose(*flux, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [64, 37])
 def test_the_seam_is_no_different_from_any_other_column(turn):
     image = lit_map()
@@ -61,6 +64,7 @@ def test_a_smooth_light_stays_smooth_across_seam_and_poles():
     assert np.abs(large[0] / over_the_pole - 1).max() < 0.02  # half a texel of 512 away
 
 
+@pytest.mark.slow
 def test_a_sun_is_smooth_and_darkens_only_its_neighbours():
     """Texels beside a sun of a thousand times their level keep their means, so that their far halves get darker."""
     image = np.full((64, 128, 3), 0.5, np.float32)
@@ -100,6 +104,7 @@ def test_other_sizes_are_one_sentence(size):
         map_height(size)
 
 
+@pytest.mark.slow
 def test_both_formats_read_back(tmp_path):
     large = resized_map(lit_map(), 256)
     for name, write in (("a.exr", write_exr), ("a.hdr", write_radiance)):
@@ -112,7 +117,7 @@ def test_both_formats_read_back(tmp_path):
     assert np.array_equal(OpenEXR.File(str(tmp_path / "a.exr")).channels()["RGB"].pixels, large)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_largest_map_needs_little_memory(tmp_path):
     image = lit_map()
     tracemalloc.start()

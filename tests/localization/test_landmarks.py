@@ -1,12 +1,14 @@
 """Landmarks lie on the object, where their photos show them."""
 
 import numpy as np
+import pytest
 
 from lightprobe.imaging import read_ldr
 from lightprobe.localization.features import find_features
 from tests.painted_object import SIMILARITY
 
 
+@pytest.mark.slow
 def test_landmarks_project_to_their_features(views, scene):
     landmarks = views.landmarks
     assert len(landmarks.side) == len(scene.train)

@@ -21,6 +21,7 @@ def file(photo, tmp_path):
     return tmp_path / "new.png"
 
 
+@pytest.mark.slow
 def test_camera_and_mask_of_a_photo(locator, asset, camera, photo, file):
     located = locator.locate(file, focal=camera.fx)
     points = SIMILARITY.invert(asset.mesh.vertices[::20].double().numpy())
@@ -37,14 +38,14 @@ def test_a_mask_that_is_given_stays_as_it_is(locator, camera, photo, file, tmp_p
     assert np.abs(located.mask - photo[1]).max() < 0.003
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mask_with_black_and_white_exchanged_is_told(locator, camera, photo, file, tmp_path):
     write_png(tmp_path / "mask.png", np.repeat(1 - photo[1][..., None], 3, 2), srgb=False)
     with pytest.raises(InputError, match=r"mask\.png looks inverted"):
         locator.locate(file, mask=tmp_path / "mask.png", focal=camera.fx)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_photo_without_the_object_is_refused_by_name(locator, tmp_path):
     grey = np.full((96, 128, 3), 0.3) + 0.2 * np.linspace(0, 1, 128)[:, None]
     write_png(tmp_path / "wall.png", grey)
@@ -65,6 +66,7 @@ def test_a_mask_of_another_size_is_refused(locator, file, tmp_path):
         locator.locate(file, mask=tmp_path / "mask.png")
 
 
+@pytest.mark.slow
 def test_a_large_photo_is_worked_on_reduced_and_its_camera_fits_it(
     locator, asset, camera, photo, tmp_path, monkeypatch
 ):

@@ -1,12 +1,14 @@
 """Poses from matches."""
 
 import numpy as np
+import pytest
 
 from lightprobe.localization.features import Features, find_features
 from lightprobe.localization.matching import matched_poses
 from lightprobe.localization.pose import mean_distance
 
 
+@pytest.mark.slow
 def test_matches_agree_about_the_pose(asset, views, camera, photo):
     features = find_features(photo[0], 400)
     poses = matched_poses(features, views.landmarks, [camera.fx], camera.width, camera.height)
@@ -23,6 +25,7 @@ def test_the_right_focal_length_has_the_most_inliers(views, camera, photo):
     assert poses[0].camera.fx == focals[1]
 
 
+@pytest.mark.slow
 def test_nothing_agrees_about_noise(views):
     random = np.random.default_rng(0)
     noise = Features(

@@ -17,6 +17,7 @@ def points(asset):
     return asset.mesh.vertices[::20].double().numpy()
 
 
+@pytest.mark.slow
 def test_a_photo_is_located_from_its_matches(known, views, camera, photo, points):
     found = PoseFinder(known, views).find(photo[0], camera.fx)
     assert mean_distance(found[0].camera, camera, points) < 0.5
@@ -25,7 +26,7 @@ def test_a_photo_is_located_from_its_matches(known, views, camera, photo, points
     assert all(one.fit.score <= found[0].fit.score for one in found)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_and_without_any_match_from_the_light_alone(known, views, camera, photo, points):
     none = views.landmarks
     blind = Landmarks(torch.zeros(0, 128, dtype=torch.uint8), none.point[:0], none.photo[:0], none.side)
@@ -41,7 +42,7 @@ def test_the_focal_length_is_found(known, views, camera, photo, points):
     assert found[0].camera.fx == pytest.approx(camera.fx, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_is_never_good(known, views):
     random = np.random.default_rng(0)
     noise = np.kron(random.uniform(size=(16, 16, 3)), np.ones((8, 8, 1)))

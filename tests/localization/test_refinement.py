@@ -11,6 +11,7 @@ from tests.painted_object import photo_of
 SCATTER = np.array([0.06, 0.06, 0.06, 0.02, 0.02, 0.03, 0.0])  # radians, distances: starts of a search err so
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [20, 21])
 def test_poses_come_back_under_any_light(known, camera, seed):
     levels, points = Levels(photo_of(known.asset, camera, seed)[0]), known.mesh.vertices[::20].double().numpy()

@@ -1,6 +1,7 @@
 """Looking everywhere for the object."""
 
 import numpy as np
+import pytest
 
 from lightprobe.localization.pose import mean_distance
 from lightprobe.localization.search import search, sighted_camera
@@ -15,6 +16,7 @@ def test_the_object_is_sighted_where_it_is(asset, views, camera, photo):
     assert min(errors[:4]) < 10  # of 128 pixels: near enough to be refined
 
 
+@pytest.mark.slow
 def test_a_photo_twice_as_dark_gives_the_same_sightings(views, photo):
     bright, dark = (search(factor * photo[0], views.templates, 3) for factor in (1.0, 0.5))
     assert bright[0].view == dark[0].view

@@ -1,9 +1,11 @@
+import pytest
 import torch
 from scipy.stats import chi2
 
 from lightprobe.models.sampling import sample_pixels
 
 
+@pytest.mark.slow
 def test_the_first_draw_follows_one_minus_roughness():
     roughness = torch.tensor([0.05, 0.3, 0.5, 0.7, 0.9])
     draws = 4000
@@ -15,6 +17,7 @@ def test_the_first_draw_follows_one_minus_roughness():
     assert statistic < chi2.ppf(0.999, df=4)
 
 
+@pytest.mark.slow
 def test_pairs_are_drawn_without_replacement():
     """With two of three drawn, the one left out is k with the probability of successive sampling."""
     roughness = torch.tensor([0.2, 0.5, 0.8])

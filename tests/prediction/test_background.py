@@ -136,6 +136,7 @@ def test_nothing_seen_changes_nothing(observation, background):
     assert torch.equal(light, LIGHT)
 
 
+@pytest.mark.slow
 def test_predictions_follow_it_where_they_are_fitted(sphere, photo, background):
     predictor = Predictor(
         Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16)

@@ -64,7 +64,7 @@ def test_an_exposed_photo_has_its_colours_and_level_divided(seen):
     torch.testing.assert_close(half.light_level, seen[0].light_level / 2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_exposures_are_found_with_the_light(sphere, photos):
     seen = [
         observe(sphere, scaled(photo, factor), camera, CPU, 65_536)
@@ -76,12 +76,14 @@ def test_exposures_are_found_with_the_light(sphere, photos):
     assert torch.equal(relative_exposures(seen, 0), relative_exposures(seen, 0))
 
 
+@pytest.mark.slow
 def test_a_photo_that_is_white_all_over_keeps_the_usual_exposure(sphere, photos, seen):
     clipped = Pixels(np.ones_like(photos[1].color), photos[1].alpha, np.ones_like(photos[1].clipped))
     white = observe(sphere, clipped, CAMERAS[1], CPU, 65_536)
     assert float(relative_exposures([seen[0], white, seen[2]], 0)[1]) == pytest.approx(1, rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_no_light_explains_hardly_tells_its_exposure(sphere, photos):
     random = np.random.default_rng(0).uniform(0, 6, photos[1].color.shape).astype(np.float32)
     noise = Pixels(random * photos[1].alpha[..., None], photos[1].alpha, photos[1].clipped)
@@ -92,6 +94,7 @@ def test_what_no_light_explains_hardly_tells_its_exposure(sphere, photos):
     assert float(relative_exposures(pair, 0)[1]) < plain**0.5
 
 
+@pytest.mark.slow
 def test_three_views_of_one_light_tell_more_than_any_of_them(predictor, photos):
     views = [(scaled(photo, factor), camera) for photo, factor, camera in zip(photos, FACTORS, CAMERAS, strict=True)]
     joint, exposures = predictor.predict_together(views, Method.SOLVE, exposures=FACTORS)
@@ -105,6 +108,7 @@ def test_three_views_of_one_light_tell_more_than_any_of_them(predictor, photos):
     np.testing.assert_allclose(exposures.numpy(), FACTORS)
 
 
+@pytest.mark.slow
 def test_given_exposures_are_taken_as_they_are(predictor, photos):
     views = list(zip(photos, CAMERAS, strict=True))
     plain, ones = predictor.predict_together(views, Method.SOLVE, exposures=(2.0, 2.0, 2.0))
@@ -114,6 +118,7 @@ def test_given_exposures_are_taken_as_they_are(predictor, photos):
     assert error < 0.7 * environment_log_rmse(log_difference(wrong.environment.texels, LIGHT))
 
 
+@pytest.mark.slow
 def test_one_photo_together_is_the_photo_alone(predictor, photos):
     together, exposures = predictor.predict_together([(photos[0], CAMERAS[0])], Method.SOLVE)
     alone = predictor.predict(photos[0], CAMERAS[0], Method.SOLVE)
@@ -121,6 +126,7 @@ def test_one_photo_together_is_the_photo_alone(predictor, photos):
     assert exposures.tolist() == [1.0]
 
 
+@pytest.mark.slow
 def test_photos_that_no_one_light_explains_are_refused(predictor, photos):
     other = Pixels.of(photos[1].color.max() - photos[1].color, photos[1].alpha)
     with pytest.raises(ConfigError, match="No photo"):

@@ -84,7 +84,7 @@ def test_a_gpu_refines_from_a_recording_as_it_does_step_by_step(monkeypatch):
     assert float((recorded / single).log().norm()) < 0.01 * float((single / prior).log().norm())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_refinement_in_a_new_process_loads_no_compiler():
     """PyTorch's costs it two seconds."""
     code = """
@@ -109,6 +109,7 @@ def test_batches_are_of_one_size_and_share_no_pixel(count):
     assert [rows.tolist() for rows in _batches(count, 0, CPU)] == [list(range(count))]
 
 
+@pytest.mark.slow
 def test_steps_on_batches_explain_the_photo_as_steps_on_all_pixels_do():
     asset = glossy_sphere()
     observation = observe(asset, photograph(asset, CORNER, patch_light((0.2, 1.0, 0.5))), CORNER, CPU, 65_536)

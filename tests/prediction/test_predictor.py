@@ -135,6 +135,7 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
     assert float(brightest(light) @ axis) > 0.97
 
 
+@pytest.mark.slow
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
     patient = Predictor(
         Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE,

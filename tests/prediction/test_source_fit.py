@@ -59,6 +59,7 @@ def degrees(a, b) -> float:
     return math.degrees(math.acos(min(1.0, sum(x * y for x, y in zip(a, b, strict=True)))))
 
 
+@pytest.mark.slow
 def test_the_photo_gives_a_dim_lamp_its_irradiance(scene):
     asset, observation = scene
     dim = predicted(irradiance=(1.2, 1.1, 0.8))
@@ -85,6 +86,7 @@ def test_a_lamp_that_is_not_there_gets_nothing_but_doubt(scene):
     assert source.uncertainty > 0.8
 
 
+@pytest.mark.slow
 def test_the_same_call_gives_the_same_bits_and_scales_with_exposure(scene):
     asset, observation = scene
     dim = predicted(irradiance=(1.5, 1.4, 1.0))

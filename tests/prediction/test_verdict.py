@@ -114,6 +114,7 @@ DOUBTFUL = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", DOUBTFUL)
 def test_a_doubtful_photo_is_named_so_and_trusted_less(predictor, photo, kind):
     change, camera, sentence = DOUBTFUL[kind]
@@ -151,6 +152,7 @@ def of_lights(predictor, directions):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("others", "status"), [((0.2, 1.0, 0.5), Status.GOOD), ((-0.6, -1.0, 0.4), Status.DOUBTFUL)])
 def test_photos_of_different_lights_are_not_of_one(predictor, others, status):
     views = of_lights(predictor, [(0.2, 1.0, 0.5), others, others])
@@ -194,6 +196,7 @@ def test_the_fit_is_that_of_non_negative_least_squares():
             assert least <= ours * (1 + 1e-6) < 1.02 * least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("disagreement", "share"), [(0.03, 1.0), (0.12, math.exp(-0.3))])
 def test_maps_of_a_poor_object_are_trusted_less(predictor, photo, disagreement, share):
     object_ = replace(predictor.decomposition, verdict=ObjectVerdict(disagreement, 5))

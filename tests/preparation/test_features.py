@@ -32,6 +32,7 @@ def test_matches_are_the_same_places(shifted):
     assert not moved(a, a, match(a, a)).any()
 
 
+@pytest.mark.slow
 def test_a_surface_at_a_slant_is_recognised():
     rng = np.random.default_rng(5)
     picture = sum(zoom(rng.normal(size=(n, n)), 400 / n, order=1) for n in (20, 40, 80))

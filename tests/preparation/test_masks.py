@@ -51,7 +51,7 @@ def rounds(solution, views, labels):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_a_hint_it_is_what_the_cameras_look_at(world):
     solution, views, truth = world
     labels = object_points(solution, views, False)
@@ -103,7 +103,7 @@ def test_a_hint_that_shows_no_point_asks_for_a_better_one(world):
         object_points(solution, {**views, 0: View(views[0].camera, views[0].color, corner, False)}, False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_given_mask_stays_as_it_is(world):
     solution, views, truth = world
     mine = np.zeros((SIZE, SIZE), bool)

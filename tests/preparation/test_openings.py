@@ -42,17 +42,20 @@ def openings(solution, views, labels, cutout, margin):
     return finding.openings(solution, views, labels, cutout, shapes, margin)
 
 
+@pytest.mark.slow
 def test_a_hole_is_found_where_points_behind_show_among_strange_colours():
     found = openings(*world(), MARGIN)
     assert set(found) == {HOLED}  # its neighbours look past the points, at the ball's own colours
     assert overlap(found[HOLED], HOLE) > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [{"painted": False}, {"behind": 2}, {"behind": 0}])
 def test_neither_points_nor_colours_do_alone(case):
     assert openings(*world(**case), MARGIN) == {}
 
 
+@pytest.mark.slow
 def test_what_a_neighbour_saw_beside_the_object_tells_nothing():
     """Points behind the ball for this photo, which has a patch of their colours: it cannot see them, others can."""
     solution, views, labels, cutout = world()
@@ -68,17 +71,20 @@ def test_what_a_neighbour_saw_beside_the_object_tells_nothing():
     assert openings(moved, views, labels, cutout, MARGIN) == {}
 
 
+@pytest.mark.slow
 def test_a_point_of_the_far_side_is_no_sight_through():
     solution, views, labels, cutout = world(behind=0)
     every = replace(solution, seen=np.arange(150), seen_by=np.full(150, HOLED))  # a hull of false masks hides them
     assert openings(every, views, labels, cutout, MARGIN) == {}
 
 
+@pytest.mark.slow
 def test_without_a_hull_there_is_nothing_to_look_through():
     solution, views, labels, cutout = world()
     assert openings(solution, views, labels, replace(cutout, hull=None), MARGIN) == {}
 
 
+@pytest.mark.slow
 def test_a_cut_opens_what_the_hull_holds_closed():
     solution, views, labels, cutout = world()
     view, shape = views[HOLED], silhouette_of(cutout, views[HOLED])

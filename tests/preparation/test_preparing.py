@@ -29,7 +29,7 @@ def photographed(tmp_path_factory):
     return folder, prepared, steps
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_turned_object_is_reconstructed_and_the_trap_is_named(photographed):
     folder, prepared, _ = photographed
     report = prepared.report

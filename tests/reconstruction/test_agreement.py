@@ -35,6 +35,7 @@ def error(pixels, photo, light):
     return float(found.mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [0.3, 1.0])
 def test_dark_parts_taken_for_bright_ones_make_the_parts_disagree(dark):
     true, photo, light = two_materials()
@@ -43,11 +44,13 @@ def test_dark_parts_taken_for_bright_ones_make_the_parts_disagree(dark):
     assert error(wrong, photo, light) > 20 * error(true, photo, light) + 1e-3
 
 
+@pytest.mark.slow
 def test_of_a_photo_that_the_surface_explains_nothing_is_left():
     true, photo, light = two_materials()
     assert error(true, photo, light) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_light_is_solved_from_the_colours_of_its_own_pixels(monkeypatch):
     true, photo, light = two_materials()
     explained, solve, calls = shade_under(true, light), lights_module.solve_target_light, []

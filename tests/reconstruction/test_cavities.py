@@ -95,6 +95,7 @@ def test_the_cavity_goes_no_deeper_than_told():
     assert at(cup, 0, 0, HEIGHT - 0.5) < 0
 
 
+@pytest.mark.slow
 def test_nothing_grows_and_a_thick_wall_leaves_all_as_it_is():
     solid = cylinder(POINTS)
     assert (hollow(wall=0.15, depth=3.0) >= solid).all()

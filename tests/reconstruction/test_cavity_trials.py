@@ -64,7 +64,7 @@ def model_of(inner: float | None) -> LatticeModel:
     return model
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_cup_is_opened(monkeypatch):
     monkeypatch.setattr(cavity_trials, "_WALLS", (1.75, 3.0))
     monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0, 0.5))
@@ -111,7 +111,7 @@ def test_a_block_stays_solid(monkeypatch):
     assert best_opening(solid, targets, lights, 1.0, 0) is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_explained_as_well_as_the_rest_is_not_suspect(monkeypatch):
     solid = model_of(inner=None)
     surface = cavity_trials._surface(solid)
@@ -124,6 +124,7 @@ def test_what_is_explained_as_well_as_the_rest_is_not_suspect(monkeypatch):
         assert has_doubtful_lid(solid, cup.targets, cup.lights, 1.0, 0) == doubtful
 
 
+@pytest.mark.slow
 def test_distances_of_a_network_cannot_be_set():
     config = replace(CONFIG, sdf=SdfMode.MLP)
     model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), config, CPU, 0)
@@ -151,7 +152,7 @@ def task_of(model: LatticeModel) -> ImageTask:
     return ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
     model = model_of(inner=None)
     task, opened = task_of(model), vessel(inner=0.64).distance
@@ -165,7 +166,7 @@ def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
     assert (task.lights.maps[1] == 0.25).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_network_of_distances_is_not_opened():
     model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, sdf=SdfMode.MLP), CPU, 0)
     before = model.distances().detach().clone()

@@ -74,6 +74,7 @@ def test_few_photos_or_none_from_the_side_say_nothing():
     assert FrontBias.of(skies(around(9)), [FRONT] * 7 + [UP] * 2, UP) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
 def test_a_surface_taken_for_too_bright_asks_for_light_from_behind(metallic):
     ball = sphere_gbuffer(800, roughness=0.3, metallic=metallic, base=(0.05, 0.05, 0.05))

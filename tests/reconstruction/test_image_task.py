@@ -129,6 +129,7 @@ class Held:
         self.following = iter(self.values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [{}, {"image_loss": ImageLoss.LOG_L1, "smoothed": Smoothed.BASE_COLOR}, {"image_loss": ImageLoss.L2}],
@@ -152,6 +153,7 @@ def test_the_gradient_is_the_derivative_where_held_values_are_held(monkeypatch, 
         assert step.difference(moves, 1e-6, held.again) == pytest.approx(slope, rel=1e-6), names
 
 
+@pytest.mark.slow
 def test_nothing_is_held_that_light_and_texels_move():
     """But for the price of a metal, the entropy's weights and the cast, which are left out here."""
     config = replace(CONFIG, metallic_prior=0.0, parsimony=0.0, color_gauge=0.0)
@@ -161,6 +163,7 @@ def test_nothing_is_held_that_light_and_texels_move():
         assert step.difference(moves, 1e-6) == pytest.approx(step.slope(moves), rel=1e-6), name
 
 
+@pytest.mark.slow
 def test_the_gradient_follows_an_outline_over_the_pixels():
     """Of a sphere that is smaller than the photo's, as it grows, moves and turns into an ellipsoid.
 

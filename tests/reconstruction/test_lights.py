@@ -91,7 +91,7 @@ def test_rows_lie_in_the_mask_and_come_once():
     assert not torch.equal(rows, lights.rows(target, gbuffer, 4, 400))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_recorded_visits_solve_what_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     gbuffer, target, _ = ball()

@@ -138,7 +138,7 @@ def test_lights_are_compared_with_what_the_photos_show():
     assert Trial(material_of(0.3), usual, lights, 1.0, 0).surprise() == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_call_gives_the_same_bits():
     samples, lights, _ = photos(0.1, 2)
     errors = []
@@ -156,6 +156,7 @@ def test_a_nearly_finished_material_is_changed_only_for_what_is_clearly_better(g
     assert material_trials._clearly_less(rival * (1 - by), rival) is clear
 
 
+@pytest.mark.slow
 def test_photos_that_cannot_be_halved_have_no_say():
     samples, lights, _ = photos(0.25, 2)
     few = torch.arange(10)

@@ -59,7 +59,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     return material
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
     samples, lights = photos(gilt=True)
     material = painted(samples, gilt=False)
@@ -80,11 +80,13 @@ def test_paint_stays_paint():
     assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None
 
 
+@pytest.mark.slow
 def test_without_enough_photos_nothing_is_tried():
     samples, lights = photos(gilt=True, count=7)
     assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None
 
 
+@pytest.mark.slow
 def test_a_change_is_held_while_all_else_is_fitted(monkeypatch):
     samples, lights = photos(gilt=True, count=2)
     material = painted(samples, gilt=False)

@@ -9,6 +9,7 @@ from lightprobe.render.surface import View, visible_surface
 from tests.shapes import camera_at, sphere
 
 
+@pytest.mark.slow
 def test_thin_parts_keep_their_sides_apart():
     """Two sheets closer than a cell: each takes over the visibility of its own side."""
     vertices, faces = (torch.from_numpy(part) for part in sphere(3))
@@ -32,6 +33,7 @@ def test_a_gpus_comparison_finds_what_the_tree_finds(monkeypatch, pairs):
     assert torch.equal(nearest_rows(points, stored), expected)
 
 
+@pytest.mark.slow
 def test_a_gpu_looks_up_the_same_openness_without_a_tree(monkeypatch):
     vertices, faces = (torch.from_numpy(part) for part in sphere(3))
     view = View.of(camera_at([0.3, 0.0, 3.0]), torch.device("cpu"))

@@ -91,6 +91,7 @@ def test_texels_are_brought_back_into_their_ranges():
     torch.testing.assert_close(model.asset().textures.normal.norm(dim=-1), torch.ones(128, 128))
 
 
+@pytest.mark.slow
 def test_brightening_multiplies_colours_their_mean_and_what_is_seen_of_them():
     asset = glossy_sphere()
     asset = replace(asset, visibility=textured_visibility(asset.mesh, asset.textures.flat()))

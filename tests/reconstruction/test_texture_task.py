@@ -52,7 +52,7 @@ def refine(asset, photos, steps, config=CONFIG):
     return model.asset(), losses
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_blotches_come_back():
     true = glossy_sphere()
     photos = targets(true)
@@ -76,7 +76,7 @@ def test_blotches_come_back():
     assert torch.equal(found.mesh.vertices, true.mesh.vertices)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_recorded_steps_find_what_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     monkeypatch.setattr(texture_task, "_PIXELS", 300)  # which every photo has, so that all steps are alike
@@ -92,6 +92,7 @@ def test_recorded_steps_find_what_single_ones_do(monkeypatch):
     assert float((other - one).norm()) < 0.01 * float((one - start).norm())
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits():
     photos = targets(glossy_sphere())
     one, two = (refine(plain(glossy_sphere()), photos, 3)[0] for _ in range(2))

@@ -49,6 +49,7 @@ def area(model):
     return float(torch.linalg.cross(b - a, c - a).norm(dim=1).sum() / 2)
 
 
+@pytest.mark.slow
 def test_a_cave_that_is_seen_from_nowhere_is_filled(config):
     model, plain = model_of(cave, config), model_of(lambda x, y, z: x > 9, config)
     before = [visible_surface(*model.present(), view) for view in views(ABOVE)]
@@ -83,6 +84,7 @@ def test_what_no_photo_frames_stays(config):
     assert torch.equal(model.distances() != kept, changed)
 
 
+@pytest.mark.slow
 def test_a_network_of_distances_is_left_alone():
     config = DecomposeConfig(hash_levels=2, hash_finest=16, shadows=False, sdf=SdfMode.MLP)
     model = model_of(cave, config, cells=8)

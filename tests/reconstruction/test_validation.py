@@ -33,6 +33,7 @@ def recolored(asset, color):
     return replace(asset, textures=replace(asset.textures, base_color=color.contiguous()))
 
 
+@pytest.mark.slow
 def test_the_true_asset_scores_best():
     true = glossy_sphere()
     photos, color = targets(true), true.textures.base_color
@@ -88,7 +89,7 @@ def test_a_photo_that_shows_nothing_leaves_the_light_as_it_was(start):
     torch.testing.assert_close(light, torch.full((6, 16, 16, 3), start or 0.5))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_parts_of_the_true_asset_agree_about_the_light_better_than_those_of_a_wrong_one():
     true = glossy_sphere()
     photos, color = targets(true), true.textures.base_color

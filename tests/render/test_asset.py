@@ -30,6 +30,7 @@ def shown(asset):
     return visible_surface(asset.mesh.vertices, asset.mesh.faces, view), view
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shadows", [False, True])
 def test_a_file_gives_the_asset_back(tmp_path, shadows):
     asset = glossy_sphere()

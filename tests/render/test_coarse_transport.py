@@ -26,6 +26,7 @@ def gbuffer_of_sphere(*, shadowed: bool):
     return rasterize_asset(sphere, CAMERA, CPU)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shadowed", [False, True], ids=["open", "shadowed"])
 def test_matrices_are_the_operator(shadowed):
     gbuffer = gbuffer_of_sphere(shadowed=shadowed)

@@ -174,6 +174,7 @@ def relative_error(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float(np.sqrt((difference**2).mean() / (theirs[inside].astype(np.float64) ** 2).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIGHTS)
 def test_diffuse_is_mitsubas(stage, name):
     light, operator = light_of(name), cached(R)

@@ -51,6 +51,7 @@ def differences(asset: Asset, other: Asset | None = None) -> float:
     return float((traced - ours)[inside].square().mean().sqrt() / ours[inside].square().mean().sqrt())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("tracer_works")
 def test_a_convex_object_is_that_of_our_renderer():
     assert differences(glossy_sphere()) < 0.08
@@ -94,7 +95,7 @@ def test_equal_seeds_give_equal_pictures_and_others_other_noise():
     assert not torch.equal(first, other)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("tracer_works")
 def test_a_picture_made_in_parts_has_every_pixel(monkeypatch):
     light = patch_light((1.0, 0.3, 0.4))

@@ -64,6 +64,7 @@ def test_one_light_after_the_other_gives_the_pictures_of_each():
             assert torch.equal(one, other)
 
 
+@pytest.mark.slow
 def test_a_large_picture_is_made_in_bands_without_seams(monkeypatch):
     """Outlines run through every band, and a light with a sun casts sharp shadows in all of them."""
     plain = _two_squares(0.25)

@@ -56,6 +56,7 @@ def test_no_light_counts_negative():
         assert values.min() >= 0
 
 
+@pytest.mark.slow
 def test_gradients_of_the_surface():
     """In all attributes of the surface, against finite differences; points on the nodes of a table would have none."""
     gbuffer, operator = any_gbuffer(12, torch.float64), cached(R)

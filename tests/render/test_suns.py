@@ -52,6 +52,7 @@ def test_a_light_without_any(light):
     assert len(Suns.of(light).block) == 0
 
 
+@pytest.mark.slow
 def test_a_ball_is_lit_as_by_a_lamp_far_away():
     mesh = sphere_mesh(3)
     asset = white(mesh.vertices, mesh.faces)
@@ -66,6 +67,7 @@ def test_a_ball_is_lit_as_by_a_lamp_far_away():
     assert float(off.max()) < 0.2
 
 
+@pytest.mark.slow
 def test_the_shadow_of_a_ball_is_where_and_as_sharp_as_it_should():
     vertices, faces, _ = ball_over_floor(0.2, 0.5)
     asset, camera = white(vertices, faces), camera_at((0.01, 0.0, 4.0), size=200, focal=500.0)

@@ -48,6 +48,7 @@ def test_projection_is_the_camera_s_and_rays_go_through_their_pixels():
     torch.testing.assert_close(depth, torch.full_like(depth, 3), atol=1e-5, rtol=0)
 
 
+@pytest.mark.slow
 def test_gradient_of_positions_and_views():
     """By finite differences in float64, as long as every pixel sees the same face."""
     vertices, faces = unit_sphere(1)

@@ -82,6 +82,7 @@ def test_unseen_directions_go_to_the_prior():
     assert torch.isfinite(solved).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chroma", [0.0, 0.5])
 def test_the_solved_light_is_the_objective_s_minimum(chroma):
     """As its docstring has it: the derivative vanishes where the light is free, and is not negative where it is 0."""
@@ -116,6 +117,7 @@ def test_the_solved_light_is_the_objective_s_minimum(chroma):
         assert slope(solved, way.abs() * (solved == 0)) >= 0
 
 
+@pytest.mark.slow
 def test_a_coloured_metal_cannot_imitate_paint_where_channels_hold_together():
     """Red paint with white highlights: a red metal needs a light of much contrast in green and blue, little in red."""
     paint, operator = sphere_gbuffer(1500, roughness=0.2, metallic=0.0, base=(0.6, 0.02, 0.02)), cached(R)

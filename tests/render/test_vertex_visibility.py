@@ -13,11 +13,13 @@ def grey(faces: torch.Tensor) -> torch.Tensor:
     return torch.full(faces.shape, 0.5)
 
 
+@pytest.mark.slow
 def test_a_sphere_is_open_everywhere():
     vertices, faces = (torch.from_numpy(part) for part in sphere(3))
     assert float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), vertices).min()) > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("radius", "height"), [(0.3, 0.6), (0.2, 0.5), (0.4, 0.45)])
 def test_under_a_ball_a_cone_is_blocked(radius, height):
     vertices, faces, middle = ball_over_floor(radius, height)
@@ -26,6 +28,7 @@ def test_under_a_ball_a_cone_is_blocked(radius, height):
     assert opened == pytest.approx(1 - (radius / height) ** 2, abs=0.05)  # one of 384 directions weighs up to .02
 
 
+@pytest.mark.slow
 def test_the_floor_under_a_red_ball_sees_red():
     vertices, faces, middle = ball_over_floor(0.3, 0.4)
     red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
@@ -44,6 +47,7 @@ def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
     return torch.cat([0.6 * vertices, beside]), torch.cat([faces, faces + len(vertices)])
 
 
+@pytest.mark.slow
 def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
     vertices, faces = two_balls()
     every = vertex_visibility(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
@@ -52,6 +56,7 @@ def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
     assert (table != every.unoccluded).float().mean() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_colour_seen_is_that_of_the_other_ball():
     vertices, faces = two_balls()
     count = len(vertices) // 2

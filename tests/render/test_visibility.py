@@ -32,6 +32,7 @@ def shaded_gbuffer(blockers=(0.6, 0.3, 0.8), **material):
     return dataclasses.replace(gbuffer, visibility=PointVisibility(seen, index, weight / weight.sum(1, keepdim=True)))
 
 
+@pytest.mark.slow
 def test_the_shadow_falls_away_from_the_light():
     vertices, faces, _ = ball_over_floor(0.2, 0.4)
     point = torch.tensor([[0.4, 0.0, 0.0]])

@@ -1,5 +1,7 @@
 """Pages in a browser: tables and sections in the order that a person asks for."""
 
+import pytest
+
 from lightprobe.report.report import write_report
 from tests.report.pages import evaluation, needs_chromium, report_with, run_in_browser
 
@@ -7,6 +9,7 @@ SCORES = {"a": 20.0, "b": 30.0, "c": 10.0}
 ROWS = "[...document.querySelectorAll('table')].at(-1)"
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_click_on_a_heading_sorts_the_better_values_first(tmp_path):
     write_report(tmp_path / "index.html", report_with(evaluation(SCORES)))
@@ -21,6 +24,7 @@ def test_a_click_on_a_heading_sorts_the_better_values_first(tmp_path):
     assert orders == [["a", "b", "c"], ["b", "a", "c"], "descending", ["c", "a", "b"], ["a", "b", "c"]]
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_photos_are_put_in_order_and_back(tmp_path):
     write_report(tmp_path / "index.html", report_with(evaluation(SCORES)))

@@ -26,6 +26,7 @@ def evaluated(tmp_path_factory):
     return result, views
 
 
+@pytest.mark.slow
 def test_every_score_has_a_heading(evaluated):
     result = evaluated[0]
     assert result.truth.keys() == OBJECT.keys()

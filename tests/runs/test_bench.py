@@ -54,6 +54,7 @@ def test_scenes_are_found_at_most_one_folder_down(data):
     assert find_scene(data, "gone") is None
 
 
+@pytest.mark.slow
 def test_every_piece_is_made_once_and_the_missing_scene_is_named(data, tmp_path, calls, capsys, ask):
     everything = tuple(Step)
     ask(seeds=(0, 1), steps=everything)

@@ -96,7 +96,7 @@ def flux(image: np.ndarray) -> float:
     return float((light.texels * light.solid_angles()[..., None]).sum())
 
 
-@pytest.mark.parametrize("rows", [64, pytest.param(512, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rows", [64, pytest.param(512, marks=pytest.mark.long)])
 def test_a_sharp_sun_is_either_a_lamp_or_in_the_map(tmp_path, rows):
     """The sun is one pixel, which the search for sources sees as part of a texel."""
     image = np.full((rows, 2 * rows, 3), 0.5, np.float32)

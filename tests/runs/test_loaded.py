@@ -26,6 +26,7 @@ def runs(tmp_path_factory):
     return [first, *copies]
 
 
+@pytest.mark.slow
 def test_the_least_recently_used_goes(runs):
     loaded = LoadedRuns(CPU, memory=1)
     one = loaded.get(runs[0])

@@ -23,6 +23,7 @@ def learnt(tmp_path_factory):
     return Decomposition(asset, lights, SIMILARITY), painted_scene(tmp_path_factory.mktemp("scene"), asset)
 
 
+@pytest.mark.slow
 def test_a_training_keeps_the_views_once(learnt, tmp_path):
     run, told = RunFolder.create(tmp_path / "run"), []
     keep_views(run, *learnt, lambda stage, done, total, note="": told.append((stage, done, total)))

@@ -192,6 +192,7 @@ def test_harmless_distortion_is_accepted(nerfstudio):
     assert len(load_scene(nerfstudio).train) == COUNT - 1
 
 
+@pytest.mark.slow
 def test_missing_blender_test_photo(tmp_path):
     root = write_blender(tmp_path / "scene", views(17))
     (root / "test" / "r_1.png").unlink()

@@ -26,6 +26,7 @@ def missed(hull, cameras) -> float:
     return sum((ball & ~seen).sum() for ball, seen in pairs) / sum(ball.sum() for ball, _ in pairs)
 
 
+@pytest.mark.slow
 def test_a_tunnel_that_two_of_many_photos_look_through_is_open():
     cameras = around(120)
     through = [camera_at(3.5 * np.array([0.1 * k, 0.1, 1.0])) for k in (0, 1)]

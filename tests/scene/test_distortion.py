@@ -167,6 +167,7 @@ def test_bilinear_is_exact_on_a_plane():
     np.testing.assert_allclose(found[:, 1], 1, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lens", "settings"),
     [
@@ -182,6 +183,7 @@ def test_a_scene_of_bent_photos(tmp_path, lens, settings):
         same_outline(load_alpha(photo), straight(photo.camera, shots[photo.name])[1])
 
 
+@pytest.mark.slow
 def test_a_run_remembers_the_lens(tmp_path):
     """What scene.json says of a photo of the scene is enough to read it again."""
     scene = load_scene(bent_scene(tmp_path / "scene", BARREL, 4, k1=-0.25, k2=0.06))

@@ -186,6 +186,7 @@ def test_poses_that_are_no_real_numbers(nerd, dtype):
 # COLMAP
 
 
+@pytest.mark.slow
 def test_all_cameras_are_one(tmp_path):
     root = write_colmap(tmp_path / "scene", [views(COUNT)[0]] * COUNT, binary=False)
     refused(root, r"Masks and cameras do not agree|cameras look away")

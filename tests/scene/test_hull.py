@@ -108,6 +108,7 @@ def test_similarity_of_a_ball():
     assert similarity.scale == pytest.approx(0.4, rel=0.25)  # seven silhouettes leave corners
 
 
+@pytest.mark.slow
 def test_close_ups_do_not_move_the_object():
     """Two thirds of the photos crop the object; the similarity stays that of the whole views."""
     whole, close = views(24), views(24, zoom=4.0)

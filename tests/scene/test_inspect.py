@@ -18,6 +18,7 @@ def good(tmp_path_factory):
     return inspect(write_nerd(tmp_path_factory.mktemp("good") / "scene", views(COUNT)))
 
 
+@pytest.mark.slow
 def test_a_good_scene(good):
     assert good.problems == good.hints == ()
     assert good.mean_iou > 0.85
@@ -27,6 +28,7 @@ def test_a_good_scene(good):
         assert fact in text
 
 
+@pytest.mark.slow
 def test_hull_and_masks_disagree_where_the_pose_is_wrong(tmp_path):
     """One photo of eighteen has the pose of another; it alone is named."""
     root = write_nerd(tmp_path / "scene", views(COUNT))
@@ -38,6 +40,7 @@ def test_hull_and_masks_disagree_where_the_pose_is_wrong(tmp_path):
     assert found.hints[0].startswith("view_05: mask or pose disagrees")
 
 
+@pytest.mark.slow
 def test_one_inverted_mask_is_named(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     path = root / "masks" / "view_07.png"
@@ -47,6 +50,7 @@ def test_one_inverted_mask_is_named(tmp_path):
     assert found.hints[0].startswith("view_07: the mask looks inverted")
 
 
+@pytest.mark.slow
 def test_all_masks_inverted(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     for name in names(COUNT):
@@ -66,6 +70,7 @@ OPENCV = turned((1, 0, 0), (0, -1, 0), (0, 0, -1))
 slow = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pose_change", "mask_change", "words"),
     [
@@ -94,6 +99,7 @@ def wrongly(pose_change, mask_change):
     return cameras, alphas
 
 
+@pytest.mark.slow
 def test_no_explanation_for_a_good_scene():
     assert diagnose(*wrongly(lambda pose: pose, lambda mask: mask), 0.9) is None
 
@@ -107,6 +113,7 @@ def test_one_sound_photo_is_not_enough_to_judge(tmp_path):
     assert found.hints == ()
 
 
+@pytest.mark.slow
 def test_wrong_axes_through_the_whole_inspection(tmp_path):
     root = write_nerfstudio(tmp_path / "scene", views(COUNT, size=(64, 64)))
     data = json.loads((root / "transforms.json").read_text())
@@ -149,6 +156,7 @@ def test_overlay_sheet(good, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["sheet.png"]
 
 
+@pytest.mark.slow
 def test_outlines_without_a_hull(tmp_path):
     """Two photos whose masks share no point have no hull, but they can still be looked at."""
     root = write_blender(tmp_path / "scene", views(16))

@@ -31,6 +31,7 @@ def blender(tmp_path):
     return root
 
 
+@pytest.mark.slow
 def test_a_mask_that_two_photos_would_share_is_refused(blender):
     shutil.copytree(blender / "apart" / "train", blender / "masks")
     pattern = r"masks/r_0\.png could be the mask of 2 photos named r_0, .*masks/(train|test)/r_0\.png"
@@ -67,6 +68,7 @@ def whiten(root, chosen):
         Image.new("L", (72, 60), 255).save(root / "masks" / f"{name}.png")
 
 
+@pytest.mark.slow
 def test_masks_without_background_are_a_problem(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     whiten(root, names(COUNT))
@@ -75,6 +77,7 @@ def test_masks_without_background_are_a_problem(tmp_path):
     assert any("18 of 18 masks show no background" in problem for problem in inspect(root).problems)
 
 
+@pytest.mark.slow
 def test_a_few_masks_without_background_are_warned_of(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     whiten(root, ["view_03", "view_07"])
@@ -91,6 +94,7 @@ def orient(path, orientation, *, turn=None):
     image.save(path, exif=exif, quality=98, subsampling=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orientation", [3, 6])
 def test_a_mask_without_a_tag_is_turned_with_its_photo(tmp_path, orientation):
     """The mask was drawn on the stored pixels by a program that knows no EXIF; a half turn leaves its size the same."""
@@ -127,6 +131,7 @@ def test_a_mask_with_a_tag_follows_it(tmp_path):
     np.testing.assert_array_equal(load_alpha(photo), picture(views(COUNT)[1])[1] / 255)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", ["mask", "camera"])
 def test_the_hull_names_the_photo_that_fits_only_when_turned(tmp_path, turned):
     """An upright mask beside a tagged photo, or a camera estimated on the stored pixels: only the hull tells."""
@@ -149,6 +154,7 @@ def with_profile(root, chosen, profile):
         Image.open(path).save(path, icc_profile=profile)
 
 
+@pytest.mark.slow
 def test_an_unreadable_profile_is_a_problem_and_one_warning(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     with_profile(root, names(COUNT)[2:6], b"nonsense" * 40)
@@ -160,6 +166,7 @@ def test_an_unreadable_profile_is_a_problem_and_one_warning(tmp_path):
     assert "4 of 18 photos" in problem
 
 
+@pytest.mark.slow
 def test_a_converted_profile_is_a_fact(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     with_profile(root, names(COUNT)[2:6], icc("Wide Thing", P3_PRIMARIES, 2.2))
@@ -171,6 +178,7 @@ def test_a_converted_profile_is_a_fact(tmp_path):
     assert "colours  converted to sRGB: ICC profile Wide Thing (4)" in found.lines()
 
 
+@pytest.mark.slow
 def test_an_srgb_profile_is_silent(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     with_profile(root, names(COUNT), own_srgb())

@@ -94,6 +94,7 @@ def test_camera_files(scenes, frames, data, tmp_path):
         one_sentence(str(error))
 
 
+@pytest.mark.slow
 @MANY
 @given(data=st.data())
 def test_colmap_text(scenes, data):
@@ -101,6 +102,7 @@ def test_colmap_text(scenes, data):
     read_or_refused(scenes["text"])
 
 
+@pytest.mark.slow
 @MANY
 @given(data=st.data())
 def test_colmap_binary(scenes, data):

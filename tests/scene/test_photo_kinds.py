@@ -50,6 +50,7 @@ def mixed(tmp_path):
     return root
 
 
+@pytest.mark.slow
 def test_a_scene_of_mixed_files(mixed):
     found = inspect(mixed)
     assert found.problems == ()
@@ -65,6 +66,7 @@ def test_a_scene_of_mixed_files(mixed):
             assert not pixels.clipped.any()
 
 
+@pytest.mark.slow
 def test_names_without_an_ending_find_every_kind(mixed):
     def strip(data):
         for frame in data["frames"]:

@@ -18,6 +18,7 @@ def said(found, kind, *words):
     assert len(matching) == 1, getattr(found, kind)
 
 
+@pytest.mark.slow
 def test_good_photos(tmp_path):
     for index in range(26):
         save(tmp_path / f"p{index}.jpg", view(index), exposure=1 / (30 * (1 + index)))
@@ -35,12 +36,14 @@ def test_too_few(tmp_path):
     said(found, "advice", "20 more photos")
 
 
+@pytest.mark.slow
 def test_rather_few(tmp_path):
     found = inspect_plain(take(tmp_path, 12))
     assert found.problems == ()
     said(found, "advice", "13 more photos", "every 15 degrees")
 
 
+@pytest.mark.slow
 def test_many_copies_of_one(tmp_path):
     for index in range(30):
         save(tmp_path / f"p{index}.jpg", view(0))
@@ -49,6 +52,7 @@ def test_many_copies_of_one(tmp_path):
     said(found, "problems", "1 different photo of")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bad", "kind"), [(3, "hints"), (9, "problems")])
 def test_blur(tmp_path, bad, kind):
     take(tmp_path, 12)
@@ -59,6 +63,7 @@ def test_blur(tmp_path, bad, kind):
     said(found, "advice", "at rest")
 
 
+@pytest.mark.slow
 def test_no_texture(tmp_path):
     for index in range(10):
         v, u = np.mgrid[:480, :640]
@@ -85,6 +90,7 @@ def test_focal_lengths(tmp_path):
     said(found, "hints", "2 focal lengths, from 0.75 to 1.50")
 
 
+@pytest.mark.slow
 def test_one_light(tmp_path):
     said(inspect_plain(take(tmp_path, 26, exposure=1 / 60)), "advice", "under other lights")
 

@@ -67,6 +67,7 @@ def test_copies_are_found_however_they_are_stored(tmp_path):
     assert [photo.path.name for photo in copies(photos)] == ["x.jpg", "y.png"]
 
 
+@pytest.mark.slow
 def test_the_same_object_a_little_turned_is_no_copy(tmp_path):
     take(tmp_path, 12)
     assert copies(measure_photos(sorted(tmp_path.iterdir()), Problems())) == []

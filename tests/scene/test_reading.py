@@ -233,7 +233,7 @@ def test_long_names_are_cut_by_bytes():
         assert re.fullmatch(r"x?漢{36,40}(-\d)?", name)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_equal_names_take_no_longer_than_others():
     """Once the time grew with the square of the photos."""
     root = Path("/scene")

@@ -95,6 +95,7 @@ def test_another_kind_of_body_is_refused(tmp_path, kind):
         receive(GOOD, tmp_path, kind)
 
 
+@pytest.mark.slow
 def test_whatever_bytes_come_there_is_a_form_or_a_sentence(tmp_path):
     draw = random.Random(5)
     for _ in range(400):

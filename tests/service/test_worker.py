@@ -44,6 +44,7 @@ def worker(pixels=10**6):
     return Worker("cpu", 1, 2**30, pixels)
 
 
+@pytest.mark.slow
 def test_a_prediction_leaves_what_was_asked_for(runs, asked, tmp_path):
     told = worker().answer(asked, lambda stage: None)
     assert told["files"] == [
@@ -65,6 +66,7 @@ def test_a_prediction_leaves_what_was_asked_for(runs, asked, tmp_path):
     assert np.array_equal(read_hdr(tmp_path / "light.exr"), same.environment.panorama())
 
 
+@pytest.mark.slow
 def test_lamps_are_looked_for_and_taken_out_where_that_is_asked_for(asked, tmp_path):
     one = worker()
     told = one.answer({**asked, "sources": True, "sun": "separate", "height": 128}, lambda stage: None)

@@ -87,6 +87,7 @@ def test_a_bill_names_packages_and_what_needs_what():
     assert found["components"][1]["properties"] == [{"name": "shared library", "value": "libx.so: GPL-2.0"}]
 
 
+@pytest.mark.slow
 def test_what_this_project_needs_is_allowed(tmp_path, capsys):
     assert main(["--bill", str(tmp_path / "bill.json")]) == 0, capsys.readouterr().out
     names = {component["name"] for component in json.loads((tmp_path / "bill.json").read_text())["components"]}

@@ -108,5 +108,6 @@ def test_what_names_none(docstring):
     assert not check_shapes.names_shapes(f"Return the points {docstring}, all of them.")
 
 
+@pytest.mark.slow
 def test_the_package_names_its_shapes(capsys):
     assert check_shapes.main([]) == 0, capsys.readouterr().out

@@ -50,6 +50,7 @@ def test_a_python_is_there_when_it_runs():
     assert not is_there("false")
 
 
+@pytest.mark.slow
 def test_modules_that_import_an_extra_at_their_head_are_named_as_such():
     source = Path(check_wheel.__file__).parents[1] / "src"
     extras = {

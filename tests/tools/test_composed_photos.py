@@ -25,6 +25,7 @@ def scene(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_training_photos_become_opaque_and_keep_their_masks(scene, tmp_path):
     before = load_scene(scene).train
     assert all(load_background(photo) is None for photo in before)

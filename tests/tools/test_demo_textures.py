@@ -13,6 +13,7 @@ def model(request) -> Model:
     return make_model(request.param, seed=3)
 
 
+@pytest.mark.slow
 def test_values_are_reflectances(model):
     for array in (model.material.base, model.material.roughness, model.material.metallic):
         assert np.isfinite(array).all()
@@ -67,6 +68,7 @@ def test_the_car_is_near_black_metal_with_neutral_panels():
     assert 0.2 < neutral.mean() < 0.8
 
 
+@pytest.mark.slow
 def test_the_camera_is_near_black_and_matte():
     base, roughness, metallic = painted(make_model(Subject.CAMERA, seed=3))
     assert base.max() <= 0.055
@@ -75,6 +77,7 @@ def test_the_camera_is_near_black_and_matte():
     assert np.quantile(np.ptp(base, axis=1), 0.5) > 0.01  # slightly coloured
 
 
+@pytest.mark.slow
 def test_a_third_of_the_lantern_is_twenty_times_brighter_than_the_rest():
     lantern = make_model(Subject.LANTERN, seed=3)
     share, dark, bright = 0.0, [], []

@@ -61,6 +61,7 @@ def test_photos_are_eight_bits_of_the_object_in_the_light_they_come_with(sphere)
     assert np.array_equal(again.color, pixels.color)
 
 
+@pytest.mark.slow
 def test_directions_of_all_photos_are_sampled(sphere):
     found = samples(Predictor(sphere, config=PredictConfig(light_resolution=16)), CAMERAS, Method.SOLVE, 4)
     directions = 6 * 16**2
@@ -71,6 +72,7 @@ def test_directions_of_all_photos_are_sampled(sphere):
     assert {len(found.part(k).error) for k in (0, 1)} == {2 * directions}
 
 
+@pytest.mark.slow
 def test_the_command_reads_a_run(sphere, tmp_path, monkeypatch, capsys):
     scene, run = write_toy_scene(tmp_path / "scene", train=3, test=1), RunFolder.create(tmp_path / "run")
     write_json(run.config_file, {})

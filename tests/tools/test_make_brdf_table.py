@@ -1,5 +1,6 @@
 """The bundled table of the reflectance model's integrals is the one that the tool writes."""
 
+import pytest
 import torch
 from safetensors.torch import load_file
 
@@ -7,6 +8,7 @@ import make_brdf_table
 from lightprobe.render.brdf import TABLE
 
 
+@pytest.mark.slow
 def test_the_tool_writes_the_table_that_is_bundled(tmp_path, monkeypatch, capsys):
     written = tmp_path / "table.safetensors"
     monkeypatch.setattr(make_brdf_table, "TABLE", written)

@@ -34,6 +34,7 @@ def test_equal_options_make_equal_scenes(tmp_path, subject):
     assert subject.replace("-", " ") in (tmp_path / "a/README.md").read_text().splitlines()[0]
 
 
+@pytest.mark.slow
 def test_an_unknown_object_is_refused_and_the_known_ones_named(tmp_path):
     refused = run(str(TOOLS / "make_demo_scene.py"), str(tmp_path / "new"), "--object", "teapot")
     assert refused.returncode == 2
@@ -42,6 +43,7 @@ def test_an_unknown_object_is_refused_and_the_known_ones_named(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_no_scene_is_left_alone(tmp_path):
     (tmp_path / "holiday.txt").write_text("mine")
     refused = run(str(TOOLS / "make_demo_scene.py"), str(tmp_path))

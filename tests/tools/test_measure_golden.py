@@ -9,6 +9,7 @@ import measure_golden
 from measure_golden import FILE, intervals, summary
 
 
+@pytest.mark.slow
 def test_another_seed_falls_outside_as_often_as_is_said():
     rng = np.random.default_rng(0)
     outside, count = 0, 3000

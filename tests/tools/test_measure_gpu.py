@@ -116,6 +116,7 @@ def test_failed_tests_are_named():
     assert rows == ["`pytest -m cuda`: 1 failed, 2 passed in 3s", "", "- FAILED tests/a.py::test_b - assert 1"]
 
 
+@pytest.mark.slow
 def test_a_kernel_is_held_against_the_limit_and_the_cpu():
     limits = device_limits(CPU, brief=True)
     assert limits.copy > 1e8

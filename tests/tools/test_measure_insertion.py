@@ -40,7 +40,7 @@ def test_a_scene_is_traced_and_scored(tmp_path):
     assert (tmp_path / case.name / "true.png").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_camera_sees_the_pot_whole():
     known = true_decomposition(model_of(Subject.COFFEE_POT))
     for case in CASES:

@@ -23,6 +23,7 @@ def test_a_peak_is_the_commands_own():
     assert failed[1:] == (1, "no\n")
 
 
+@pytest.mark.slow
 def test_a_photo_and_a_scene_of_it_are_made(tmp_path):
     measure_memory.write_shot(0.09, "png", tmp_path)
     color, cover = read_ldr(tmp_path / "photo.png")[0], read_mask(tmp_path / "mask.png")

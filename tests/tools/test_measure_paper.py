@@ -24,7 +24,7 @@ def test_only_the_marked_lines_are_replaced():
         replaced("a page", "new")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_part_of_the_preset_is_measured(tmp_path):
     scene = load_scene(write_toy_scene(tmp_path, train=4, test=1))
     costs = measure(scene, small(), 3, 6, torch.device("cpu"))

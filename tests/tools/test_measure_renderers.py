@@ -9,7 +9,7 @@ from lightprobe.scene.photo import Scene
 from tests.known_scene import SIMILARITY, known_decomposition, write_photo
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_true_object_under_novel_lights(tmp_path, monkeypatch):
     try:
         check_path_tracer()

@@ -28,6 +28,7 @@ def shots(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_requests_are_counted_by_what_came_of_them(served, tmp_path, monkeypatch):
     options = argparse.Namespace(**OPTIONS)
     photos = shots(tmp_path)

@@ -115,7 +115,7 @@ def test_cameras_look_at_the_ball_from_all_around():
     assert abs(sum(view.position for view in views)).max() < 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("make", [phase1.first_pass, phase1.second_pass])
 def test_the_profile_takes_apart_the_loss_that_is_trained_with(make):
     config = training.small().decompose

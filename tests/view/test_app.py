@@ -55,6 +55,7 @@ def glb(document):
     return b"glTF" + struct.pack("<III4s", 2, 20 + len(text), len(text), b"JSON") + text
 
 
+@pytest.mark.slow
 def test_the_page_and_its_parts_come_from_the_package(client):
     assert "importmap" in client.get("/").text
     assert json.loads(inline_script((STATIC / "index.html").read_text()))["imports"]

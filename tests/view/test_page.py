@@ -186,6 +186,7 @@ def test_light_out_of_a_photo_and_a_thing_into_it(page, server, run, tmp_path):
     assert page.input_value("#light").startswith("job:")
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_costs_one_sentence(page, server, run):
     with page.expect_response("**/load"):
         page.goto(f"{server.url}#photo")
@@ -276,6 +277,7 @@ def test_it_fits_a_telephone(page, server):
         assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
 
 
+@pytest.mark.long
 def test_two_tabs_see_the_same_and_a_lost_server_is_said(page, server):
     """The last one, as it takes the server away for a while."""
     open_object(page, server)
