@@ -5,8 +5,9 @@ import sys
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageFilter
 
+from lightprobe.cli.main import main
 from lightprobe.preparation import Prepared
 from lightprobe.runs import preparing
 from tests.cli.commands import fails, succeed
@@ -41,6 +42,21 @@ def test_what_cannot_be_prepared_is_one_sentence(photos, tmp_path, capsys):
 def test_a_damaged_photo_is_named(photos, tmp_path, capsys):
     (photos / "IMG_2.jpg").write_bytes((photos / "IMG_2.jpg").read_bytes()[:300])
     fails(["prepare", photos, "-o", tmp_path / "scene"], capsys, ["IMG_2.jpg", "damaged"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blur", [0, 12])
+def test_photos_that_nothing_joins_are_one_sentence(photos, tmp_path, capsys, blur):
+    """Photos of nothing in common, and photos that are all blurred."""
+    for path in sorted(photos.iterdir()):
+        with Image.open(path) as image:
+            image.resize((320, 240)).filter(ImageFilter.GaussianBlur(blur)).save(path)
+    code = main(["prepare", str(photos), "-o", str(tmp_path / "scene")])
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert code == 2
+    assert said.startswith("lightprobe: No cameras were found")
+    assert "overlap, sharp" in said
+    assert [path.name for path in (tmp_path / "scene").iterdir()] == [".prepare"]  # what a next call goes on from
 
 
 @pytest.mark.parametrize("name", ["pycolmap"])
