@@ -1,13 +1,14 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, shapes in docstrings, fast tests
-# make test    the same with the slow tests: ten to twenty minutes
+# make test    the same with the slow tests: about ten minutes
 # make test-all  the same with the long ones (trainings, the documentation's build), as continuous integration runs it
 # make style, make tests   the parts of these three, which run side by side; MARKS chooses tests
 # make docs    the documentation, build/docs/index.html; a warning is an error
 # make coverage  which lines and branches the tests run, build/coverage/index.html; MARKS="not long" for a part of them
 # make fuzz    damaged and hostile files for every reader, for MINUTES (60); findings are left in build/fuzz
 # make kills   kill -9 at MOMENTS (50) moments of the commands, full disks; the same bits afterwards
-# make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA (benchmarks/RESULTS.md)
+# make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA that has no record yet
+#              (benchmarks/RESULTS.md, docs/paper-tables.md)
 
 PYTHON ?= python3
 VENV := .venv

@@ -137,7 +137,7 @@ class RunFolder:
 
     @property
     def verdict_file(self) -> Path:
-        """How far the object can be trusted; runs that held no photo out have none."""
+        """How far the object can be trusted; runs of older versions without held-out photos have none."""
         return self.mesh_folder / "verdict.json"
 
     @property

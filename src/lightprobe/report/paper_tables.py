@@ -153,7 +153,8 @@ _FIGURES = (
 _TEXT = (
     (
         "both phases within 3 hours on one GTX 1080 Ti (section 4.2)",
-        "seconds of both phases: RESULTS.md, Seconds per photo; never measured on that card",
+        "shortened runs: RESULTS-since.md, Seconds per photo; a full run projected: paper-preset.md, What it costs; "
+        "never measured on that card",
         "`lightprobe train SCENE -o RUN --preset paper`",
     ),
     ("Neural-PIL: 22 hours on four RTX 2080 Ti", f"{_NOT_RUN}: another project", NONE),

@@ -58,7 +58,7 @@ _HEAD = (
     "interval. Photos under one environment are no independent evidence, so lights are the unit: Student's t with one "
     "degree of freedom less than there are lights (see Scenes), and a standard error that takes the photos under one "
     "light together; where the lights have no names, every photo is taken for a light of its own. These intervals are "
-    "for the run at hand; what another seed of the training does stands in a table of its own."
+    "for the run at hand; what other seeds of the training do stands in a table of its own, where there are such runs."
 )
 _SCENES_NOTE = (
     "What each scene was used for. Numbers of development scenes are of photos that settings were chosen by, and "
@@ -134,5 +134,5 @@ _TIME_NOTE = (
 _RECORDS_NOTE = (
     "Commit: what evaluated; trained at: what trained, where the benchmark did that itself. DATA stands for the folder "
     "of the scenes, RUNS for that of the runs, FOLDER for the benchmark's own, HDRI for the environment maps. "
-    "`lightprobe bench --tables-only` writes this page from the records."
+    "`lightprobe bench --tables-only --results` with this page's name writes it from the records."
 )
