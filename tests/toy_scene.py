@@ -72,5 +72,5 @@ TINY_WITHOUT_TRIALS = changed(TINY, trial_steps=0)
 TINY_DISTILL = [
     "--distill.steps", "12", "--distill.samples", "64", "--distill.light-resolution", "8", "--distill.width", "16",
     "--distill.checkpoint-every", "5", "--distill.sphere-steps", "6", "--distill.sphere-batch", "2",
-    "--distill.sphere-width", "4", "--distill.synthetic-lessons", "8",
+    "--distill.sphere-width", "4", "--distill.synthetic-lessons", "8", "--distill.simulated-photos", "2",
 ]  # fmt: skip

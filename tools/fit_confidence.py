@@ -2,14 +2,14 @@
 
     python tools/fit_confidence.py runs/demo [RUN ...] [--method probe-net+optimize] [--photos 64]
 
-Each photo is what a training camera of the run would see of the object, with errors of the asset, noise, clipping and 8
-bits (`lessons.synthetic.rerender`), under a generated light that no training has seen (`lessons.generated_lights`). The
-light is predicted from it, and the error of ln radiance after one factor is explained, direction by direction, by non-
-negative least squares on the causes that `error_causes` names. No light of a data set enters, neither for training nor
-for evaluation; those check the confidence afterwards.
+The photos are those of `evaluation.simulated_photos`, under generated lights that no training has seen. The light is
+predicted from each, and the error of ln radiance after one factor is explained, direction by direction, by non-negative
+least squares on the causes that `error_causes` names. No light of a data set enters, neither for training nor for
+evaluation; those check the confidence afterwards.
 
-Prints the weights of all photos, and the errors in five bins of confidence: with the weights in use, and with those
-fitted to the other half of the photos.
+Prints for each run its own weights, and the errors in five bins of confidence: with the weights in use, and with those
+fitted to the other half of the photos. Of several runs it ends with the weights of all of them together, each counting
+the same; those stand in `prediction.confidence`.
 """
 
 import argparse
@@ -21,28 +21,19 @@ from pathlib import Path
 import numpy as np
 import torch
 from scipy.optimize import nnls
-from torch import Tensor
 
-from lightprobe.core.device import generator
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.run import RunFolder
-from lightprobe.evaluation.metrics import aligned, log_difference
-from lightprobe.lessons.draw import Draw
-from lightprobe.lessons.generated_lights import generated_light
-from lightprobe.lessons.synthetic import rerender
+from lightprobe.evaluation.simulated_photos import directional_error, simulated_photos
 from lightprobe.light import cubemap
-from lightprobe.models import Decomposition
-from lightprobe.prediction import Method, Predictor
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.prediction import Method, Predictor, is_fitted, recorded_config
 from lightprobe.prediction.confidence import CAUSES, ESTIMATED, FITTED, Weights, error_causes
 from lightprobe.prediction.observation import observe
-from lightprobe.render.asset import rasterize_asset
-from lightprobe.scene import load_scene
-from lightprobe.scene.camera import Camera, mean_up
-from lightprobe.scene.photo import Pixels
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.record import read_record
 
-SEED = 2026  # of lights and photos; trainings have other seeds
 BINS = 5
-_FITTED_TO_PIXELS = ("solve", "optimize")  # the last step of methods whose maps are fitted to the photo
 
 
 @dataclass(frozen=True)
@@ -60,36 +51,21 @@ class Samples:
         return Samples(self.causes[chosen], self.error[chosen], self.angle[chosen], self.photo[chosen])
 
 
-@torch.no_grad()
-def photograph(decomposition: Decomposition, camera: Camera, light: Tensor, number: int) -> tuple[Pixels, Tensor]:
-    """Return photo `number` of the object by an input-frame camera, and the light (6, R, R, 3) that goes with it."""
-    gbuffer = rasterize_asset(decomposition.asset, camera.normalised(decomposition.similarity), light.device)
-    color, factor = rerender(gbuffer, light, Draw(generator(SEED, "confidence-photo", number)))
-    image, alpha = np.zeros((camera.height * camera.width, 3), np.float32), np.zeros(camera.height * camera.width)
-    image[gbuffer.pixel.numpy()], alpha[gbuffer.pixel.numpy()] = color.numpy(), 1
-    shape = (camera.height, camera.width)
-    return Pixels.of(image.reshape(*shape, 3), alpha.reshape(shape).astype(np.float32)), light * factor
-
-
 def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, photos: int) -> Samples:
-    """Return what `photos` photos of the predictor's object say, its `cameras` taken in turn."""
-    resolution, asset = predictor.config.light_resolution, predictor.decomposition.asset
-    up = torch.from_numpy(mean_up([camera.camera_to_world[:3, 1] for camera in cameras])).float()
+    """Return what `photos` photos of the predictor's object say, from input-frame `cameras`."""
+    resolution, decomposition = predictor.config.light_resolution, predictor.decomposition
     rows, errors = [], []
-    for number in range(photos):
-        camera = cameras[number % len(cameras)]
-        light = generated_light(resolution, seed=SEED, step=number, up=up)
-        pixels, truth = photograph(predictor.decomposition, camera, light, number)
-        found = predictor.predict(pixels, camera, method).environment.texels
-        view = camera.normalised(predictor.decomposition.similarity)
-        observation = observe(asset, pixels, view, predictor.device, predictor.config.max_pixels)
+    for photo in simulated_photos(decomposition, cameras, photos, resolution, predictor.device):
+        found = predictor.predict(photo.pixels, photo.camera, method, refuse=False).environment.texels
+        view = photo.camera.normalised(decomposition.similarity)
+        observation = observe(decomposition.asset, photo.pixels, view, predictor.device, predictor.config.max_pixels)
         causes = error_causes(observation, found, predictor.seed)
         rows.append(torch.stack([*(causes[name] for name in CAUSES), torch.ones_like(found[..., 0])], -1))
-        errors.append(aligned(log_difference(found, truth)).square().mean(-1).sqrt())
+        errors.append(directional_error(found, photo.light))
     every = 6 * resolution**2
-    angle = np.tile(cubemap.solid_angles(resolution).reshape(-1).double().numpy(), photos)
+    angle = np.tile(cubemap.solid_angles(resolution).reshape(-1).double().numpy(), len(rows))
     explained = torch.stack(rows).double().numpy().reshape(-1, len(CAUSES) + 1)
-    return Samples(explained, torch.stack(errors).double().numpy().ravel(), angle, np.arange(photos).repeat(every))
+    return Samples(explained, torch.stack(errors).double().numpy().ravel(), angle, np.arange(len(rows)).repeat(every))
 
 
 def fit(found: Samples) -> np.ndarray:
@@ -97,6 +73,12 @@ def fit(found: Samples) -> np.ndarray:
     share = np.sqrt(found.angle)
     weights: np.ndarray = nnls(found.causes * share[:, None], found.error * share)[0]
     return weights
+
+
+def joined(found: Sequence[Samples]) -> Samples:
+    """Return the samples of all objects as one, each object weighing the same."""
+    parts = [(s.causes, s.error, s.angle / s.angle.sum(), s.photo) for s in found]
+    return Samples(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def binned(found: Samples, weights: np.ndarray) -> np.ndarray:
@@ -113,10 +95,15 @@ def gap(found: Samples, weights: np.ndarray) -> float:
     return float(np.sqrt(np.average((found.causes @ weights - found.error) ** 2, weights=found.angle)))
 
 
+def named(weights: np.ndarray) -> str:
+    """Return weights (C + 1,) as they stand in `prediction.confidence`."""
+    pairs = zip((*CAUSES, "least"), weights, strict=True)
+    return f"Weights({', '.join(f'{name}={value:.2f}' for name, value in pairs)})"
+
+
 def report(found: Samples, used: Weights) -> list[str]:
     """Return the lines to print: fitted weights, and how both sort the errors of photos they were not fitted to."""
-    named = ", ".join(f"{name}={value:.2f}" for name, value in zip((*CAUSES, "least"), fit(found), strict=True))
-    lines = [f"fitted  Weights({named})", f"in use  {used}"]
+    lines = [f"fitted  {named(fit(found))}", f"in use  {used}"]
     now = np.array([getattr(used, name) for name in (*CAUSES, "least")])
     for remainder in (0, 1):
         half, fitted = found.part(remainder), fit(found.part(1 - remainder))
@@ -126,6 +113,13 @@ def report(found: Samples, used: Weights) -> list[str]:
     return lines
 
 
+def _predictor(run: RunFolder) -> Predictor:
+    """Return the predictor of a run in its own gauge, in which the simulated photos are."""
+    cpu = torch.device("cpu")
+    model = ProbeModel.load(run.model_folder) if ProbeModel.exists(run.model_folder) else None
+    return Predictor(Decomposition.load(run, cpu, calibrated=False), model, config=recorded_config(run))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line and print the weights and the check for each run."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -133,15 +127,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--method", type=Method, default=Method.PROBE_NET_OPTIMIZE)
     parser.add_argument("--photos", type=int, default=64, help="of each run's object, at least 2")
     given = parser.parse_args(arguments)
-    used = FITTED if given.method.value.endswith(_FITTED_TO_PIXELS) else ESTIMATED
+    used = FITTED if is_fitted(given.method) else ESTIMATED
+    every: list[Samples] = []
     try:
         for path in given.runs:
-            scene = load_scene(Path(RunFolder.open(path).scene()["root"]))
-            cameras = [photo.camera for photo in scene.train]
-            found = samples(Predictor.load(path), cameras, given.method, max(given.photos, 2))
-            print(path, *report(found, used), sep="\n", flush=True)
+            run = RunFolder.open(path)
+            cameras = list(read_record(run).cameras["train"].values())
+            every.append(samples(_predictor(run), cameras, given.method, max(given.photos, 2)))
+            print(path, *report(every[-1], used), sep="\n", flush=True)
     except LightprobeError as error:
         sys.exit(str(error))
+    if len(every) > 1:
+        print(f"all together  {named(fit(joined(every)))}")
 
 
 if __name__ == "__main__":

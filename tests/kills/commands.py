@@ -31,7 +31,7 @@ class Command:
 _STEPS = changed(
     [*TINY_WITHOUT_TRIALS, *TINY_DISTILL], pass1_iterations=5, pass2_iterations=5, pass3_iterations=5,
     lattice_cells=8, hull_voxels=16, pass1_side=24, pass2_side=24, pass3_texture_size=64, hash_levels=2, hash_finest=16,
-    steps=5, sphere_steps=3, synthetic_lessons=2, checkpoint_every=2,
+    steps=5, sphere_steps=3, synthetic_lessons=2, checkpoint_every=2, simulated_photos=2,
 )  # fmt: skip
 
 

@@ -58,6 +58,19 @@ def test_light_comes_from_above(place, up):
     assert sorted(shares)[6] > 1.5
 
 
+@pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8)])
+def test_a_light_is_turned_about_up(up):
+    axis, quarter = torch.tensor(up), math.pi / 2
+    for step in range(4):
+        towards = []
+        for turn in (0.0, quarter):
+            light = generated_light(16, seed=7, step=step, up=axis, turn=turn, tumbled=0.0, place=Place.STUDIO)
+            flow = (light.mean(-1, keepdim=True) * cubemap.directions(16) * ANGLE).sum((0, 1, 2))
+            towards.append(flow - (flow @ axis) * axis)
+        turned = torch.linalg.cross(axis, towards[0])  # anticlockwise as seen from above
+        assert float((towards[1] - turned).norm()) < 0.05 * float(turned.norm()) + 0.01
+
+
 def test_tumbled_lights_come_from_anywhere():
     axes = []
     for k in range(40):

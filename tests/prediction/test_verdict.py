@@ -10,7 +10,7 @@ import torch
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import srgb_decode, srgb_encode
-from lightprobe.models import Decomposition, ObjectVerdict
+from lightprobe.models import Decomposition, LightAccuracy, ObjectVerdict
 from lightprobe.prediction import Method, PredictConfig, Predictor, Status
 from lightprobe.prediction.observation import observe
 from lightprobe.prediction.verdict import _STRENGTH, _fitted, judge
@@ -204,3 +204,12 @@ def test_maps_of_a_poor_object_are_trusted_less(predictor, photo, disagreement, 
     plain = predictor.predict(photo, CAMERA)
     assert torch.equal(judged.environment.texels, plain.environment.texels)
     assert torch.allclose(judged.confidence, share * plain.confidence)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "scale"), [(Method.SOLVE, 0.5), (Method.CONSTANT, 2.0)])
+def test_the_confidence_follows_the_accuracy_of_the_objects_maps(predictor, photo, method, scale):
+    accuracy = LightAccuracy(16, 0.5, (0.1, 0.2, 0.6), fitted_scale=0.5, estimated_scale=2.0)
+    known = Predictor(predictor.decomposition, config=predictor.config, accuracy=accuracy)
+    plain = predictor.predict(photo, CAMERA, method)
+    assert torch.allclose(known.predict(photo, CAMERA, method).confidence, plain.confidence**scale)

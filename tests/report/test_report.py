@@ -109,7 +109,7 @@ def test_confidence_has_a_scale_and_other_pictures_none(tmp_path):
     assert 'class="scale"' not in page(tmp_path)
     text = page(tmp_path, titles=("confidence", "predicted light"))
     assert text.count('class="scale"') == 1
-    assert '<span style="left: 75.0%">0.5<br>×2</span>' in text
+    assert '<span style="left: 50.0%">0.5<br>×2</span>' in text
 
 
 def test_a_method_that_saw_fewer_photos_says_so_and_is_never_the_best(tmp_path):

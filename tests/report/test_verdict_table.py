@@ -1,4 +1,4 @@
-from lightprobe.models.object_verdict import ObjectVerdict
+from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.report.bench_results import BenchResults
 from lightprobe.report.records import Kind, Record
 from lightprobe.report.results import results_page
@@ -12,7 +12,8 @@ def judged(scene: str, disagreement: float, found: float, error: float, kind: Ki
     scored["mean"]["relight_psnr_scaled"] = found
     scored["methods"]["net"].update(spheres(error))
     verdict = ObjectVerdict(disagreement, photos=5, surprise=0.25).to_json()
-    return record(scene, kind, scored, object_verdict=verdict, **about)
+    accuracy = LightAccuracy(16, 0.5, (error / 2, error, error * 3), 1.0, 1.0).to_json()
+    return record(scene, kind, scored, object_verdict=verdict, light_accuracy=accuracy, **about)
 
 
 def test_what_was_said_stands_beside_what_was_found():
@@ -21,8 +22,8 @@ def test_what_was_said_stands_beside_what_was_found():
     )
     lines = verdict_table(results)
     assert lines[2:] == [
-        "| cup | 0 | poor | 10.0 | .2 | 17.0 | 18.5 | .80 | .200 |",
-        "| cup | 2 | good | 5.0 | .2 | 23.0 | 23.0 | .80 | .100 |",
+        "| cup | 0 | poor | 10.0 | .2 | 17.0 | 18.5 | .80 | .300 | .200 |",
+        "| cup | 2 | good | 5.0 | .2 | 23.0 | 23.0 | .80 | .150 | .100 |",
     ]  # of two objects no order is told
     assert verdict_table(BenchResults([record("pot")])) == []
     fitted = judged("cup", 0.1, 18.5, 0.2)
@@ -36,4 +37,4 @@ def test_an_order_is_told_of_some_objects():
     every = [judged(name, e, f, e) for name, e, f in zip("abcd", errors, found, strict=True)]
     page = results_page(BenchResults(every))
     assert "over 4 objects: .80; mean miss 1.8 dB, worst 5.0 dB." in page
-    assert "Of disagreement and the spheres' mean error: 1.00." in page
+    assert "Of the spheres' mean error over 4: 1.00; mean miss .047, worst .100." in page

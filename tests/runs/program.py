@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import PhaseTiming, write_timing
-from lightprobe.models.object_verdict import ObjectVerdict
+from lightprobe.models import LightAccuracy, ObjectVerdict
 
 
 class Program:
@@ -35,6 +35,7 @@ class Program:
             path.write_text("{}")
         write_timing(run.timings_file, "decompose", PhaseTiming(630.2, None, True))
         ObjectVerdict(0.04, photos=5).save(run.verdict_file)
+        LightAccuracy(16, 0.5, (0.05, 0.2, 0.6), 0.6, 0.7).save(run.model_folder)
 
     def _evaluate(self, words):
         run = RunFolder(Path(words[1]))

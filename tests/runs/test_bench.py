@@ -179,6 +179,7 @@ def test_a_record_tells_how_it_was_made(data, tmp_path, calls, ask):
     assert record.commit == record.trained
     assert all((record.commit, record.machine, record.threads))
     assert (record.object_verdict["disagreement"], record.object_verdict["trust"]) == (0.04, "good")
+    assert record.light_accuracy["spheres"] == [0.05, 0.2, 0.6]
     (tmp_path / "records" / "chair.json").unlink()
     (tmp_path / "out" / "runs" / "chair" / "bench.json").unlink()  # trained by somebody else
     ask(seeds=(4,), scenes=("chair",), steps=(Step.RUN,))

@@ -10,6 +10,7 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.timings import read_timings
+from lightprobe.models.light_accuracy import FILE
 from lightprobe.report.provenance import training_costs
 from tests.toy_scene import TINY_DISTILL, TINY_WITHOUT_TRIALS, write_toy_scene
 
@@ -30,7 +31,8 @@ def test_one_call_trains_a_run_that_a_predictor_loads(tmp_path):
         "predict": PredictConfig(light_resolution=16), "device": "cpu", "seed": 3,
     }  # fmt: skip
     run = lightprobe.train(scene, tmp_path / "run", **settings, on_progress=lambda *told: heard.append(told))
-    assert {"pass1", "pass2", "pass3", "lights", "lessons", "distill"} <= {stage for stage, *_ in heard}
+    stages = {"pass1", "pass2", "pass3", "lights", "lessons", "distill", "simulated photos"}
+    assert stages <= {stage for stage, *_ in heard}
     assert ("distill", 18, 18) in [told[:3] for told in heard]
     timings = read_timings(run.timings_file)
     assert all(timings[phase].finished and timings[phase].seconds > 0 for phase in ("decompose", "distill"))
@@ -40,9 +42,14 @@ def test_one_call_trains_a_run_that_a_predictor_loads(tmp_path):
     environment = predictor.predict(*photo).environment.texels
     assert environment.shape == (6, 16, 16, 3)
     assert np.isfinite(environment.numpy()).all()
+    assert predictor.accuracy is not None
+    assert predictor.accuracy.photos == 2
 
     heard.clear()
     lightprobe.train(scene, run.path, **settings, on_progress=lambda *told: heard.append(told))
     assert heard == []  # both phases were finished
+    (run.model_folder / FILE).unlink()  # as runs of older versions
+    lightprobe.train(scene, run.path, **settings)
+    assert lightprobe.Predictor.load(run.path).accuracy == predictor.accuracy
     with pytest.raises(ConfigError, match=r"decompose\.seed = 3, not 4"):
         lightprobe.train(scene, run.path, **{**settings, "seed": 4})

@@ -18,7 +18,7 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import shell_word
 from lightprobe.core.processes import joined
 from lightprobe.core.run import RunFolder
-from lightprobe.models import ObjectVerdict
+from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.report.run_info import fitted_preset
 from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
 from lightprobe.runs.training import distill_run, fit_run, train_run
@@ -103,8 +103,10 @@ def distill(
             run, distill=distill, predict=predict, device=processes.device, seed=seed, scene_folder=scene, hdri=hdri,
             restart=restart, on_progress=meter.update, processes=processes,
         )  # fmt: skip
-    next_one = f"Next: lightprobe eval {shell_word(run)}"
-    say(f"Model: {folder.model_folder}\n{next_one}", run=folder.path, model=folder.model_folder)
+    next_one = f"lightprobe eval {shell_word(run)}"
+    say(f"Model: {folder.model_folder}", run=folder.path, model=folder.model_folder)
+    _tell_accuracy(folder)
+    say(f"Next: {next_one}")
 
 
 def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: Seed = 0) -> None:
@@ -154,8 +156,16 @@ def _tell(run: RunFolder, following: str | None = None) -> None:
     verdict = ObjectVerdict.load(run.verdict_file)
     if verdict is not None:
         say(verdict.sentence, object=verdict.to_json())
+    _tell_accuracy(run)
     if following is not None:
         say(f"Next: {following}")
+
+
+def _tell_accuracy(run: RunFolder) -> None:
+    """Print how well the run's object tells of its light, if that is known."""
+    accuracy = LightAccuracy.load(run.model_folder)
+    if accuracy is not None:
+        say(accuracy.sentence, light=accuracy.to_json())
 
 
 def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:

@@ -4,7 +4,7 @@ RUN/config.json  scene.json  metrics.jsonl  log.txt
 RUN/checkpoints/step-000001500/
 RUN/mesh/object.glb  base_color.png  orm.png  normal.png  asset.safetensors
 RUN/env/<photo>.exr
-RUN/model/                       Phase II weights, config and checkpoints
+RUN/model/                       Phase II weights, config and checkpoints; light_accuracy.json
 RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
 RUN/calibration.json             absolute brightness, if `lightprobe calibrate` was told; see `models.calibration`
 RUN/metrics.json

@@ -21,7 +21,7 @@ from lightprobe.evaluation.prediction_files import write_prediction
 from lightprobe.evaluation.stand_in import StandIn
 from lightprobe.evaluation.true_light import ConfidenceBins, TrueLight, falls
 from lightprobe.evaluation.views import TestView, halves
-from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, Status, Verdict, methods_for
 from lightprobe.scene.photo import Photo, Scene
 
@@ -125,6 +125,7 @@ def evaluate(
     protocols: Protocols | None = None,
     true_object: Decomposition | None = None,
     prediction: PredictConfig | None = None,
+    accuracy: LightAccuracy | None = None,
     on_photo: OnPhoto | None = None,
     on_view: OnView | None = None,
 ) -> Evaluation:
@@ -133,7 +134,8 @@ def evaluate(
     With `run`, predictions are written to its folder, each method's to one of its own; those of the first that
     `methods_for` names also to the place without a name, where no other method's ever go. `true_object` is relit with
     the predicted lights in place of the decomposition's own object. `prediction`: how lights are predicted, by default
-    as after the preset `quick`. `on_view` receives the default method's result for every photo.
+    as after the preset `quick`. `accuracy`: of the run's maps, for their confidence. `on_view` receives the default
+    method's result for every photo.
     A photo that cannot be scored is left out and named in `Evaluation.skipped`. Raises `InputError` when no test photo
     is left.
     """
@@ -142,7 +144,7 @@ def evaluate(
     own, device = methods_for(model, prediction), device or torch.device("cpu")
     methods = methods or own
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
-    predictor = Predictor(decomposition, model, device, config=prediction)
+    predictor = Predictor(decomposition, model, device, config=prediction, accuracy=accuracy)
     judge = _Judge.of(decomposition, predictor, scene, protocols or Protocols(), device, true_object)
     evaluator = _Evaluator(judge, methods, own[0], run, on_view)
     for done, photo in enumerate(scene.test):

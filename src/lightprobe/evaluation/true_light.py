@@ -34,6 +34,15 @@ class TrueLight:
         """Read an environment file and light spheres with it at `center` (3,), seen by an input-frame camera."""
         environment = Environment.load(path, device, resolution)
         light = reduced(torch.from_numpy(np.ascontiguousarray(read_hdr(path)[..., :3], np.float32)), HEIGHT)
+        return TrueLight._shown(environment, light, camera, center)
+
+    @staticmethod
+    def of(environment: Environment, camera: Camera, center: np.ndarray) -> "TrueLight":
+        """Return the same of a light known as a cubemap of the predictions' resolution; `center` (3,) as above."""
+        return TrueLight._shown(environment, equirect.from_cubemap(environment.texels.cpu(), HEIGHT), camera, center)
+
+    @staticmethod
+    def _shown(environment: Environment, light: Tensor, camera: Camera, center: np.ndarray) -> "TrueLight":
         up = torch.from_numpy(camera.camera_to_world[:3, 1].copy())
         spheres = ThreeSpheres(torch.from_numpy(camera.position - center), up)
         return TrueLight(environment, len(light), spheres, spheres.light(light))

@@ -44,12 +44,13 @@ _SHARES = {Place.SUN: 0.3, Place.OVERCAST: 0.12, Place.ROOM: 0.26, Place.STUDIO:
 
 
 def generated_light(
-    resolution: int, *, seed: int, step: int = 0, up: Tensor | None = None, tumbled: float = 0.1,
+    resolution: int, *, seed: int, step: int = 0, up: Tensor | None = None, turn: float = 0.0, tumbled: float = 0.1,
     place: Place | None = None, device: torch.device | None = None,
 ) -> Tensor:  # fmt: skip
     """Return a light (6, R, R, 3) float32, linear, finite and >= 0, with a mean near 1; equal arguments, equal bits.
 
     up: (3,) the direction that is up for the object, by default +z; every light is turned about it at random.
+    turn: radians by which it is turned further, anticlockwise as seen from above.
     tumbled: share of the lights that are turned any way instead, for objects photographed lying.
     place: the family, by default a random one.
     device: where it is made, by default the CPU; bits are equal on one device only.
@@ -58,7 +59,7 @@ def generated_light(
     chosen = place or draw.choice(list(_SHARES), list(_SHARES.values()))
     upwards = torch.tensor([0.0, 0.0, 1.0]) if up is None else up.cpu()
     world = draw.direction() if draw.uniform(0, 1) < tumbled else upwards
-    rotation = upright(world, draw.uniform(0, 2 * math.pi))
+    rotation = upright(world, draw.uniform(0, 2 * math.pi) + turn)
     fine = cubemap.directions(_OVERSAMPLING * resolution, device or torch.device("cpu")).reshape(-1, 3)
     radiance = _MAKERS[chosen](fine @ beside(rotation, fine).T, draw).clamp(min=0)
     side = _OVERSAMPLING * resolution

@@ -1,7 +1,8 @@
 """What training leaves and prediction works with: the decomposed object, and the networks that read light off it."""
 
 from lightprobe.models.decomposition import Decomposition
+from lightprobe.models.light_accuracy import LightAccuracy
 from lightprobe.models.object_verdict import ObjectVerdict
 from lightprobe.models.probe_model import ProbeModel
 
-__all__ = ["Decomposition", "ObjectVerdict", "ProbeModel"]
+__all__ = ["Decomposition", "LightAccuracy", "ObjectVerdict", "ProbeModel"]

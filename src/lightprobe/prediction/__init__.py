@@ -3,10 +3,10 @@
 from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.prediction.background import BackgroundUse
 from lightprobe.prediction.prediction import Prediction, check_names
-from lightprobe.prediction.predictor import Predictor, methods_for, recorded_config
+from lightprobe.prediction.predictor import Predictor, is_fitted, methods_for, recorded_config
 from lightprobe.prediction.verdict import Status, Verdict
 
 __all__ = [
     "BackgroundUse", "Method", "PredictConfig", "Prediction", "Predictor", "Status", "Verdict", "check_names",
-    "methods_for", "recorded_config",
+    "is_fitted", "methods_for", "recorded_config",
 ]  # fmt: skip

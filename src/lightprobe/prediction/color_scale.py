@@ -7,10 +7,10 @@ so that 1 / confidence is the factor that a direction's radiance is probably off
 
 import numpy as np
 
-RANGE = (0.2, 0.6)
-"""Off by a factor of 5, and of 1.7. Nearly all confidences lie between; the others get the colour of the end."""
+RANGE = (0.3, 0.7)
+"""Off by a factor of 3.3, and of 1.4. Nearly all confidences lie between; the others get the colour of the end."""
 
-TICKS = (0.2, 0.3, 0.4, 0.5, 0.6)  # of the legend, confidences
+TICKS = (0.3, 0.4, 0.5, 0.6, 0.7)  # of the legend, confidences
 
 # Dark to bright in even steps (viridis), sRGB: differences still show in grey and to the colour-blind.
 _STOPS = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")

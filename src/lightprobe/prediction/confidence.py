@@ -12,9 +12,10 @@ so that .5 says: probably off by a factor of two. e is a weighted sum of what ra
     rough       e-folds between a direction and its surroundings of some ten degrees: detail is the least certain
 
 A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is estimated with
-random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to training photos of three
-scenes with known lights; `tools/fit_confidence.py` fits them to lights that the project makes, and
-docs/decisions/confidence-weights.md says what it found. The evaluation checks them on test photos.
+random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to simulated photos of six
+objects (`tools/fit_confidence.py`, docs/decisions/confidence-weights.md). How much a single object tells of its light
+at all, no cause says: the sum is multiplied by what simulated photos of that object ask for
+(`models.light_accuracy`). The evaluation checks all of it on test photos.
 """
 
 from dataclasses import dataclass
@@ -50,22 +51,24 @@ class Weights:
     least: float
 
 
-FITTED = Weights(unseen=0.0, unpinned=0.15, bright=0.25, dark=0.20, rough=0.40, least=0.52)
-# The error of maps that never met the photo's pixels did not follow what the photo pins.
-ESTIMATED = Weights(unseen=0.0, unpinned=0.0, bright=0.39, dark=0.0, rough=0.64, least=0.80)
+FITTED = Weights(unseen=0.0, unpinned=0.09, bright=0.18, dark=0.01, rough=0.54, least=0.35)
+ESTIMATED = Weights(unseen=0.0, unpinned=0.10, bright=0.15, dark=0.0, rough=0.72, least=0.37)
 
 
-def confidence(observation: Observation, environment: Tensor, *, fitted: bool, seed: int, doubt: float = 0.0) -> Tensor:
+def confidence(
+    observation: Observation, environment: Tensor, *, fitted: bool, seed: int, scale: float = 1.0, doubt: float = 0.0
+) -> Tensor:
     """Return the confidence (6, R, R) in (0, 1) of a map (6, R, R, 3) predicted from `observation`; deterministic.
 
     fitted: whether the map was fitted to the photo's pixels, which leaves errors of another kind.
+    scale: how many times as large as a usual object's the errors are with this one (`models.light_accuracy`).
     doubt: what the photo's verdict adds to the error, >= 0 (`prediction.verdict`); 0 for a good photo.
     """
     weights = FITTED if fitted else ESTIMATED
-    error = torch.full_like(environment[..., 0], weights.least + doubt)
+    error = torch.full_like(environment[..., 0], weights.least)
     for name, cause in error_causes(observation, environment, seed).items():
         error += getattr(weights, name) * cause
-    return torch.exp(-error)
+    return torch.exp(-scale * error - doubt)
 
 
 @torch.no_grad()

@@ -22,6 +22,7 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
+from lightprobe.models.light_accuracy import LightAccuracy
 from lightprobe.models.probe_model import ProbeModel
 from lightprobe.prediction.background import BackgroundUse, SeenLight, with_background
 from lightprobe.prediction.confidence import confidence
@@ -54,6 +55,11 @@ def methods_for(model: ProbeModel | None, config: PredictConfig | None = None) -
     return tuple(possible)
 
 
+def is_fitted(method: Method) -> bool:
+    """Return whether the method's maps are fitted to the photo's pixels, by its last step."""
+    return method in _FITTED
+
+
 def recorded_config(run: RunFolder) -> PredictConfig:
     """Return the configuration that a run keeps for predictions; runs of before there was one get the usual one."""
     return PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else PredictConfig()
@@ -72,8 +78,12 @@ class Predictor:
         solve_config: SolveConfig | None = None,
         optimize_config: OptimizeConfig | None = None,
         seed: int = 0,
+        accuracy: LightAccuracy | None = None,
     ):
-        """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset `quick`."""
+        """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset `quick`.
+
+        accuracy: of the object's maps, which scales the confidence; without it the object is taken for a usual one.
+        """
         self.device = full_precision(device or torch.device("cpu"))
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         # The networks know the object as it was trained; what they say of it is calibrated at the end.
@@ -86,6 +96,7 @@ class Predictor:
         self.optimize_config = optimize_config or OptimizeConfig()
         self.refine_config = refinement()
         self.seed = seed
+        self.accuracy = accuracy
 
     @staticmethod
     def load(run: Path | str, device: torch.device | None = None, config: PredictConfig | None = None) -> "Predictor":
@@ -98,7 +109,8 @@ class Predictor:
         folder, where = RunFolder.open(Path(run)), device or torch.device("cpu")
         model = ProbeModel.load(folder.model_folder) if ProbeModel.exists(folder.model_folder) else None
         return Predictor(
-            Decomposition.load(folder, where), model, where, config=config or recorded_config(folder)
+            Decomposition.load(folder, where), model, where, config=config or recorded_config(folder),
+            accuracy=LightAccuracy.load(folder.model_folder),
         )  # fmt: skip
 
     @torch.no_grad()
@@ -166,16 +178,18 @@ class Predictor:
         if refuse and verdict.status is Status.REFUSED:
             raise InputError(" ".join(verdict.sentences))
         light = torch.stack([self._prior(photo, method, clock) for photo in photos]).mean(0)
-        if method in _FITTED:
+        if is_fitted(method):
             with clock.part("solve"):
                 light = _FITTED[method](self, joint, light, len(photos))
         calibration = self.decomposition.calibration
         with clock.part("confidence"):
             known = self.decomposition.verdict
             doubt = max(verdict.doubt, doubt, 0.0 if known is None else known.doubt)
-            trust = confidence(joint, light, fitted=method in _FITTED, doubt=doubt, seed=self.seed)
+            trust = confidence(
+                joint, light, fitted=is_fitted(method), scale=self._scale(method), doubt=doubt, seed=self.seed
+            )
             use = BackgroundUse.ABSENT
-            if seen is not None and method in _FITTED:
+            if seen is not None and is_fitted(method):
                 # What is seen is radiance itself; the map is so only after the run's calibration, further down.
                 seen = seen if calibration is None else seen.divided(calibration.tensor(self.device))
                 light, trust, use = with_background(joint, light, trust, seen, self.seed)
@@ -187,6 +201,11 @@ class Predictor:
             factor = calibration.tensor(self.device)
             environment, split = environment.scaled(factor), None if split is None else split.scaled(factor)
         return Prediction(environment, trust, clock.finish(), verdict, use, split, calibration)
+
+    def _scale(self, method: Method) -> float:
+        if self.accuracy is None:
+            return 1.0
+        return self.accuracy.fitted_scale if is_fitted(method) else self.accuracy.estimated_scale
 
     def _prior(self, observation: Observation, method: Method, clock: "_Clock") -> Tensor:
         with clock.part("rasterise"):

@@ -51,6 +51,7 @@ class Record:
     iterations: str = ""  # where the paper's are cut: how many of how many
     training: dict[str, float] = field(default_factory=dict)  # phase -> seconds, and `memory` in GiB
     object_verdict: dict[str, Any] = field(default_factory=dict)  # as `ObjectVerdict.to_json`, where there is one
+    light_accuracy: dict[str, Any] = field(default_factory=dict)  # as `LightAccuracy.to_json`, where there is one
 
     @property
     def name(self) -> str:

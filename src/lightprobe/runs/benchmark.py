@@ -14,8 +14,7 @@ from lightprobe.core.config import Preset, settings
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.models import ProbeModel
-from lightprobe.models.object_verdict import ObjectVerdict
+from lightprobe.models import LightAccuracy, ObjectVerdict, ProbeModel
 from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
 from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
@@ -207,8 +206,10 @@ class Benchmark:
             about = {**vars(record), "metrics": read_json(metrics), "command": self._unplaced(text)}
             about |= {"commit": commit(), "machine": machine(), "threads": threads(), "training": training_costs(run)}
             about |= {"trained": read_json(trained)["commit"]} if trained.is_file() else {}
-            verdict = None if record.kind is Kind.ORACLE else ObjectVerdict.load(run.verdict_file)
-            about |= {"object_verdict": verdict.to_json()} if verdict is not None else {}
+            if record.kind is not Kind.ORACLE:
+                verdict, accuracy = ObjectVerdict.load(run.verdict_file), LightAccuracy.load(run.model_folder)
+                about |= {"object_verdict": verdict.to_json()} if verdict is not None else {}
+                about |= {"light_accuracy": accuracy.to_json()} if accuracy is not None else {}
             Record(**about).write(self.records)
 
     def _command(self, name: str, command: Sequence[str]) -> bool:

@@ -23,7 +23,7 @@ from lightprobe.evaluation import (
     evaluate,
     oracle_decomposition,
 )
-from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.prediction import Method, methods_for, recorded_config
 from lightprobe.report import Report, evenly_spaced, view_pictures, write_report
 from lightprobe.report.run_info import read_phases, training_commands, training_facts
@@ -112,6 +112,7 @@ class _Subject:
     default: Method  # the run's own
     methods: tuple[Method, ...]
     device: torch.device
+    accuracy: LightAccuracy | None  # of the run's maps
 
     @staticmethod
     def load(run: RunFolder, given: EvaluationOptions, scene_folder: Path | None, device: torch.device) -> "_Subject":
@@ -123,7 +124,10 @@ class _Subject:
         every = methods_for(model, prediction)
         methods = default_first((*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ())), every[0])
         out = run.oracle if given.oracle else run
-        return _Subject(decomposition, true_object, model, scene, out, prediction, every[0], methods, device)
+        accuracy = LightAccuracy.load(run.model_folder)
+        return _Subject(
+            decomposition, true_object, model, scene, out, prediction, every[0], methods, device, accuracy
+        )  # fmt: skip
 
     def evaluate(
         self, given: EvaluationOptions, on_progress: OnProgress
@@ -139,7 +143,7 @@ class _Subject:
         result = evaluate(
             self.true_object if given.oracle and self.true_object is not None else self.decomposition, self.model,
             self.scene, methods=self.methods, device=self.device, run=self.out, protocols=given.protocols,
-            true_object=self.true_object, prediction=self.prediction, on_view=keep,
+            true_object=self.true_object, prediction=self.prediction, accuracy=self.accuracy, on_view=keep,
             on_photo=lambda done, total: on_progress("evaluate", done, total),
         )  # fmt: skip
         return result, pictures
@@ -153,6 +157,7 @@ class _Subject:
             "triangles": f"{len(self.decomposition.asset.mesh.faces):,}",
             "textures": f"{self.decomposition.asset.textures.size}²",
             **({} if verdict is None else {"object": verdict.sentence.removeprefix("The object is ")}),
+            **({} if self.accuracy is None else {"light": self.accuracy.sentence}),
         }
 
 

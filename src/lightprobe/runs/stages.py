@@ -14,16 +14,18 @@ from lightprobe.core.processes import ALONE, Processes
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
 from lightprobe.distillation.training import stages
+from lightprobe.evaluation.simulated_photos import light_accuracy
 from lightprobe.export import write_run_outputs
 from lightprobe.light.environment import Environment, load_environments
 from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.models.light_accuracy import FILE
 from lightprobe.reconstruction import OnStep, Progress, decompose
 from lightprobe.runs.progress import OnProgress
 from lightprobe.runs.recorder import PhaseRecorder
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
-from lightprobe.scene.record import scene_record
+from lightprobe.scene.record import read_record, scene_record
 
 _SMALLEST_LOCATED = 64  # pixels: smaller photos have no features; views of such objects are made if asked for
 MAP_RESOLUTION = 32  # texels along each cubemap edge of the maps of --hdri
@@ -127,6 +129,22 @@ def _distill_steps(recorder: PhaseRecorder, config: DistillConfig) -> OnStep:
         recorder.step("distill", first_step[stage] + step, config.total_steps, loss)
 
     return on_step
+
+
+def keep_accuracy(
+    run: RunFolder, decomposition: Decomposition, model: ProbeModel, predict: PredictConfig, device: torch.device,
+    seed: int, on_progress: OnProgress,
+) -> None:  # fmt: skip
+    """Keep how well the object tells of its light, from simulated photos of it, for people and for the confidence."""
+    if (run.model_folder / FILE).exists() or model.config.simulated_photos == 0:
+        return
+    cameras = list(read_record(run).cameras["train"].values())
+    accuracy = light_accuracy(
+        decomposition, model, cameras, predict, device, seed,
+        lambda done, total: on_progress("simulated photos", done, total), count=model.config.simulated_photos,
+    )  # fmt: skip
+    if accuracy is not None:
+        accuracy.save(run.model_folder)
 
 
 def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_progress: OnProgress) -> None:

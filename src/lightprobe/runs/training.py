@@ -17,6 +17,7 @@ from lightprobe.runs.preparing import prepared_in
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.runs.stages import (
     UserMaps,
+    keep_accuracy,
     keep_views,
     open_scene,
     restart_decompose,
@@ -56,7 +57,8 @@ def train_run(
         first = decompose or settings(preset).decompose
         found = run_decompose(run, scene, first, where, seed, on_progress)
         prediction = predict or settings(preset).predict
-        run_distill(run, found, lambda: scene, second, where, seed, on_progress, maps, prediction)
+        model = run_distill(run, found, lambda: scene, second, where, seed, on_progress, maps, prediction)
+        keep_accuracy(run, found, model, prediction, where, seed, on_progress)
         keep_views(run, found, scene, on_progress)
     return run
 
@@ -97,10 +99,12 @@ def distill_run(
         if restart and processes.first:
             restart_distill(run)
         found = Decomposition.load(run, where, calibrated=False)
-        run_distill(
+        model = run_distill(
             run, found, lambda: open_scene(run, scene_folder), second, where, seed,
             on_progress if processes.first else silent, maps, prediction, processes,
         )  # fmt: skip
+        if processes.first:
+            keep_accuracy(run, found, model, prediction, where, seed, on_progress)
     return run
 
 

@@ -116,6 +116,8 @@ class DistillConfig:
     """Weigh bright and dark directions above middling ones (Equation 6, second weight)."""
     checkpoint_every: int = 1000
     """Steps between checkpoints."""
+    simulated_photos: int = 24
+    """Photos of the object that are simulated at the end, to find how well it tells of its light; 0: none."""
 
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
@@ -126,8 +128,9 @@ class DistillConfig:
         for name in positive:
             if getattr(self, name) < 1:
                 raise ConfigError(f"distill.{name} must be at least 1, not {getattr(self, name)}.")
-        if self.sphere_steps < 0:
-            raise ConfigError(f"distill.sphere_steps must not be negative, but is {self.sphere_steps}.")
+        for name in ("sphere_steps", "simulated_photos"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"distill.{name} must not be negative, but is {getattr(self, name)}.")
         for name in ("learning_rate", "sphere_learning_rate"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ConfigError(f"distill.{name} must be positive and finite, not {getattr(self, name)}.")

@@ -1,0 +1,145 @@
+"""Photos of a reconstructed object, rendered under known lights: how well it tells of its light, without any truth.
+
+    a training camera, a generated light -> the object with errors of the usual size, exposure, noise, clipping, 8 bits
+      -> the predictor -> the map against the light, the spheres, and the error that the confidence expected
+
+Every object gets the same lights, none of which a training has seen, so that its numbers compare it with others. What
+is wrong with this one object in particular they do not see: that is `models.object_verdict`'s part.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lightprobe.core.config.prediction import Method, PredictConfig
+from lightprobe.core.device import generator
+from lightprobe.core.errors import InputError
+from lightprobe.evaluation.metrics import aligned, log_difference
+from lightprobe.evaluation.three_spheres import SPHERES
+from lightprobe.evaluation.true_light import TrueLight
+from lightprobe.lessons.draw import Draw, upright
+from lightprobe.lessons.generated_lights import generated_light
+from lightprobe.lessons.synthetic import rerender
+from lightprobe.light.cubemap import sphere_mean
+from lightprobe.light.environment import Environment
+from lightprobe.models import Decomposition, ProbeModel
+from lightprobe.models.light_accuracy import LightAccuracy
+from lightprobe.prediction import Prediction, Predictor, is_fitted, methods_for
+from lightprobe.render.asset import rasterize_asset
+from lightprobe.scene.camera import Camera, up_of
+from lightprobe.scene.photo import Pixels
+
+_SEED = 2026  # of lights and photos; trainings have other seeds
+_LARGEST_SIDE = 320  # pixels: what is predicted from larger photos is hardly better
+_LARGEST_MAP = 32  # texels along a cubemap edge: the photos of the paper's 128 take minutes
+
+
+@dataclass(frozen=True)
+class SimulatedPhoto:
+    """A photo of the object, and the light that belongs to it."""
+
+    pixels: Pixels
+    camera: Camera  # input frame
+    light: Tensor  # (6, R, R, 3) linear radiance in the photo's exposure
+
+
+@torch.no_grad()
+def simulated_photos(
+    decomposition: Decomposition, cameras: Sequence[Camera], count: int, resolution: int, device: torch.device
+) -> Iterator[SimulatedPhoto]:
+    """Yield `count` photos from input-frame `cameras`, evenly chosen, under lights (6, R, R, 3) of `resolution` R."""
+    up = torch.from_numpy(up_of(cameras)).float()
+    for number in range(count):
+        camera = _reduced(cameras[number * len(cameras) // count])
+        turn = _azimuth(camera, up)  # the light comes from where it does for every other object's camera
+        light = generated_light(resolution, seed=_SEED, step=number, up=up, turn=turn, device=device)
+        gbuffer = rasterize_asset(decomposition.asset, camera.normalised(decomposition.similarity), device)
+        if len(gbuffer.pixel) == 0:
+            continue  # the object is not in this photo
+        color, factor = rerender(gbuffer, light, Draw(generator(_SEED, "simulated-photo", number)))
+        image, alpha = np.zeros((camera.height * camera.width, 3), np.float32), np.zeros(camera.height * camera.width)
+        at = gbuffer.pixel.cpu().numpy()
+        image[at], alpha[at] = color.cpu().numpy(), 1
+        shape = (camera.height, camera.width)
+        pixels = Pixels.of(image.reshape(*shape, 3), alpha.reshape(shape).astype(np.float32))
+        yield SimulatedPhoto(pixels, camera, light * factor)
+
+
+def _azimuth(camera: Camera, up: Tensor) -> float:
+    """Return the angle in radians about `up` (3,) that the camera stands at."""
+    back = upright(up, 0.0) @ torch.from_numpy(camera.camera_to_world[:3, 2]).float()
+    return math.atan2(float(back[1]), float(back[0]))
+
+
+def _reduced(camera: Camera) -> Camera:
+    shrink = min(1.0, _LARGEST_SIDE / max(camera.width, camera.height))
+    return camera.resized(max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink)))
+
+
+def directional_error(found: Tensor, light: Tensor) -> Tensor:
+    """Return the error of ln radiance (6, R, R) of a map (6, R, R, 3) after the one factor that fits it best."""
+    return aligned(log_difference(found, light)).square().mean(-1).sqrt()
+
+
+def light_accuracy(
+    decomposition: Decomposition, model: ProbeModel, cameras: Sequence[Camera], config: PredictConfig,
+    device: torch.device, seed: int, on_photo: Callable[[int, int], None] | None = None, *, count: int,
+) -> LightAccuracy | None:  # fmt: skip
+    """Return what the maps predicted for `count` simulated photos come to; None where none of them shows the object.
+
+    cameras: input-frame ones of the training photos. config: how the run predicts. on_photo: hears of (done, all).
+    """
+    config = replace(config, light_resolution=min(config.light_resolution, _LARGEST_MAP))
+    plain = replace(decomposition, verdict=None)  # whose doubt the confidence adds by itself
+    predictor = Predictor(plain, model, device, config=config, seed=seed)
+    methods = methods_for(model)
+    fitted, estimated = (next(m for m in methods if is_fitted(m) is kind) for kind in (True, False))
+    shown = estimated if methods_for(model, config)[0] is estimated else fitted
+    found: dict[Method, list[_Outcome]] = {fitted: [], estimated: []}
+    photos = simulated_photos(decomposition, cameras, count, config.light_resolution, device)
+    for done, photo in enumerate(photos, start=1):
+        for method, outcomes in found.items():
+            try:
+                prediction = predictor.predict(photo.pixels, photo.camera, method, refuse=False)
+            except InputError:  # too little of the object is in it
+                continue
+            outcomes.append(_Outcome.of(prediction, photo, decomposition.similarity.center))
+        if on_photo is not None:
+            on_photo(done, count)
+    if not found[shown]:
+        return None
+    diffuse, matte, mirror = (_mean([outcome.spheres[name] for outcome in found[shown]]) for name in SPHERES)
+    return LightAccuracy(
+        len(found[shown]), _mean([outcome.error for outcome in found[shown]]), (diffuse, matte, mirror),
+        _scale(found[fitted]), _scale(found[estimated]),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What a map came to; errors of ln radiance are means by solid angle."""
+
+    error: float
+    expected: float  # by the confidence, less what the photo's verdict adds
+    spheres: dict[str, float]  # si-RMSE
+
+    @staticmethod
+    def of(prediction: Prediction, photo: SimulatedPhoto, center: np.ndarray) -> "_Outcome":
+        error = directional_error(prediction.environment.texels, photo.light)
+        expected = -prediction.confidence.log() - prediction.verdict.doubt
+        scores = TrueLight.of(Environment(photo.light), photo.camera, center).scores(prediction)
+        spheres = {name: scores[f"{name}_si_rmse"] for name in SPHERES}
+        return _Outcome(float(sphere_mean(error)), float(sphere_mean(expected)), spheres)
+
+
+def _scale(outcomes: Sequence[_Outcome]) -> float:
+    """Return how many times as large as expected the errors are."""
+    return sum(outcome.error for outcome in outcomes) / sum(outcome.expected for outcome in outcomes)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
