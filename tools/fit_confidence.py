@@ -56,6 +56,8 @@ def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, pho
     resolution, decomposition = predictor.config.light_resolution, predictor.decomposition
     rows, errors = [], []
     for photo in simulated_photos(decomposition, cameras, photos, resolution, predictor.device):
+        if photo is None:
+            continue
         found = predictor.predict(photo.pixels, photo.camera, method, refuse=False).environment.texels
         view = photo.camera.normalised(decomposition.similarity)
         observation = observe(decomposition.asset, photo.pixels, view, predictor.device, predictor.config.max_pixels)

@@ -13,6 +13,10 @@ One whose masks do not show that it is open:
 
     python tools/make_demo_scene.py open --object mug --samples 160
 
+One without any texture, to see how well new photos of it are located:
+
+    python tools/make_demo_scene.py smooth --object pebble --samples 160
+
 Needs the development extra `mitsuba` and an LLVM shared library, newer than 15 (Debian: `apt install libllvm19`).
 Nothing is downloaded: geometry, textures and training lights are computed, the lights of the test photos are the three
 CC0 environments in `demo_scene/hdri`. The same options make the same scene.

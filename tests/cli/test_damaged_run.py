@@ -230,6 +230,8 @@ def test_names_in_a_run_are_never_paths(damaged, tmp_path, capsys):
         ("mesh/asset.safetensors", cases(WHOLE_FILE), ["predict", "export"], False),
         ("model/config.json", cases((emptied, cut, *WHOLE_FILE[4:])), ["predict", "train"], True),
         ("model/config.json", cases((), 15), ["predict"], True),
+        ("model/light_accuracy.json", cases((*WHOLE_FILE[:3], *WHOLE_FILE[4:])), ["predict", "eval", "train"], False),
+        ("model/light_accuracy.json", cases((), 15), ["predict"], True),
         ("model/illumination_mlp.safetensors", cases(WHOLE_FILE), ["predict", "train"], False),
         ("model/sphere_net.safetensors", cases(WHOLE_FILE), ["predict", "train"], False),
     ],

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from datetime import datetime
 from importlib.metadata import version
 from urllib.parse import unquote
@@ -11,8 +12,10 @@ import pytest
 
 from lightprobe.cli.evaluation import print_tables
 from lightprobe.evaluation import Evaluation
-from lightprobe.prediction import Method
+from lightprobe.imaging import read_hdr
+from lightprobe.prediction import Method, Predictor
 from lightprobe.report.headings import LIGHTS, OBJECT
+from lightprobe.scene import load_photo
 from tests.cli.commands import succeed
 
 OWN, OTHER = Method.PROBE_NET_OPTIMIZE, Method.CONSTANT
@@ -90,6 +93,7 @@ def test_the_report_says_how_the_run_was_made(trained):
     succeed("eval", run.path, "--no-unseen", "--methods", "probe-net+optimize")
     page = run.report_file.read_text()
     for words in (
+        "On 2 simulated photos of the object the directions of the predicted map were off by",
         "Phase I 12 + 8 + 10 steps",
         "Phase II 12 + 6 steps",
         "seed 0",
@@ -100,3 +104,17 @@ def test_the_report_says_how_the_run_was_made(trained):
     assert "lightprobe train SCENE -o RUN --preset quick --seed 0 --decompose.pass1-iterations 12" in page
     assert "lightprobe eval RUN --methods probe-net+optimize --no-unseen" in page
     assert str(run.path) not in page
+
+
+@pytest.mark.slow
+def test_the_confidence_is_that_of_the_runs_own_accuracy(trained, tmp_path):
+    scene, run = trained
+    succeed("eval", run.path, "--no-unseen", "--methods", "constant")
+    stored = read_hdr(run.prediction_file("test_00", ".confidence.exr", "constant"))
+    photo = load_photo(scene / "test" / "test_00.png", camera=scene / "transforms_test.json")
+    predictor = Predictor.load(run.path)
+    assert predictor.accuracy is not None
+    for scale, same in ((predictor.accuracy.estimated_scale, True), (1.0, False)):
+        predictor.accuracy = replace(predictor.accuracy, estimated_scale=scale)
+        predictor.predict(*photo, Method.CONSTANT).save_confidence(tmp_path / "confidence.exr")
+        assert np.allclose(stored, read_hdr(tmp_path / "confidence.exr"), atol=2e-3) == same

@@ -1,12 +1,14 @@
 """That a training's settings come from where the user expects them."""
 
 import dataclasses
+import json
 import shlex
 
 from lightprobe.cli import training
 from lightprobe.cli.main import main
 from lightprobe.core.config import distillation, reconstruction
 from lightprobe.core.run import RunFolder
+from lightprobe.models import LightAccuracy
 from lightprobe.report.run_info import read_phases, training_commands
 from tests.cli.commands import fails, succeed
 
@@ -39,3 +41,16 @@ def test_phase_two_asks_for_the_preset_of_phase_one(tmp_path, monkeypatch, capsy
     succeed("distill", run.path, "--preset", "paper")
     succeed("distill", run.path, "--preset", "quick")
     assert [options["distill"] for options in given] == [distillation.paper(), distillation.quick()]
+
+
+def test_a_training_ends_with_what_to_expect_of_its_maps(tmp_path, monkeypatch, capsys):
+    run, accuracy = RunFolder.create(tmp_path / "run"), LightAccuracy("probe-net", 24, 0.5, (0.1, 0.2, 0.6), 0.8, 0.9)
+    accuracy.save(run.model_folder)
+    run.record_config("decompose", {"seed": 0, **dataclasses.asdict(reconstruction.quick())})
+    monkeypatch.setattr(training, "train_run", lambda *folders, **options: run)
+    monkeypatch.setattr(training, "distill_run", lambda folder, **options: run)
+    for command in (["train", run.path, "-o", run.path], ["distill", run.path]):
+        succeed(*command)
+        assert accuracy.sentence in capsys.readouterr().out
+        succeed(*command, "--json")
+        assert json.loads(capsys.readouterr().out)["light_accuracy"]["spheres"] == [0.1, 0.2, 0.6]

@@ -6,28 +6,29 @@ import pytest
 
 from lightprobe.core.errors import InputError
 from lightprobe.models import LightAccuracy
-from lightprobe.models.light_accuracy import FILE
 
-FOUND = LightAccuracy(16, 0.5306, (0.07, 0.21, 0.6), 0.61, 0.58)
+FOUND = LightAccuracy("probe-net+optimize", 16, 0.5306, (0.07, 0.21, 0.6), 0.61, 0.58)
 
 
 def test_it_comes_back_from_its_file(tmp_path):
     assert LightAccuracy.load(tmp_path) is None
+    assert not LightAccuracy.exists(tmp_path)
     FOUND.save(tmp_path)
     assert LightAccuracy.load(tmp_path) == FOUND
 
 
 def test_the_sentence_says_what_to_expect():
     assert FOUND.sentence == (
-        "On 16 simulated photos of it the predicted radiance was off by a factor of 1.70 on average, and three spheres "
-        "lit by it (diffuse, matte, mirror) by 0.070, 0.210 and 0.600."
+        "On 16 simulated photos of the object the directions of the predicted map were off by 1.70 times on average, "
+        "after one factor for all, and the spheres' si-RMSE (diffuse, matte, mirror) was 0.070, 0.210 and 0.600."
     )
-    assert FOUND.spheres_mean == pytest.approx(0.88 / 3)
 
 
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
+        ({"method": "magic"}, "'method'"),
+        ({"method": None}, "'method'"),
         ({"photos": 0}, "'photos'"),
         ({"photos": 1.5}, "'photos'"),
         ({"spheres": [0.1, 0.2]}, "'spheres'"),
@@ -41,6 +42,6 @@ def test_the_sentence_says_what_to_expect():
     ],
 )
 def test_a_damaged_file_is_refused_with_what_is_wrong(tmp_path, wrong, named):
-    (tmp_path / FILE).write_text(json.dumps(FOUND.to_json() | wrong))
+    (tmp_path / "light_accuracy.json").write_text(json.dumps(FOUND.to_json() | wrong))
     with pytest.raises(InputError, match=f"light_accuracy.*{named}"):
         LightAccuracy.load(tmp_path)

@@ -48,6 +48,17 @@ def test_what_stands_out_is_trusted_less(observation):
     assert float((after / before)[4].mean()) > 0.7
 
 
+@pytest.mark.parametrize("name", CAUSES)
+def test_each_cause_lowers_the_confidence_by_its_weight(observation, name, monkeypatch):
+    weights = dict.fromkeys(CAUSES, 0.0) | {name: 0.7, "least": 0.1}
+    monkeypatch.setattr("lightprobe.prediction.confidence.FITTED", Weights(**weights))
+    light = patch_light((1, 0, 0))
+    trust = confidence(observation, light, fitted=True, seed=3, scale=2.0, doubt=0.3)
+    cause = error_causes(observation, light, 3)[name]
+    assert float(cause.max()) > 0.1
+    torch.testing.assert_close(trust, torch.exp(-2 * (0.7 * cause + 0.1) - 0.3))
+
+
 def test_brightness_of_the_photo_does_not_matter(observation):
     light = patch_light((0.2, 1.0, 0.5))
     a, b = (confidence(observation, factor * light, fitted=True, seed=0) for factor in (1.0, 30.0))

@@ -209,7 +209,7 @@ def test_maps_of_a_poor_object_are_trusted_less(predictor, photo, disagreement, 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "scale"), [(Method.SOLVE, 0.5), (Method.CONSTANT, 2.0)])
 def test_the_confidence_follows_the_accuracy_of_the_objects_maps(predictor, photo, method, scale):
-    accuracy = LightAccuracy(16, 0.5, (0.1, 0.2, 0.6), fitted_scale=0.5, estimated_scale=2.0)
+    accuracy = LightAccuracy("solve", 16, 0.5, (0.1, 0.2, 0.6), fitted_scale=0.5, estimated_scale=2.0)
     known = Predictor(predictor.decomposition, config=predictor.config, accuracy=accuracy)
     plain = predictor.predict(photo, CAMERA, method)
     assert torch.allclose(known.predict(photo, CAMERA, method).confidence, plain.confidence**scale)

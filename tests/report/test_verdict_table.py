@@ -12,7 +12,7 @@ def judged(scene: str, disagreement: float, found: float, error: float, kind: Ki
     scored["mean"]["relight_psnr_scaled"] = found
     scored["methods"]["net"].update(spheres(error))
     verdict = ObjectVerdict(disagreement, photos=5, surprise=0.25).to_json()
-    accuracy = LightAccuracy(16, 0.5, (error / 2, error, error * 3), 1.0, 1.0).to_json()
+    accuracy = LightAccuracy("net", 16, 0.5, (error / 2, error, error * 3), 1.0, 1.0).to_json()
     return record(scene, kind, scored, object_verdict=verdict, light_accuracy=accuracy, **about)
 
 

@@ -35,7 +35,7 @@ class Program:
             path.write_text("{}")
         write_timing(run.timings_file, "decompose", PhaseTiming(630.2, None, True))
         ObjectVerdict(0.04, photos=5).save(run.verdict_file)
-        LightAccuracy(16, 0.5, (0.05, 0.2, 0.6), 0.6, 0.7).save(run.model_folder)
+        LightAccuracy("probe-net+optimize", 16, 0.5, (0.05, 0.2, 0.6), 0.6, 0.7).save(run.model_folder)
 
     def _evaluate(self, words):
         run = RunFolder(Path(words[1]))

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from lightprobe.core.run import RunFolder
+from lightprobe.models import LightAccuracy
 from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.runs.locations import LocationFiles
 from lightprobe.runs.new_photos import PhotoFiles
@@ -55,6 +56,13 @@ def test_a_run_that_has_changed_is_loaded_anew(runs):
     os.utime(runs[1].config_file)
     assert loaded.get(runs[1]) is not before
     assert len(loaded.paths) == 1
+
+
+def test_a_run_whose_light_accuracy_has_come_is_loaded_anew(runs):
+    loaded = LoadedRuns(CPU)
+    assert loaded.get(runs[1]).predictor.accuracy is None
+    LightAccuracy("probe-net", 16, 0.5, (0.1, 0.2, 0.6), 0.8, 0.9).save(runs[1].model_folder)
+    assert loaded.get(runs[1]).predictor.accuracy is not None
 
 
 def test_the_scenes_own_photo_needs_no_camera_under_any_name(runs, tmp_path):

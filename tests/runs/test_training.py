@@ -10,7 +10,6 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.timings import read_timings
-from lightprobe.models.light_accuracy import FILE
 from lightprobe.report.provenance import training_costs
 from tests.toy_scene import TINY_DISTILL, TINY_WITHOUT_TRIALS, write_toy_scene
 
@@ -48,7 +47,7 @@ def test_one_call_trains_a_run_that_a_predictor_loads(tmp_path):
     heard.clear()
     lightprobe.train(scene, run.path, **settings, on_progress=lambda *told: heard.append(told))
     assert heard == []  # both phases were finished
-    (run.model_folder / FILE).unlink()  # as runs of older versions
+    (run.model_folder / "light_accuracy.json").unlink()  # as a training that was killed before it
     lightprobe.train(scene, run.path, **settings)
     assert lightprobe.Predictor.load(run.path).accuracy == predictor.accuracy
     with pytest.raises(ConfigError, match=r"decompose\.seed = 3, not 4"):

@@ -5,12 +5,13 @@ from demo_scene.check import first_hit
 from demo_scene.dark_shapes import camera, lantern, toy_car
 from demo_scene.geometry import coffee_pot, rounded_curve, turned, weld
 from demo_scene.mug import mug
+from demo_scene.pebble import pebble
 
 PARTS = coffee_pot()
-ALL_PARTS = [(make.__name__, part) for make in (coffee_pot, toy_car, camera, lantern, mug) for part in make()]
+ALL_PARTS = [(make.__name__, part) for make in (coffee_pot, toy_car, camera, lantern, mug, pebble) for part in make()]
 
 
-@pytest.mark.parametrize("make", [coffee_pot, toy_car, camera, lantern, mug])
+@pytest.mark.parametrize("make", [coffee_pot, toy_car, camera, lantern, mug, pebble])
 def test_an_object_is_centred_and_its_farthest_vertex_lies_at_one(make):
     points = np.concatenate([part.vertices for part in make()])
     np.testing.assert_allclose((points.min(axis=0) + points.max(axis=0)) / 2, 0, atol=1e-12)
@@ -60,7 +61,7 @@ def test_weld_merges_equal_vertices_and_drops_what_vanishes():
     assert len(triangles) == 2
 
 
-@pytest.mark.parametrize("make", [toy_car, camera, lantern, mug])
+@pytest.mark.parametrize("make", [toy_car, camera, lantern, mug, pebble])
 def test_closed_parts_hold_space_and_so_face_outwards(make):
     for part in make():
         a, b, c = (part.vertices[part.faces[:, k]] - part.vertices.mean(axis=0) for k in range(3))

@@ -38,7 +38,7 @@ def test_equal_options_make_equal_scenes(tmp_path, subject):
 def test_an_unknown_object_is_refused_and_the_known_ones_named(tmp_path):
     refused = run(str(TOOLS / "make_demo_scene.py"), str(tmp_path / "new"), "--object", "teapot")
     assert refused.returncode == 2
-    for subject in ("coffee-pot", "toy-car", "camera", "lantern", "mug"):
+    for subject in ("coffee-pot", "toy-car", "camera", "lantern", "mug", "pebble"):
         assert subject in refused.stderr
     assert not (tmp_path / "new").exists()
 

@@ -8,6 +8,7 @@ from . import dark_shapes
 from .dark_paints import CAMERA_PAINTERS, CAR_PAINTERS, LANTERN_PAINTERS
 from .geometry import Part, coffee_pot
 from .mug import MUG_PAINTERS, mug
+from .pebble import PEBBLE_PAINTERS, pebble
 from .textures import POT_PAINTERS, POT_TILES, Material, Painters, Tiles, equal_tiles, paint
 
 
@@ -19,6 +20,7 @@ class Subject(StrEnum):
     CAMERA = "camera"
     LANTERN = "lantern"
     MUG = "mug"
+    PEBBLE = "pebble"
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ _MAKERS: dict[Subject, tuple[Callable[[], list[Part]], Painters]] = {
     Subject.CAMERA: (dark_shapes.camera, CAMERA_PAINTERS),
     Subject.LANTERN: (dark_shapes.lantern, LANTERN_PAINTERS),
     Subject.MUG: (mug, MUG_PAINTERS),
+    Subject.PEBBLE: (pebble, PEBBLE_PAINTERS),
 }
 
 DESCRIPTIONS: dict[Subject, str] = {
@@ -44,6 +47,7 @@ DESCRIPTIONS: dict[Subject, str] = {
     Subject.CAMERA: "A camera of near-black matte plastic and leather (dielectric, base colours 0.02 to 0.05)",
     Subject.LANTERN: "A lantern of glossy black (base colours 0.02 to 0.04) beside bright porcelain (0.4 to 0.8)",
     Subject.MUG: "An open mug (green and cream glaze, bare clay)",
+    Subject.PEBBLE: "A smooth pebble of one even material (celadon glaze, roughness 0.3)",
 }
 
 

@@ -165,7 +165,7 @@ def _tell_accuracy(run: RunFolder) -> None:
     """Print how well the run's object tells of its light, if that is known."""
     accuracy = LightAccuracy.load(run.model_folder)
     if accuracy is not None:
-        say(accuracy.sentence, light=accuracy.to_json())
+        say(accuracy.sentence, light_accuracy=accuracy.to_json())
 
 
 def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:

@@ -50,7 +50,7 @@ def generated_light(
     """Return a light (6, R, R, 3) float32, linear, finite and >= 0, with a mean near 1; equal arguments, equal bits.
 
     up: (3,) the direction that is up for the object, by default +z; every light is turned about it at random.
-    turn: radians by which it is turned further, anticlockwise as seen from above.
+    turn: radians by which one that is not tumbled is turned further, anticlockwise as seen from above.
     tumbled: share of the lights that are turned any way instead, for objects photographed lying.
     place: the family, by default a random one.
     device: where it is made, by default the CPU; bits are equal on one device only.

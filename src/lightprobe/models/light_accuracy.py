@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lightprobe.core.config.prediction import Method
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RETRAIN
 from lightprobe.core.stored import damaged, read_object
 
-FILE = "light_accuracy.json"  # in the folder of the model
+_FILE = "light_accuracy.json"
 _MOST = 100.0  # no error of a map is larger, and no expected one wrong by more
 _LEAST_SCALE = 1e-3  # a smaller one would make every map certain
 _SCALES = ("fitted_scale", "estimated_scale")
@@ -22,27 +23,23 @@ _SCALES = ("fitted_scale", "estimated_scale")
 
 @dataclass(frozen=True)
 class LightAccuracy:
-    """Means over simulated photos, of the run's default method where no other is named."""
+    """Means over simulated photos of the maps that one method predicted, and two factors for the confidence."""
 
+    method: str  # the run's default, but one of descent from scratch (minutes a photo) is represented by the best other
     photos: int
-    log_error: float  # mean absolute error of ln radiance by solid angle, after one factor per map
+    log_error: float  # error of ln radiance by direction, root mean square over channels, after one factor per map
     spheres: tuple[float, float, float]  # si-RMSE of the diffuse, matte and mirror sphere
     fitted_scale: float  # error over what the confidence expects of any object's maps that were fitted to their photo
     estimated_scale: float  # the same of maps that never met the photo's pixels
-
-    @property
-    def spheres_mean(self) -> float:
-        """The mean of the three spheres' si-RMSE."""
-        return sum(self.spheres) / len(self.spheres)
 
     @property
     def sentence(self) -> str:
         """What to expect of the maps that are predicted with the object."""
         diffuse, matte, mirror = self.spheres
         return (
-            f"On {self.photos} simulated photos of it the predicted radiance was off by a factor of "
-            f"{math.exp(self.log_error):.2f} on average, and three spheres lit by it (diffuse, matte, mirror) by "
-            f"{diffuse:.3f}, {matte:.3f} and {mirror:.3f}."
+            f"On {self.photos} simulated photos of the object the directions of the predicted map were off by "
+            f"{math.exp(self.log_error):.2f} times on average, after one factor for all, and the spheres' si-RMSE "
+            f"(diffuse, matte, mirror) was {diffuse:.3f}, {matte:.3f} and {mirror:.3f}."
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -51,16 +48,23 @@ class LightAccuracy:
 
     def save(self, folder: Path) -> None:
         """Write `folder`/light_accuracy.json, atomically."""
-        write_json(Path(folder) / FILE, self.to_json())
+        write_json(Path(folder) / _FILE, self.to_json())
+
+    @staticmethod
+    def exists(folder: Path) -> bool:
+        """Return whether there is one in the folder of a model."""
+        return (Path(folder) / _FILE).exists()
 
     @staticmethod
     def load(folder: Path) -> "LightAccuracy | None":
         """Return what the folder of a model holds, None where it holds none; raise `InputError` for a damaged file."""
-        path = Path(folder) / FILE
-        if not path.exists():
+        path = Path(folder) / _FILE
+        if not LightAccuracy.exists(folder):
             return None
         value = read_object(path, RETRAIN)
-        photos, spheres = value.get("photos"), value.get("spheres")
+        method, photos, spheres = value.get("method"), value.get("photos"), value.get("spheres")
+        if method not in list(Method):
+            raise damaged(path, "'method' is none", RETRAIN)
         if type(photos) is not int or photos < 1:
             raise damaged(path, "'photos' is no count", RETRAIN)
         if not isinstance(spheres, list) or len(spheres) != 3:
@@ -68,7 +72,7 @@ class LightAccuracy:
         diffuse, matte, mirror = (_number(path, "spheres", sphere, 0) for sphere in spheres)
         error = _number(path, "log_error", value.get("log_error"), 0)
         fitted, estimated = (_number(path, name, value.get(name), _LEAST_SCALE) for name in _SCALES)
-        return LightAccuracy(photos, error, (diffuse, matte, mirror), fitted, estimated)
+        return LightAccuracy(str(method), photos, error, (diffuse, matte, mirror), fitted, estimated)
 
 
 def _number(path: Path, name: str, value: Any, least: float) -> float:

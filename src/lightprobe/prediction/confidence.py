@@ -7,8 +7,8 @@ so that .5 says: probably off by a factor of two. e is a weighted sum of what ra
     unseen      1 / (1 + s / mean s),  s = A^T w: how much of the photo's light came from there, shadows included
     unpinned    1 / (1 + d / mean d),  d = diag(A^T W A): how much the photo would change if that direction did. Many
                 directions that all but share their pixels, as under a matte surface, have much s and little d
-    bright,     how many e-folds the map lies above or below its own mean there: what stands out is seldom all true,
-    dark        lamps are sharper than any prediction and darkness is often only what a fit left over
+    bright,     how many e-folds the map lies above or below its own mean there: lamps are sharper than any prediction,
+    dark        darkness turned out to be about as true as the rest
     rough       e-folds between a direction and its surroundings of some ten degrees: detail is the least certain
 
 A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is estimated with

@@ -177,7 +177,7 @@ class Benchmark:
 
     def _train(self, record: Record, run: RunFolder, folder: Path, options: Sequence[str]) -> bool:
         """Train a run, unless it is finished; return whether there is one."""
-        if self._kept(record) or (run.asset_file.is_file() and ProbeModel.exists(run.model_folder)):
+        if self._kept(record) or _is_trained(run):
             return True
         seed = ("--seed", str(record.seed))
         return self._learn(record, run, ("train", str(folder), "-o", str(run.path), *options, *seed))
@@ -222,6 +222,14 @@ class Benchmark:
     def _unplaced(self, command: str) -> str:
         places = {"DATA": self.data, "RUNS": self.runs, "FOLDER": self.folder}
         return without_places(command, places if self.hdri is None else {**places, "HDRI": self.hdri})
+
+
+def _is_trained(run: RunFolder) -> bool:
+    """Return whether all of a training is there; runs of older versions measured no accuracy."""
+    if not (run.asset_file.is_file() and ProbeModel.exists(run.model_folder)):
+        return False
+    wanted = run.sections().get("distill", {}).get("simulated_photos", 0)
+    return wanted == 0 or LightAccuracy.exists(run.model_folder)
 
 
 def paper_options(first: int, second: int) -> tuple[tuple[str, ...], str]:

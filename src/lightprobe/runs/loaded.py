@@ -128,5 +128,5 @@ class LoadedRuns:
 
 def _newest(run: RunFolder) -> int:
     """Return when what a predictor is loaded from has changed last."""
-    files = (run.asset_file, run.config_file, run.calibration_file)
+    files = (run.asset_file, run.config_file, run.calibration_file, *run.model_folder.glob("*.json"))
     return max((path.stat().st_mtime_ns for path in files if path.exists()), default=0)

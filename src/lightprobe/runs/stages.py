@@ -1,5 +1,6 @@
 """The two phases as steps of a run folder: recorded, resumable, reported."""
 
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,10 +19,9 @@ from lightprobe.evaluation.simulated_photos import light_accuracy
 from lightprobe.export import write_run_outputs
 from lightprobe.light.environment import Environment, load_environments
 from lightprobe.localization import KnownViews
-from lightprobe.models import Decomposition, ProbeModel
-from lightprobe.models.light_accuracy import FILE
+from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.reconstruction import OnStep, Progress, decompose
-from lightprobe.runs.progress import OnProgress
+from lightprobe.runs.progress import OnProgress, clock
 from lightprobe.runs.recorder import PhaseRecorder
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
@@ -136,15 +136,16 @@ def keep_accuracy(
     seed: int, on_progress: OnProgress,
 ) -> None:  # fmt: skip
     """Keep how well the object tells of its light, from simulated photos of it, for people and for the confidence."""
-    if (run.model_folder / FILE).exists() or model.config.simulated_photos == 0:
+    if LightAccuracy.exists(run.model_folder) or model.config.simulated_photos == 0:
         return
-    cameras = list(read_record(run).cameras["train"].values())
+    began, cameras = time.monotonic(), list(read_record(run).cameras["train"].values())
     accuracy = light_accuracy(
         decomposition, model, cameras, predict, device, seed,
         lambda done, total: on_progress("simulated photos", done, total), count=model.config.simulated_photos,
     )  # fmt: skip
     if accuracy is not None:
         accuracy.save(run.model_folder)
+    run.log(f"simulated photos predicted in {clock(time.monotonic() - began)}")
 
 
 def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_progress: OnProgress) -> None:
