@@ -16,7 +16,7 @@ from PIL import Image
 from lightprobe.evaluation import relight
 from lightprobe.imaging import read_mask, srgb_encode, write_exr, write_png
 from lightprobe.light.environment import Environment
-from lightprobe.models import Decomposition
+from lightprobe.models import Decomposition, ObjectVerdict
 from lightprobe.scene.record import read_record
 from lightprobe.view.jobs import JobState
 from tests.view.browsing import CHROMIUM, PATIENCE, Running, chromium
@@ -236,6 +236,8 @@ def test_a_training_is_watched_live(page, server, begun):
     page.wait_for_selector("text=7 of 10")
     page.wait_for_selector("text=21.50 dB")
     page.wait_for_selector("text=0.125")
+    ObjectVerdict(0.04, photos=5).save(begun.verdict_file)
+    page.wait_for_selector("text=The object is good")
     assert "decompose starts" in page.inner_text("#page-training")
     page.select_option("#run", "0")
     page.wait_for_selector("text=The finished object.")

@@ -6,6 +6,7 @@ import pytest
 
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import PhaseTiming, write_timing
+from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.view import watching
 from lightprobe.view.watching import TrainingWatch, log_tail, newest_record, read_records
 from tests.view.finished_run import begun_run
@@ -44,6 +45,19 @@ def test_the_time_left_of_a_training_just_opened_comes_from_its_checkpoints(tmp_
     write_timing(run.timings_file, "decompose", PhaseTiming(5.0))
     assert TrainingWatch(run).state(0)["seconds_left"] == pytest.approx(8 * 2.5)
     assert run.checkpoints.newest_step() == 2
+
+
+def test_what_training_says_of_object_and_maps_is_shown_as_soon_as_it_is_known(tmp_path):
+    run = begun_run(tmp_path)
+    assert TrainingWatch(run).state(0)["verdicts"] == []
+    verdict, accuracy = ObjectVerdict(0.04, photos=5), LightAccuracy("solve", 24, 0.5, (0.1, 0.2, 0.6), 0.8, 0.9)
+    verdict.save(run.verdict_file)
+    assert TrainingWatch(run).state(0)["verdicts"] == [verdict.sentence]
+    accuracy.save(run.model_folder)
+    assert TrainingWatch(run).state(0)["verdicts"] == [verdict.sentence, accuracy.sentence]
+    run.verdict_file.write_text("damaged")
+    (sentence,) = TrainingWatch(run).state(0)["verdicts"]
+    assert str(run.verdict_file) in sentence
 
 
 def test_a_run_that_has_just_begun_or_is_damaged_is_no_failure(tmp_path):

@@ -153,7 +153,7 @@ _FIGURES = (
 _TEXT = (
     (
         "both phases within 3 hours on one GTX 1080 Ti (section 4.2)",
-        "shortened runs: RESULTS-since.md, Seconds per photo; a full run projected: paper-preset.md, What it costs; "
+        "shortened runs: RESULTS.md, Seconds per photo; a full run projected: paper-preset.md, What it costs; "
         "never measured on that card",
         "`lightprobe train SCENE -o RUN --preset paper`",
     ),

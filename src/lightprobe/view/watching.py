@@ -12,7 +12,7 @@ from lightprobe.core.errors import InputError, LightprobeError, printable
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import read_timings
 from lightprobe.distillation.training import stages as distill_stages
-from lightprobe.models import ProbeModel
+from lightprobe.models import LightAccuracy, ObjectVerdict, ProbeModel
 from lightprobe.reconstruction.phase1 import stages as decompose_stages
 from lightprobe.view.sources import evaluation_of
 
@@ -44,6 +44,7 @@ class TrainingWatch:
             "records": records, "next": end, "from": start, "phases": phases, "running": running, "age": age,
             "seconds_left": left, "log": log_tail(self.run.log_file), "evaluation": _evaluation(self.run),
             "checkpoint": self.run.checkpoints.newest_step(), "object": self.run.asset_file.is_file(),
+            "verdicts": _verdicts(self.run),
         }  # fmt: skip
 
     def _latest(self) -> tuple[str, int] | None:
@@ -153,6 +154,15 @@ def _age(run: RunFolder) -> float | None:
     files = (run.metrics_log, run.log_file, run.timings_file, run.checkpoints.folder, run.model_checkpoints.folder)
     times = [path.stat().st_mtime for path in files if path.exists()]
     return time.time() - max(times) if times else None
+
+
+def _verdicts(run: RunFolder) -> list[str]:
+    """Return what training says of its object and of the maps to expect, as far as it has come."""
+    try:
+        found = (ObjectVerdict.load(run.verdict_file), LightAccuracy.load(run.model_folder))
+    except InputError as error:
+        return [str(error)]
+    return [one.sentence for one in found if one is not None]
 
 
 def _evaluation(run: RunFolder) -> dict[str, Any]:

@@ -82,13 +82,15 @@ function draw() {
   const scores = watched.records.filter((record) => record.held_out !== undefined);
   parts.held.hidden = scores.length === 0;
   drawChart(parts.quality, scores.length ? [{ name: "held out", points: [[0, scores[0].held_out_before], ...scores.map((record) => [record.step, record.held_out])].slice(scores[0].step ? 0 : 1) }] : []);
-  parts.scores.replaceChildren(...evaluation(now.evaluation));
+  parts.scores.replaceChildren(...now.verdicts.map(quiet), ...evaluation(now.evaluation));
   parts.log.textContent = now.log.join("\n");
 }
 
 function series(phase) {
   return { name: phase === "decompose" ? "Phase I" : "Phase II", points: watched.records.filter((record) => record.phase === phase && record.loss !== undefined).map((record) => [record.step, record.loss]) };
 }
+
+const quiet = (textContent) => el("p", { className: "quiet", textContent });
 
 const number = (term, value) => el("div", {}, el("dt", { textContent: term }), el("dd", { textContent: value }));
 
@@ -99,5 +101,5 @@ function bar({ name, steps, step, finished }) {
 
 function evaluation(scores) {
   const known = [["object_psnr", "object"], ["unseen_psnr", "unseen"], ["psnr", "PSNR"]].filter(([key]) => typeof scores[key] === "number");
-  return known.length ? [el("p", { className: "quiet", textContent: `Evaluated: ${known.map(([key, word]) => `${word} ${scores[key].toFixed(2)} dB`).join(", ")}.` })] : [];
+  return known.length ? [quiet(`Evaluated: ${known.map(([key, word]) => `${word} ${scores[key].toFixed(2)} dB`).join(", ")}.`)] : [];
 }
