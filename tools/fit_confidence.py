@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from scipy.optimize import nnls
 
-from lightprobe.core.errors import LightprobeError
+from lightprobe.core.errors import InputError, LightprobeError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation.simulated_photos import directional_error, simulated_photos
 from lightprobe.light import cubemap
@@ -58,12 +58,17 @@ def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, pho
     for photo in simulated_photos(decomposition, cameras, photos, resolution, predictor.device):
         if photo is None:
             continue
-        found = predictor.predict(photo.pixels, photo.camera, method, refuse=False).environment.texels
+        try:
+            found = predictor.predict(photo.pixels, photo.camera, method, refuse=False).environment.texels
+        except InputError:  # too little of the object is in it
+            continue
         view = photo.camera.normalised(decomposition.similarity)
         observation = observe(decomposition.asset, photo.pixels, view, predictor.device, predictor.config.max_pixels)
         causes = error_causes(observation, found, predictor.seed)
         rows.append(torch.stack([*(causes[name] for name in CAUSES), torch.ones_like(found[..., 0])], -1))
         errors.append(directional_error(found, photo.light))
+    if not rows:
+        raise InputError("None of the simulated photos shows the object; look at the run's cameras.")
     every = 6 * resolution**2
     angle = np.tile(cubemap.solid_angles(resolution).reshape(-1).double().numpy(), len(rows))
     explained = torch.stack(rows).double().numpy().reshape(-1, len(CAUSES) + 1)

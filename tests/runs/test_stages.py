@@ -1,17 +1,24 @@
-"""What a training keeps for locating new photos."""
+"""What a training keeps beside object and networks: views for locating new photos, and what its maps come to."""
 
 import sys
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import pytest
 import torch
 
+from lightprobe.core.config import DistillConfig
+from lightprobe.core.config.prediction import PredictConfig
+from lightprobe.core.errors import ConvergenceError
 from lightprobe.core.run import RunFolder
 from lightprobe.light.environment import Environment
 from lightprobe.localization import KnownViews
-from lightprobe.models import Decomposition
+from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
+from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.runs.progress import silent
-from lightprobe.runs.stages import keep_views
+from lightprobe.runs.stages import is_learnt, keep_accuracy, keep_views
 from lightprobe.scene import load_scene
+from lightprobe.scene.record import scene_record
 from tests.painted_object import SIMILARITY, painted_asset, painted_scene
 from tests.toy_scene import write_toy_scene
 
@@ -46,3 +53,52 @@ def test_tiny_photos_have_no_features_to_keep(learnt, tmp_path):
     run = RunFolder.create(tmp_path / "run")
     keep_views(run, learnt[0], load_scene(write_toy_scene(tmp_path / "toy", train=2, test=1)), silent)
     assert not run.views_file.exists()
+
+
+@pytest.fixture(scope="module")
+def small_model():
+    config = replace(DistillConfig(), light_resolution=8, width=16, depth=2, sphere_width=4, simulated_photos=2)
+    light, up = Environment(torch.ones(6, 8, 8, 3)), torch.tensor([0.0, 0.0, 1.0])
+    return ProbeModel(new_network(config), light, up, config, new_sphere(config))
+
+
+def begun(learnt, model: ProbeModel, folder: Path) -> RunFolder:
+    """Return a run whose Phase II has just left its networks."""
+    run = RunFolder.create(folder)
+    run.record_scene(scene_record(learnt[1]))
+    run.record_config("distill", asdict(model.config))
+    model.save(run.model_folder)
+    return run
+
+
+def keep(run: RunFolder, learnt, model: ProbeModel) -> None:
+    keep_accuracy(run, learnt[0], model, PredictConfig(light_resolution=8), torch.device("cpu"), 0, silent)
+
+
+@pytest.mark.slow
+def test_a_training_is_finished_once_its_simulated_photos_are_predicted(learnt, small_model, tmp_path):
+    run = begun(learnt, small_model, tmp_path / "run")
+    assert not is_learnt(run)
+    keep(run, learnt, small_model)
+    assert LightAccuracy.load(run.model_folder).photos == 2
+    assert is_learnt(run)
+    assert "simulated photos predicted in" in run.log_file.read_text()
+
+
+def test_without_simulated_photos_nothing_is_measured(learnt, small_model, tmp_path):
+    without = replace(small_model, config=replace(small_model.config, simulated_photos=0))
+    run = begun(learnt, without, tmp_path / "run")
+    assert is_learnt(run)
+    keep(run, learnt, without)
+    assert not LightAccuracy.exists(run.model_folder)
+
+
+def test_photos_that_cannot_be_simulated_fail_no_training(learnt, small_model, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise ConvergenceError("The map is not finite.")
+
+    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", fail)
+    run = begun(learnt, small_model, tmp_path / "run")
+    keep(run, learnt, small_model)
+    assert not LightAccuracy.exists(run.model_folder)
+    assert "could not be simulated. The map is not finite." in run.log_file.read_text()

@@ -56,8 +56,9 @@ def test_what_training_says_of_object_and_maps_is_shown_as_soon_as_it_is_known(t
     accuracy.save(run.model_folder)
     assert TrainingWatch(run).state(0)["verdicts"] == [verdict.sentence, accuracy.sentence]
     run.verdict_file.write_text("damaged")
-    (sentence,) = TrainingWatch(run).state(0)["verdicts"]
-    assert str(run.verdict_file) in sentence
+    wrong, right = TrainingWatch(run).state(0)["verdicts"]
+    assert str(run.verdict_file) in wrong
+    assert right == accuracy.sentence
 
 
 def test_a_run_that_has_just_begun_or_is_damaged_is_no_failure(tmp_path):

@@ -14,11 +14,12 @@ from lightprobe.core.config import Preset, settings
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.models import LightAccuracy, ObjectVerdict, ProbeModel
+from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
 from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
 from lightprobe.report.records import Kind, Record
+from lightprobe.runs.stages import is_learnt
 
 LOSSES_SCENE = "chair"
 PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II on photos alone, without the network
@@ -177,7 +178,7 @@ class Benchmark:
 
     def _train(self, record: Record, run: RunFolder, folder: Path, options: Sequence[str]) -> bool:
         """Train a run, unless it is finished; return whether there is one."""
-        if self._kept(record) or _is_trained(run):
+        if self._kept(record) or (run.asset_file.is_file() and is_learnt(run)):
             return True
         seed = ("--seed", str(record.seed))
         return self._learn(record, run, ("train", str(folder), "-o", str(run.path), *options, *seed))
@@ -222,14 +223,6 @@ class Benchmark:
     def _unplaced(self, command: str) -> str:
         places = {"DATA": self.data, "RUNS": self.runs, "FOLDER": self.folder}
         return without_places(command, places if self.hdri is None else {**places, "HDRI": self.hdri})
-
-
-def _is_trained(run: RunFolder) -> bool:
-    """Return whether all of a training is there; runs of older versions measured no accuracy."""
-    if not (run.asset_file.is_file() and ProbeModel.exists(run.model_folder)):
-        return False
-    wanted = run.sections().get("distill", {}).get("simulated_photos", 0)
-    return wanted == 0 or LightAccuracy.exists(run.model_folder)
 
 
 def paper_options(first: int, second: int) -> tuple[tuple[str, ...], str]:

@@ -124,7 +124,7 @@ class _Subject:
         every = methods_for(model, prediction)
         methods = default_first((*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ())), every[0])
         out = run.oracle if given.oracle else run
-        accuracy = LightAccuracy.load(run.model_folder)
+        accuracy = None if given.oracle else LightAccuracy.load(run.model_folder)  # it is of the run's own object
         return _Subject(
             decomposition, true_object, model, scene, out, prediction, every[0], methods, device, accuracy
         )  # fmt: skip

@@ -10,7 +10,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.distillation import Lessons
 from lightprobe.core.config.prediction import PredictConfig
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeError
 from lightprobe.core.processes import ALONE, Processes
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
@@ -131,18 +131,33 @@ def _distill_steps(recorder: PhaseRecorder, config: DistillConfig) -> OnStep:
     return on_step
 
 
+def is_learnt(run: RunFolder) -> bool:
+    """Return whether Phase II is finished, with what simulated photos say of it; runs of older versions have none."""
+    if not ProbeModel.exists(run.model_folder):
+        return False
+    wanted = run.sections().get("distill", {}).get("simulated_photos", 0)
+    return wanted == 0 or LightAccuracy.exists(run.model_folder)
+
+
 def keep_accuracy(
     run: RunFolder, decomposition: Decomposition, model: ProbeModel, predict: PredictConfig, device: torch.device,
     seed: int, on_progress: OnProgress,
 ) -> None:  # fmt: skip
-    """Keep how well the object tells of its light, from simulated photos of it, for people and for the confidence."""
+    """Keep how well the object tells of its light, from simulated photos of it, for people and for the confidence.
+
+    A training must not fail for it: what goes wrong is logged, and the confidence is that of an average object.
+    """
     if LightAccuracy.exists(run.model_folder) or model.config.simulated_photos == 0:
         return
     began, cameras = time.monotonic(), list(read_record(run).cameras["train"].values())
-    accuracy = light_accuracy(
-        decomposition, model, cameras, predict, device, seed,
-        lambda done, total: on_progress("simulated photos", done, total), count=model.config.simulated_photos,
-    )  # fmt: skip
+    try:
+        accuracy = light_accuracy(
+            decomposition, model, cameras, predict, device, seed,
+            lambda done, total: on_progress("simulated photos", done, total), count=model.config.simulated_photos,
+        )  # fmt: skip
+    except LightprobeError as error:
+        run.log(f"Photos of the object could not be simulated. {error}")
+        return
     if accuracy is not None:
         accuracy.save(run.model_folder)
     run.log(f"simulated photos predicted in {clock(time.monotonic() - began)}")

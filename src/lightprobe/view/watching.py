@@ -12,8 +12,9 @@ from lightprobe.core.errors import InputError, LightprobeError, printable
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import read_timings
 from lightprobe.distillation.training import stages as distill_stages
-from lightprobe.models import LightAccuracy, ObjectVerdict, ProbeModel
+from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.reconstruction.phase1 import stages as decompose_stages
+from lightprobe.runs.stages import is_learnt
 from lightprobe.view.sources import evaluation_of
 
 _CHUNK = 2**20  # bytes of metrics.jsonl that are sent at once
@@ -60,7 +61,7 @@ class TrainingWatch:
     def _phase(self, phase: str, latest: tuple[str, int] | None) -> dict[str, Any]:
         timing = read_timings(self.run.timings_file).get(phase)
         first = phase == PHASES[0]
-        finished = self.run.asset_file.is_file() if first else ProbeModel.exists(self.run.model_folder)
+        finished = self.run.asset_file.is_file() if first else is_learnt(self.run)
         lengths = stage_lengths(self.run, phase)
         total = sum(lengths.values())
         step = total if finished else (latest[1] if latest and latest[0] == phase else 0)
@@ -158,11 +159,15 @@ def _age(run: RunFolder) -> float | None:
 
 def _verdicts(run: RunFolder) -> list[str]:
     """Return what training says of its object and of the maps to expect, as far as it has come."""
-    try:
-        found = (ObjectVerdict.load(run.verdict_file), LightAccuracy.load(run.model_folder))
-    except InputError as error:
-        return [str(error)]
-    return [one.sentence for one in found if one is not None]
+    sentences = []
+    for load, place in ((ObjectVerdict.load, run.verdict_file), (LightAccuracy.load, run.model_folder)):
+        try:
+            found = load(place)
+        except InputError as error:
+            sentences.append(str(error))
+        else:
+            sentences += [] if found is None else [found.sentence]
+    return sentences
 
 
 def _evaluation(run: RunFolder) -> dict[str, Any]:
