@@ -24,27 +24,33 @@ def flat(value: float = 0.7) -> torch.Tensor:
     return torch.full((6, 16, 16, 3), value)
 
 
+@pytest.fixture
+def weighty(monkeypatch):
+    """Weights under which every cause but the first counts clearly, whatever those in use were last fitted to."""
+    weights = Weights(unseen=0.0, unpinned=0.15, bright=0.25, dark=0.20, rough=0.40, least=0.52)
+    monkeypatch.setattr("lightprobe.prediction.confidence.FITTED", weights)
+
+
+@pytest.mark.usefixtures("weighty")
 def test_what_the_object_shows_is_trusted_more(observation):
     trust = confidence(observation, flat(), fitted=True, seed=0)
     towards = cubemap.directions(16) @ FRONT
     front, back = towards > 0.5, towards < -0.9
     assert trust.shape == (6, 16, 16)
     assert 0 < float(trust.min()) < float(trust.max()) < 1
-    assert float(trust[front].mean()) > 1.01 * float(trust[back].mean())
+    assert float(trust[front].mean()) > 1.02 * float(trust[back].mean())
     causes = error_causes(observation, flat(), seed=0)
     for name in ("unseen", "unpinned"):
         assert float(causes[name][front].mean()) < 0.9 * float(causes[name][back].mean())
 
 
+@pytest.mark.usefixtures("weighty")
 def test_what_stands_out_is_trusted_less(observation):
     plain, marked = flat(), flat()
     marked[0, 4:8, 4:8], marked[2, 4:8, 4:8] = 7.0, 0.01
     before, after = (confidence(observation, light, fitted=True, seed=0) for light in (plain, marked))
-    for face, most in (
-        (0, 0.7),
-        (2, 0.99),
-    ):  # lamps are seldom all true, darkness mostly is
-        assert float((after / before)[face, 5:7, 5:7].mean()) < most
+    for face in (0, 2):
+        assert float((after / before)[face, 5:7, 5:7].mean()) < 0.6
     assert float((after / before)[4].mean()) > 0.7
 
 
