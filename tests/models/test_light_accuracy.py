@@ -12,9 +12,15 @@ FOUND = LightAccuracy("probe-net+optimize", 16, 0.5306, (0.07, 0.21, 0.6), 0.61,
 
 def test_it_comes_back_from_its_file(tmp_path):
     assert LightAccuracy.load(tmp_path) is None
-    assert not LightAccuracy.exists(tmp_path)
+    assert not LightAccuracy.is_decided(tmp_path)
     FOUND.save(tmp_path)
     assert LightAccuracy.load(tmp_path) == FOUND
+
+
+def test_what_could_not_be_measured_is_decided_but_unknown(tmp_path):
+    LightAccuracy.save_unknown(tmp_path, "No camera shows the object.")
+    assert LightAccuracy.is_decided(tmp_path)
+    assert LightAccuracy.load(tmp_path) is None
 
 
 def test_the_sentence_says_what_to_expect():

@@ -90,7 +90,15 @@ def test_without_simulated_photos_nothing_is_measured(learnt, small_model, tmp_p
     run = begun(learnt, without, tmp_path / "run")
     assert is_learnt(run)
     keep(run, learnt, without)
-    assert not LightAccuracy.exists(run.model_folder)
+    assert not LightAccuracy.is_decided(run.model_folder)
+
+
+def test_an_object_that_no_camera_shows_is_learnt_without_simulated_photos(learnt, small_model, tmp_path, monkeypatch):
+    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", lambda *_, **__: None)
+    run = begun(learnt, small_model, tmp_path / "run")
+    keep(run, learnt, small_model)
+    assert is_learnt(run)
+    assert "No camera of a training photo shows the object." in run.log_file.read_text()
 
 
 def test_photos_that_cannot_be_simulated_fail_no_training(learnt, small_model, tmp_path, monkeypatch):
@@ -100,5 +108,6 @@ def test_photos_that_cannot_be_simulated_fail_no_training(learnt, small_model, t
     monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", fail)
     run = begun(learnt, small_model, tmp_path / "run")
     keep(run, learnt, small_model)
-    assert not LightAccuracy.exists(run.model_folder)
+    assert LightAccuracy.load(run.model_folder) is None
+    assert is_learnt(run)  # so that nobody tries for ever
     assert "could not be simulated. The map is not finite." in run.log_file.read_text()

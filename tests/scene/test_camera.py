@@ -28,6 +28,20 @@ def test_resizing_scales_the_pixels(camera):
     np.testing.assert_allclose(scaled, camera.project(POINTS) * (3, 2, 1))
 
 
+def test_scaling_keeps_the_view_and_at_least_a_pixel(camera):
+    half = camera.scaled(0.5)
+    assert (half.width, half.height) == (camera.width // 2, camera.height // 2)
+    np.testing.assert_allclose(half.project(POINTS)[:, :2], camera.project(POINTS)[:, :2] / 2)
+    assert camera.scaled(1e-6).width == camera.scaled(1e-6).height == 1
+
+
+def test_a_camera_is_shrunk_but_never_enlarged(camera):
+    longest = max(camera.width, camera.height)
+    assert camera.within(longest) is camera
+    smaller = camera.within(longest // 4)
+    assert max(smaller.width, smaller.height) == longest // 4
+
+
 def test_normalising_changes_no_pixel_and_no_direction(camera):
     similarity = Similarity(np.array([1.0, -2.0, 0.5]), 2.5)
     moved = camera.normalised(similarity)

@@ -57,7 +57,7 @@ def simulated_photos(
     """
     up = torch.from_numpy(up_of(cameras)).float()
     for number in range(count):
-        camera = _reduced(cameras[number * len(cameras) // count])
+        camera = cameras[number * len(cameras) // count].within(_LARGEST_SIDE)
         # Turned with the camera, every light comes from where it comes from in the photo of any other object.
         turn = _azimuth(camera, up)
         light = generated_light(resolution, seed=_SEED, step=number, up=up, turn=turn, tumbled=0.0, device=device)
@@ -82,11 +82,6 @@ def _azimuth(camera: Camera, up: Tensor) -> float:
     """Return the angle in radians about `up` (3,) that the camera stands at."""
     back = upright(up, 0.0) @ torch.from_numpy(camera.camera_to_world[:3, 2]).float()
     return math.atan2(float(back[1]), float(back[0]))
-
-
-def _reduced(camera: Camera) -> Camera:
-    shrink = min(1.0, _LARGEST_SIDE / max(camera.width, camera.height))
-    return camera.resized(max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink)))
 
 
 def directional_error(found: Tensor, light: Tensor) -> Tensor:

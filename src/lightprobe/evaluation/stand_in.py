@@ -35,10 +35,8 @@ class StandIn:
         count = min(_VIEWS, len(scene.test))
         asset, views = decomposition.asset.to(device), {}
         for photo in (scene.test[i * len(scene.test) // count] for i in range(count)):
-            camera = photo.camera.normalised(decomposition.similarity)
-            shrink = min(1.0, _SIDE / max(camera.width, camera.height))
-            small = camera.resized(round(camera.width * shrink), round(camera.height * shrink))
-            views[photo.name] = rasterize_asset(asset, small, device)
+            camera = photo.camera.normalised(decomposition.similarity).within(_SIDE)
+            views[photo.name] = rasterize_asset(asset, camera, device)
         return StandIn(views)
 
     @torch.no_grad()

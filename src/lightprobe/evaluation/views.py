@@ -84,7 +84,7 @@ def _material_camera(photo: Photo, camera: Camera) -> Camera:
     shrink = math.sqrt(min(1.0, _SMALL / (camera.width * camera.height)))
     if shrink == 1 or truth.base_color or truth.orm or truth.normal:
         return camera
-    return camera.resized(*(max(1, round(side * shrink)) for side in (camera.width, camera.height)))
+    return camera.scaled(shrink)
 
 
 def halves(alpha: np.ndarray) -> list[np.ndarray]:

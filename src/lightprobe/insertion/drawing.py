@@ -190,8 +190,7 @@ class KnownChange:
 @torch.no_grad()
 def draw_known_change(asset: Asset, stage: Stage, camera: Camera) -> KnownChange:
     """Return the change at the pixels of the camera's picture, at most 640 along its longer side."""
-    scale = min(1.0, _KNOWN_SIDE / max(camera.width, camera.height))
-    small = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
+    small = camera.within(_KNOWN_SIDE)
     device = stage.light.texels.device
     view = View.of(small, device)
     surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, view)

@@ -62,7 +62,7 @@ def camera_ground_light(
     added = torch.zeros_like(without)
     for strong, scale in sizes.items():
         chosen = patches.select(patches.strong == strong)
-        view = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
+        view = camera.scaled(scale)
         lost = _lost(chosen, known, thing, _seen_by(view, without.device), view.height, view.width, ground)
         for image, part in zip((without, added), lost, strict=True):
             planes = part.permute(2, 0, 1)[None]

@@ -18,6 +18,7 @@ from lightprobe.core.stored import damaged, read_object
 _FILE = "light_accuracy.json"
 _MOST = 100.0  # no error of a map is larger, and no expected one wrong by more
 _LEAST_SCALE = 1e-3  # a smaller one would make every map certain
+_UNKNOWN = "unknown"  # key of the reason why nothing could be measured
 _SCALES = ("fitted_scale", "estimated_scale")
 
 
@@ -51,17 +52,24 @@ class LightAccuracy:
         write_json(Path(folder) / _FILE, self.to_json())
 
     @staticmethod
-    def exists(folder: Path) -> bool:
-        """Return whether there is one in the folder of a model."""
+    def save_unknown(folder: Path, reason: str) -> None:
+        """Write into `folder`/light_accuracy.json that nothing could be measured, and why."""
+        write_json(Path(folder) / _FILE, {_UNKNOWN: reason})
+
+    @staticmethod
+    def is_decided(folder: Path) -> bool:
+        """Return whether the folder of a model holds one, or that nothing could be measured."""
         return (Path(folder) / _FILE).exists()
 
     @staticmethod
     def load(folder: Path) -> "LightAccuracy | None":
-        """Return what the folder of a model holds, None where it holds none; raise `InputError` for a damaged file."""
+        """Return what the folder of a model holds, None where it is unknown; raise `InputError` for a damaged file."""
         path = Path(folder) / _FILE
-        if not LightAccuracy.exists(folder):
+        if not LightAccuracy.is_decided(folder):
             return None
         value = read_object(path, RETRAIN)
+        if _UNKNOWN in value:
+            return None
         method, photos, spheres = value.get("method"), value.get("photos"), value.get("spheres")
         if method not in list(Method):
             raise damaged(path, "'method' is none", RETRAIN)

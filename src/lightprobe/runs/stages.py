@@ -136,7 +136,7 @@ def is_learnt(run: RunFolder) -> bool:
     if not ProbeModel.exists(run.model_folder):
         return False
     wanted = run.sections().get("distill", {}).get("simulated_photos", 0)
-    return wanted == 0 or LightAccuracy.exists(run.model_folder)
+    return wanted == 0 or LightAccuracy.is_decided(run.model_folder)
 
 
 def keep_accuracy(
@@ -145,9 +145,10 @@ def keep_accuracy(
 ) -> None:  # fmt: skip
     """Keep how well the object tells of its light, from simulated photos of it, for people and for the confidence.
 
-    A training must not fail for it: what goes wrong is logged, and the confidence is that of an average object.
+    A training must not fail for it: what goes wrong is logged and kept instead, and the confidence is that of an
+    average object.
     """
-    if LightAccuracy.exists(run.model_folder) or model.config.simulated_photos == 0:
+    if LightAccuracy.is_decided(run.model_folder) or model.config.simulated_photos == 0:
         return
     began, cameras = time.monotonic(), list(read_record(run).cameras["train"].values())
     try:
@@ -155,11 +156,13 @@ def keep_accuracy(
             decomposition, model, cameras, predict, device, seed,
             lambda done, total: on_progress("simulated photos", done, total), count=model.config.simulated_photos,
         )  # fmt: skip
+        if accuracy is None:
+            raise InputError("No camera of a training photo shows the object.")
     except LightprobeError as error:
+        LightAccuracy.save_unknown(run.model_folder, str(error))
         run.log(f"Photos of the object could not be simulated. {error}")
         return
-    if accuracy is not None:
-        accuracy.save(run.model_folder)
+    accuracy.save(run.model_folder)
     run.log(f"simulated photos predicted in {clock(time.monotonic() - began)}")
 
 

@@ -84,6 +84,15 @@ class Camera:
             self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height
         )
 
+    def scaled(self, factor: float) -> "Camera":
+        """Return the camera of the same view in an image whose sides are `factor` times as long, at least a pixel."""
+        return self.resized(*(max(1, round(side * factor)) for side in (self.width, self.height)))
+
+    def within(self, side: int) -> "Camera":
+        """Return the camera of the same view in an image no longer than `side` pixels, itself where it is none."""
+        longest = max(self.width, self.height)
+        return self if longest <= side else self.scaled(side / longest)
+
     def normalised(self, similarity: Similarity) -> "Camera":
         """Return this input-frame camera in the normalised frame."""
         moved = self.camera_to_world.copy()

@@ -72,7 +72,7 @@ def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], N
     _write_maps(prediction, photo.camera, folder)
     facts = PhotoFacts(request["name"], photo.camera, photo.ev100)
     write_light_file(folder / MAP, prediction, facts, Sun.INSIDE)
-    small = _smaller(photo.camera)
+    small = photo.camera.within(SIDE)
     write_picture(folder / "render.png", *relight(predictor.decomposition, prediction.environment, small))
     _write_photo(folder / "photo.jpg", color)
     if photo.location is None:
@@ -99,11 +99,6 @@ def _enlarged(encoded: np.ndarray) -> np.ndarray:
     """Return a picture (h, w, 3) in [0, 1] with texels repeated up to 256 rows, so that a browser need not blur it."""
     factor = max(_MAP_ROWS // encoded.shape[0], 1)
     return np.clip(encoded, 0, 1).repeat(factor, 0).repeat(factor, 1)
-
-
-def _smaller(camera: Camera) -> Camera:
-    scale = min(SIDE / max(camera.width, camera.height), 1.0)
-    return camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))
 
 
 def _write_photo(path: Path, color: np.ndarray) -> None:
