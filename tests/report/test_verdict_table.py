@@ -18,12 +18,13 @@ def judged(scene: str, disagreement: float, found: float, error: float, kind: Ki
 
 def test_what_was_said_stands_beside_what_was_found():
     results = BenchResults(
-        [judged("cup", 0.1, 18.5, 0.2), record("pot"), judged("cup", 0.05, 23.0, 0.1, Kind.SEED, seed=2)]
+        [judged("cup", 0.1, 18.5, 0.2), record("pot"), judged("bowl", 0.05, 23.0, 0.1, Kind.SEED, seed=2)]
+        + [judged("cup", 0.2, 24.5, 0.05, Kind.ORACLE)]
     )
     lines = verdict_table(results)
     assert lines[2:] == [
-        "| cup | 0 | poor | 10.0 | .2 | 17.0 | 18.5 | .80 | .300 | .200 |",
-        "| cup | 2 | good | 5.0 | .2 | 23.0 | 23.0 | .80 | .150 | .100 |",
+        "| cup | 0 | poor | 10.0 | .2 | 17.0 | 18.5 | 24.5 | .80 | .300 | .200 | .050 |",
+        "| bowl | 2 | good | 5.0 | .2 | 23.0 | 23.0 | – | .80 | .150 | .100 | – |",
     ]  # of two objects no order is told
     assert verdict_table(BenchResults([record("pot")])) == []
     fitted = judged("cup", 0.1, 18.5, 0.2)
