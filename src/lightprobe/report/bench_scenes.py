@@ -7,7 +7,7 @@ from enum import StrEnum
 class Role(StrEnum):
     """What a scene was used for in the development of the program, as the tables say it."""
 
-    UNTOUCHED = "untouched: never looked at while settings were chosen, scored once per release"
+    UNTOUCHED = "untouched: no setting was chosen by it"
     YOURS = "yours: not used in development"
     DEVELOPMENT = "development: looked at while settings were chosen"
 
