@@ -11,7 +11,7 @@ import torch
 
 from lightprobe.cli.answer import answering, is_for_programs, keep, plain_values, say, say_one
 from lightprobe.cli.main import main
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, LightprobeError
 
 
 def command() -> None:
@@ -47,6 +47,20 @@ def test_an_error_is_in_the_object_with_what_was_said_before(capsys):
     with pytest.raises(InputError):
         fail()
     assert json.loads(capsys.readouterr().out) == {"one": 1, "error": "No such photo."}
+
+
+@pytest.mark.parametrize(
+    ("raised", "sentence"),
+    [
+        (MemoryError(), "Out of memory: "),
+        (KeyError("abc"), "Unexpected error, please report it"),
+        (KeyboardInterrupt(), "Interrupted."),
+    ],
+)
+def test_whatever_goes_wrong_leaves_a_sentence(raised, sentence, capsys):
+    with pytest.raises((LightprobeError, KeyboardInterrupt)), answering(as_object=True):
+        raise raised
+    assert json.loads(capsys.readouterr().out)["error"].startswith(sentence)
 
 
 def test_a_command_within_a_command_does_not_mix_with_it(capsys):

@@ -40,9 +40,14 @@ def test_options_are_those_of_the_parser(name, capsys):
     with pytest.raises(SystemExit):
         tyro.cli(command, args=["--help"], config=(tyro.conf.EnumChoicesFromValues,))
     helped = re.sub(r"[│┃╭╮╰╯─]", " ", capsys.readouterr().out)
-    known = {written for each in command_options(command) for written in each.names} - {"--json", "--max-memory"}
+    known = {written for each in command_options(name) for written in each.names} - {"--json", "--max-memory"}
     defined = set(re.findall(r"(?:^|[,|]) *(--?[a-z][\w.-]*)", helped, re.M))
     assert known == {option for option in defined if option.rstrip("-") == option}
+
+
+def test_a_limit_is_offered_where_it_is_taken():
+    offered = {name: [each.names for each in command_options(name)] for name in ("train", "serve", "fleet predict")}
+    assert [("--max-memory",) in names for names in offered.values()] == [True, False, False]
 
 
 @pytest.mark.parametrize(

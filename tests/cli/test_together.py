@@ -113,12 +113,20 @@ def test_a_video_gives_a_map_for_every_few_frames_or_one_for_all(trained, opaque
     assert "3 maps in" in capsys.readouterr().out
     succeed("predict", trained[1].path, clip, *common, "--every", "3", "--one-light", "-o", tmp_path / "one.exr")
     assert read_hdr(tmp_path / "one.exr").shape == read_hdr(out / "frame_000000.exr").shape
+    frames = ["frame_000000.png", "frame_000003.png", "frame_000006.png"]
+    assert sorted(path.name for path in (tmp_path / "one" / "frames").iterdir()) == frames
+    assert not (tmp_path / "frames").exists()  # which may be somebody's own
+    for path in (out / "frames").iterdir():
+        path.unlink()
+    succeed("predict", trained[1].path, clip, *common, "--every", "3", "--one-light", "-o", out)
+    assert sorted(path.name for path in (out / "frames").iterdir()) == frames
 
 
 def test_what_cannot_be_predicted_from_together_is_refused(trained, opaque, tmp_path, capsys):
     clip = tmp_path / "clip.mp4"
     write_clip(clip, opaque[0][0], frames=2)
     fails(["predict", trained[1].path, clip, opaque[0][0]], capsys, ["is a video; predict from it alone"])
+    fails(["predict", trained[1].path, opaque[0][0], "--every", "2"], capsys, ["--every is about a video's frames"])
     fails(["predict", trained[1].path, clip, "--every", "0"], capsys, ["--every must be at least 1"])
     fails(["predict", trained[1].path, clip, "-o", tmp_path / "one.exr"], capsys, ["need a folder"])
     assert not (tmp_path / "one.exr").exists()

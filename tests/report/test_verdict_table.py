@@ -17,10 +17,8 @@ def judged(scene: str, disagreement: float, found: float, error: float, kind: Ki
 
 
 def test_what_was_said_stands_beside_what_was_found():
-    results = BenchResults(
-        [judged("cup", 0.1, 18.5, 0.2), record("pot"), judged("bowl", 0.05, 23.0, 0.1, Kind.SEED, seed=2)]
-        + [judged("cup", 0.2, 24.5, 0.05, Kind.ORACLE)]
-    )
+    runs = [judged("cup", 0.1, 18.5, 0.2), judged("bowl", 0.05, 23.0, 0.1, Kind.SEED, seed=2)]
+    results = BenchResults([*runs, record("pot"), judged("cup", 0.2, 24.5, 0.05, Kind.ORACLE)])
     lines = verdict_table(results)
     assert lines[2:] == [
         "| cup | 0 | poor | 10.0 | .2 | 17.0 | 18.5 | 24.5 | .80 | .300 | .200 | .050 |",

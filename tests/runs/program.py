@@ -1,8 +1,11 @@
 """A program whose commands take no time, for the bookkeeping of those who give them."""
 
+import itertools
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
+from lightprobe.core.config import settings
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import PhaseTiming, write_timing
 from lightprobe.models import LightAccuracy, ObjectVerdict
@@ -29,7 +32,12 @@ class Program:
 
     def _train(self, words):
         run = RunFolder.create(Path(words[words.index("-o") + 1]))
-        run.record_config("decompose", {"seed": 0})
+        given = dict(itertools.pairwise(words))
+        options = {k: v for k, v in given.items() if k.startswith("--decompose.")}
+        phase = settings(given["--preset"]).decompose
+        passes = {name.partition(".")[2].replace("-", "_"): int(value) for name, value in options.items()}
+        run.record_config("decompose", {"seed": int(given["--seed"]), **asdict(replace(phase, **passes))})
+        run.record_config("distill", {"seed": int(given["--seed"]), "steps": int(given.get("--distill.steps", 0))})
         for path in (run.asset_file, run.scene_file, run.model_folder / "config.json"):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("{}")

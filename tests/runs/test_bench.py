@@ -93,7 +93,7 @@ def test_variants_share_phase_one_and_nothing_else(data, tmp_path, calls, ask):
     ask(scenes=("chair",))
     source, run = RunFolder(tmp_path / "out" / "runs" / "chair"), RunFolder(tmp_path / "variant")
     share_phase_one(source, run)
-    assert run.config("decompose") == {"seed": 0}
+    assert run.config("decompose") == source.config("decompose")
     assert run.asset_file.is_file()
     assert not run.model_folder.exists()
 
@@ -235,6 +235,23 @@ def test_records_of_other_settings_are_not_taken_for_these(data, tmp_path, calls
     ask(scenes=("chair",), steps=(Step.RUN,))
     with pytest.raises(ConfigError, match=r"chair\.json was made with seed 0, not 5"):
         ask(seeds=(5,), scenes=("chair",), steps=(Step.RUN,))
+
+
+def test_finished_runs_of_other_settings_are_not_scored_as_these(data, tmp_path, calls, ask):
+    ask(scenes=("chair",), steps=(Step.RUN, Step.PAPER), paper_iterations=(1500, 20))
+    made = len(calls)
+    for record in (tmp_path / "records").glob("*.json"):
+        record.unlink()  # as their sentence says
+    for given, told in (
+        ({"seeds": (5,)}, "--seed 0, not 5"),
+        ({"preset": Preset.STANDARD}, "--preset quick, not standard"),
+        ({"steps": (Step.PAPER,), "paper_iterations": (900, 20)}, "pass1-iterations 1500, not 900"),
+        ({"steps": (Step.PAPER,), "paper_iterations": (1500, 9)}, "distill.steps 20, not 9"),
+    ):
+        with pytest.raises(ConfigError, match=rf"was trained with .*{told}"):
+            ask(**{"scenes": ("chair",), "steps": (Step.RUN,), **given})
+    assert len(calls) == made
+    assert not list((tmp_path / "records").glob("*.json"))
 
 
 def test_the_pages_are_written_from_records_alone(data, tmp_path, calls, ask):

@@ -146,6 +146,28 @@ def test_a_card_and_a_meter_measure_the_predicted_light(clean, monkeypatch):
     assert meter.factor == pytest.approx((1.25, 1.25, 1.25), rel=1e-2)
 
 
+@pytest.mark.parametrize("place", ["beside", "in front"])
+def test_a_card_at_the_object_is_no_part_of_it(clean, monkeypatch, place):
+    run, _, shot, folder, _ = clean
+    flat = torch.full((6, 8, 8, 3), 2.0)
+    monkeypatch.setattr(calibrations._Opened, "predicted", lambda self: flat)
+    monkeypatch.setattr(calibrations, "_PATCH", 0.1)  # 6 of 56 pixels
+    color, alpha = read_ldr(shot)
+    row = 28
+    column = int(np.flatnonzero(alpha[row] > 0)[0]) - 2 if place == "beside" else 28
+    color = np.where(alpha[..., None] > 0, color, 0.18 * 3)
+    alpha = alpha.copy()
+    if place == "in front":
+        color[20:36, 20:36], alpha[20:36, 20:36] = 0.18 * 3, 0
+    with_card, mask = folder / "card.png", folder / "card_mask.png"
+    write_png(with_card, color, bits=16)
+    write_png(mask, np.repeat(alpha[..., None], 3, 2), srgb=False)
+    at = Point(column + 0.5, row + 0.5, (0.18, 0.18, 0.18))
+    card = calibrate_by_albedo(run.path, with_card, at, camera=folder / "camera.json", mask=mask)
+    assert card.source == "a card in card.png"
+    assert card.factor == pytest.approx((1.5, 1.5, 1.5), rel=1e-2)
+
+
 def test_what_cannot_be_is_one_sentence_and_stores_nothing(clean):
     run, _, shot, folder, _ = clean
     camera = folder / "camera.json"

@@ -14,9 +14,10 @@ from lightprobe.core.run import RunFolder
 from lightprobe.light.environment import Environment
 from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
+from lightprobe.models.calibration import Calibration
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.runs.progress import silent
-from lightprobe.runs.stages import is_learnt, keep_accuracy, keep_views
+from lightprobe.runs.stages import is_learnt, keep_accuracy, keep_views, restart_decompose, restart_distill
 from lightprobe.scene import load_scene
 from lightprobe.scene.record import scene_record
 from tests.painted_object import SIMILARITY, painted_asset, painted_scene
@@ -99,6 +100,15 @@ def test_an_object_that_no_camera_shows_is_learnt_without_simulated_photos(learn
     keep(run, learnt, small_model)
     assert is_learnt(run)
     assert "No camera of a training photo shows the object." in run.log_file.read_text()
+
+
+def test_a_run_that_starts_over_forgets_the_calibration_of_its_old_object(learnt, small_model, tmp_path):
+    run = begun(learnt, small_model, tmp_path / "run")
+    Calibration((3.0, 3.0, 3.0), "a card").save(run.calibration_file)
+    restart_distill(run)
+    assert run.calibration_file.is_file()  # the object is the same
+    restart_decompose(run)
+    assert not run.calibration_file.exists()
 
 
 def test_photos_that_cannot_be_simulated_fail_no_training(learnt, small_model, tmp_path, monkeypatch):

@@ -73,6 +73,20 @@ def test_a_job_can_be_stopped_and_too_many_are_refused(jobs):
     assert finished(jobs, waiting[-1]).state is JobState.DONE
 
 
+def test_what_waits_when_all_is_closed_is_not_begun(tmp_path, worker):
+    jobs = Jobs(tmp_path / "jobs", worker)
+    running = jobs.submit(TaskName.PREDICT, "photo", {"name": "slow"})
+    while running.stage != "at work":
+        time.sleep(0.02)
+    waiting = [jobs.submit(TaskName.PREDICT, "photo", {"name": "good"}) for _ in range(2)]
+    before = jobs.worker_pid
+    jobs.close()
+    assert not jobs._thread.is_alive()
+    assert (jobs.worker_pid, jobs._worker.alive) == (before, False)
+    assert [job.state for job in (running, *waiting)] == [JobState.FAILED] * 3
+    assert waiting[0].sentence == "The page is being closed."
+
+
 def test_the_oldest_results_are_thrown_away(jobs, monkeypatch):
     monkeypatch.setattr(module, "_KEPT", 1)
     made = [finished(jobs, jobs.submit(TaskName.PREDICT, "photo", {"name": "good"})) for _ in range(3)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lightprobe.core.errors import ConfigError, ResourceError
-from lightprobe.view.network import open_address, qr_code
+from lightprobe.view.network import Address, open_address, qr_code
 
 
 def test_the_page_is_reachable_from_this_machine_alone():
@@ -17,6 +17,12 @@ def test_the_page_is_reachable_from_this_machine_alone():
         assert (address.token, address.network_url) == (None, None)
         with pytest.raises(ResourceError, match="choose another with --port"):
             open_address(address.port, lan=False)
+
+
+def test_browsers_leave_out_the_usual_port():
+    hosts = Address(socket.socket(), 80, None, "192.168.1.7").hosts
+    assert {"localhost", "localhost:80", "192.168.1.7"} <= hosts
+    assert "localhost" not in Address(socket.socket(), 8080, None, None).hosts
 
 
 @pytest.mark.parametrize("port", [-1, 65536])

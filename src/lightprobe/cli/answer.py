@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from lightprobe.core.failures import reporting_errors
+
 OPTION = "--json"
 
 _collected: ContextVar[dict[str, Any] | None] = ContextVar("collected", default=None)
@@ -56,7 +58,8 @@ def is_for_programs() -> bool:
 def answering(*, as_object: bool) -> Iterator[None]:
     """Run a command in this context; with `as_object` its values are printed as one JSON object at the end.
 
-    Whatever else would reach standard output goes to standard error then. An error leaves its sentence as "error".
+    Whatever else would reach standard output goes to standard error then. An error leaves its sentence as "error", and
+    an interruption one as well.
     """
     if not as_object:
         token = _collected.set(None)
@@ -68,10 +71,13 @@ def answering(*, as_object: bool) -> Iterator[None]:
     kept: dict[str, Any] = {}
     token = _collected.set(kept)
     try:
-        with contextlib.redirect_stdout(sys.stderr):
+        with contextlib.redirect_stdout(sys.stderr), reporting_errors():
             yield
     except Exception as error:
         kept["error"] = str(error)
+        raise
+    except KeyboardInterrupt:
+        kept["error"] = "Interrupted."
         raise
     finally:
         _collected.reset(token)

@@ -49,15 +49,19 @@ def calibrate(
       lightprobe calibrate runs/cup --photo desk.jpg --lux 640
       lightprobe calibrate runs/cup --reset
     """
+    known = {"--env": env, "--albedo": albedo, "--lux": lux}
+    if reset and (photo is not None or up or any(value is not None for value in known.values())):
+        raise ConfigError("--reset forgets the calibration, and finds no other; leave it or the rest out.")
     if reset:
         removed = reset_calibration(run)
         say("The calibration is removed." if removed else "There was no calibration.", removed=removed)
         return
-    known = {"--env": env, "--albedo": albedo, "--lux": lux}
     if photo is None or sum(value is not None for value in known.values()) != 1:
         raise ConfigError(f"Give --photo and one of {', '.join(known)}, or --reset.")
     if (albedo is None) != (at is None):
         raise ConfigError("--albedo and --at belong together: the albedo is that of the photo's pixel X,Y.")
+    if up and albedo is None:
+        raise ConfigError("--up is about a card, whose albedo --albedo tells; leave it out.")
     if env is not None:
         found = calibrate_by_light(run, photo, env, camera=camera, mask=mask, device=device)
     elif lux is not None:

@@ -6,7 +6,7 @@ that is added there is completed after the script is written again.
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -14,6 +14,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from lightprobe.cli.answer import OPTION, say
+from lightprobe.cli.limiting import ELSEWHERE
 from lightprobe.cli.limiting import OPTION as LIMIT
 from lightprobe.cli.main import COMMANDS, GROUPS, command_function
 from lightprobe.cli.options import option
@@ -41,8 +42,8 @@ _POSITIONAL, _NO_PAIR = (get_args(mark)[1] for mark in (Positional[bool], FlagCr
 _COMMON = (
     Option(("--help", "-h"), "Explain the command.", takes_value=False),
     Option((OPTION,), "Answer with one JSON object.", takes_value=False),
-    Option((LIMIT,), "Take no more memory than this, such as 4GB."),
 )
+_LIMIT = Option((LIMIT,), "Take no more memory than this, such as 4GB.")
 
 _ShellArg = Annotated[Positional[Shell], option(metavar="bash|zsh|fish", help="The shell that the script is for.")]
 
@@ -55,17 +56,18 @@ def completion(shell: _ShellArg) -> None:
       lightprobe completion zsh > ~/.zfunc/_lightprobe     # with fpath+=~/.zfunc before compinit in ~/.zshrc
       lightprobe completion fish > ~/.config/fish/completions/lightprobe.fish
     """
-    commands = {name: command_options(command_function(name)[0]) for name in COMMANDS}
+    commands = {name: command_options(name) for name in COMMANDS}
     script = {Shell.BASH: _bash, Shell.ZSH: _zsh, Shell.FISH: _fish}[shell](commands)
     say(script.rstrip(), shell=shell, script=script)
 
 
-def command_options(command: Callable[..., None]) -> list[Option]:
-    """Return the options of a command's function under the names that tyro gives them."""
-    function = getattr(command, "func", command)  # of one whose defaults a preset has changed
+def command_options(command: str) -> list[Option]:
+    """Return the options of a command under the names that tyro gives them."""
+    function = command_function(command)[0]
+    function = getattr(function, "func", function)  # of one whose defaults a preset has changed
     hints = get_type_hints(function, include_extras=True)
     found = [_options(name.replace("_", "-"), hints[name]) for name in inspect.signature(function).parameters]
-    return [*(each for some in found for each in some), *_COMMON]
+    return [*(each for some in found for each in some), *_COMMON, *([] if command in ELSEWHERE else [_LIMIT])]
 
 
 def _options(name: str, hint: Any, prefix: str = "") -> Iterator[Option]:

@@ -60,7 +60,8 @@ def insert(
         camera=camera, mask=mask, device=device,
     )  # fmt: skip
     x, y = found.at
-    keep(**vars(found))
+    located = None if found.location is None else found.location.located
+    keep(**{**vars(found), "location": None if located is None else located.to_json()})
     say(f"Picture: {found.picture} (foot at {x:.0f},{y:.0f}; height x {found.scale:.2f}; {found.seconds:.1f} s)")
     say(f"Layers: {found.beauty}, {found.shadow}, {found.mask}")
     for sentence in found.warnings:

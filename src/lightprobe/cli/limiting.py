@@ -6,7 +6,7 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.memory_limit import parse_size
 
 OPTION = "--max-memory"
-_ELSEWHERE = frozenset({"serve", "view", "fleet train", "fleet predict"})  # commands that have processes of their own
+ELSEWHERE = frozenset({"serve", "view", "fleet train", "fleet predict"})  # commands that have processes of their own
 
 
 def limit_among(name: str, arguments: Sequence[str]) -> tuple[list[str], int | None]:
@@ -22,7 +22,7 @@ def limit_among(name: str, arguments: Sequence[str]) -> tuple[list[str], int | N
             size = word.partition("=")[2]
         else:
             kept.append(word)
-    if size is not None and name in _ELSEWHERE:
+    if size is not None and name in ELSEWHERE:
         raise ConfigError(
             f"{OPTION} holds one process, and {name} works in several; limit the size of photos with "
             "--max-megapixels of serve, or the memory of all with your system (containers, systemd-run)."

@@ -70,14 +70,17 @@ _BackgroundArg = Annotated[
     bool, option(help="Use what photos show around the object; not for photos close to a wall or a table.")
 ]
 _SourcesArg = Annotated[bool, option(help="Look for suns and lamps, some .3 s a photo.")]
-_EveryArg = Annotated[int, option(metavar="N", help="Predict from every Nth frame of a video.")]
+_EVERY = 10  # frames of a video
+_EveryArg = Annotated[
+    int | None, option(metavar="N", help="Predict from every Nth frame of a video; by default from every tenth.")
+]
 
 
 def predict(
     run: RunArg, images: _PhotosArg, *, camera: _NewCameraArg = None, output: _MapArg = None, mask: _MaskArg = None,
     method: _MethodArg = None, confidence: _ConfidenceArg = None, save_camera: _SaveCameraArg = None,
     save_mask: _SaveMaskArg = None, save_overlay: _SaveOverlayArg = None, one_light: _OneLightArg = False,
-    background: _BackgroundArg = True, every: _EveryArg = 10, size: SizeArg = None, sun: SunArg = Sun.INSIDE,
+    background: _BackgroundArg = True, every: _EveryArg = None, size: SizeArg = None, sun: SunArg = Sun.INSIDE,
     sources: _SourcesArg = True, settings: Prediction = UNCHANGED, device: Device = "auto",
 ) -> None:  # fmt: skip
     """Predict the environment around the object from one photo, from several one by one or together, or from a video.
@@ -104,8 +107,10 @@ def predict(
     video = next((image for image in images if is_video(image)), None)
     if video is not None and len(images) > 1:
         raise ConfigError(f"{video} is a video; predict from it alone, or from photos.")
+    if video is None and every is not None:
+        raise ConfigError("--every is about a video's frames; leave it out.")
     if video is not None:
-        _predict_video(run, video, files, how, every, one_light)
+        _predict_video(run, video, files, how, _EVERY if every is None else every, one_light)
     elif one_light:
         _tell_joint(predict_one_light(run, images, files, **vars(how)), run, method)
     else:

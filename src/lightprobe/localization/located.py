@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -39,9 +40,13 @@ class Located:
         """The camera of `pixels`, which are reduced where the photo is large."""
         return self.camera.resized(self.mask.shape[1], self.mask.shape[0])
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the camera as the JSON that `--camera` reads, with the verdict beside it; no pixels."""
+        return {**self.camera.to_json(), "verdict": self.verdict.to_json()}
+
     def save_camera(self, path: Path) -> None:
-        """Write the camera as the JSON that `--camera` reads, with the verdict beside it."""
-        write_json(Path(path), {**self.camera.to_json(), "verdict": self.verdict.to_json()})
+        """Write `to_json`."""
+        write_json(Path(path), self.to_json())
 
     def save_mask(self, path: Path) -> None:
         """Write the mask at the photo's size as PNG, white object on black."""

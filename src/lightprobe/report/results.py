@@ -121,9 +121,8 @@ _VERDICT_NOTE = (
     "truth says: disagreement of darker and brighter parts about the light, surprise at where the lights come from in "
     "ln probability, relighting after one factor per channel as it was expected and as it was found, and the mean "
     "si-RMSE of the three spheres under the default's maps, as simulated photos of the object let expect, whose lights "
-    "are coarser (docs/decisions/light-accuracy.md), and as it was found. Beside both stands what the true object comes "
-    "to, which no reconstruction can be expected to exceed by much. How bright the object is as a whole the "
-    "verdict hardly sees."
+    "are coarser (docs/decisions/light-accuracy.md), and as it was found. Beside both stands what the true object "
+    "comes to: more cannot be expected of any. How bright the object is as a whole the verdict hardly sees."
 )
 _CONFIDENCE_NOTE = (
     "All directions of all test photos in five parts of equal solid angle by confidence: log-RMSE after one factor per "

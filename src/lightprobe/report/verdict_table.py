@@ -30,8 +30,9 @@ def verdict_table(results: BenchResults) -> list[str]:
         cells = [
             record.scene, str(record.seed), verdict["trust"], number(100 * verdict["disagreement"], 1),
             number(verdict["surprise"], 1), number(verdict["expected_psnr"], 1), number(truth[_FOUND], 1),
-            number(None if true is None else true.metrics["mean"].get(_FOUND), 1), number(truth.get("base_color_ratio"), 2), number(_spheres_expected(record), 3), number(_spheres(record), 3),
-            number(None if true is None else _spheres(true), 3),
+            number(None if true is None else true.metrics["mean"].get(_FOUND), 1),
+            number(truth.get("base_color_ratio"), 2), number(_spheres_expected(record), 3),
+            number(_spheres(record), 3), number(None if true is None else _spheres(true), 3),
         ]  # fmt: skip
         rows.append((cells, record))
     head = ["scene", "seed", "verdict", "disagreement, %", "surprise", "relighting expected, dB", "found, dB"]

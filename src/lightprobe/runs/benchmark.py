@@ -19,6 +19,7 @@ from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
 from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
 from lightprobe.report.records import Kind, Record
+from lightprobe.report.run_info import fitted_preset
 from lightprobe.runs.stages import is_learnt
 
 LOSSES_SCENE = "chair"
@@ -177,11 +178,17 @@ class Benchmark:
         return kept is not None
 
     def _train(self, record: Record, run: RunFolder, folder: Path, options: Sequence[str]) -> bool:
-        """Train a run, unless it is finished; return whether there is one."""
-        if self._kept(record) or (run.asset_file.is_file() and is_learnt(run)):
+        """Train a run, unless it is finished; return whether there is one.
+
+        Raises `ConfigError` for a finished one that was trained with other settings, which its record would not tell.
+        """
+        options = (*options, "--seed", str(record.seed))
+        if self._kept(record):
             return True
-        seed = ("--seed", str(record.seed))
-        return self._learn(record, run, ("train", str(folder), "-o", str(run.path), *options, *seed))
+        if run.asset_file.is_file() and is_learnt(run):
+            _check_trained(run, options)
+            return True
+        return self._learn(record, run, ("train", str(folder), "-o", str(run.path), *options))
 
     def _variant(self, record: Record, options: Sequence[str]) -> RunFolder | None:
         """Train Phase II anew on a scene's Phase I; return the run, or None if there is nothing to score."""
@@ -223,6 +230,21 @@ class Benchmark:
     def _unplaced(self, command: str) -> str:
         places = {"DATA": self.data, "RUNS": self.runs, "FOLDER": self.folder}
         return without_places(command, places if self.hdri is None else {**places, "HDRI": self.hdri})
+
+
+def _check_trained(run: RunFolder, options: Sequence[str]) -> None:
+    """Raise `ConfigError` unless a finished run was trained with the `options`: names and values, in turn."""
+    for option, wanted in zip(options[::2], options[1::2], strict=True):
+        section, _, key = option.removeprefix("--").replace("-", "_").rpartition(".")
+        if key == "preset":
+            found = fitted_preset(run).value
+        else:
+            found = str(run.config(section or "decompose").get(key))
+        if found != wanted:
+            raise ConfigError(
+                f"{run.path} was trained with {option} {found}, not {wanted}; remove it, or choose another folder with "
+                "-o or --runs."
+            )
 
 
 def paper_options(first: int, second: int) -> tuple[tuple[str, ...], str]:

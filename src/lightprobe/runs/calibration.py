@@ -109,7 +109,8 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     up: whether the card lies flat and faces up; else it faces the camera. Raises `InputError` as `calibrate_by_light`.
     """
     opened = _Opened.of(run, photo, camera, mask, device)
-    patch = _patch(opened.photo.camera, opened.photo.pixels.alpha.shape, point)
+    alpha = opened.photo.pixels.alpha
+    patch = _patch(opened.photo.camera, alpha.shape, point)
     albedo = torch.tensor(point.albedo)
     gbuffer = rasterize_asset(
         opened.decomposition.asset,
@@ -117,11 +118,18 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
         opened.device,
     )
     chosen = torch.from_numpy(np.isin(gbuffer.pixel.cpu().numpy(), np.flatnonzero(patch)))
-    if bool(chosen.any()):
+    x, y = _place(opened.photo.camera, alpha.shape, point)
+    # A card may stand beside the object, closer than a patch is wide, or in front of it, where the mask leaves it out.
+    if alpha[int(y), int(x)] >= _OPAQUE and bool(chosen.any()):
         color = gbuffer.base_color.cpu()[chosen].median(0).values
         return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
     around = opened.photos.surroundings(0, opened.photo)
-    patch = _patch(opened.photo.camera, around.shape[:2], point)
+    rows, columns = (np.arange(n) * m // n for n, m in zip(around.shape, alpha.shape, strict=False))
+    patch = _patch(opened.photo.camera, around.shape[:2], point) & (alpha[rows][:, columns] <= 1 - _OPAQUE)
+    if not patch.any():
+        raise InputError(
+            f"--at {point.x:g},{point.y:g} is on the object's outline in {photo}; choose a point farther from it."
+        )
     value = torch.from_numpy(np.median(around[patch], axis=0)).float()
     if bool((value >= 0.98).any()) or bool((value <= 0).any()):
         raise InputError(f"The pixels of {photo} at {point.x:g},{point.y:g} are black or clipped; expose for the card.")
@@ -196,10 +204,15 @@ def _patch(whole: Camera, shape: tuple[int, ...], point: Point) -> np.ndarray:
         raise ConfigError(
             f"--at {point.x:g},{point.y:g} is outside of the photo, which is {whole.width} x {whole.height} pixels."
         )
-    x, y = point.x * width / whole.width, point.y * height / whole.height
+    x, y = _place(whole, shape, point)
     reach = max(1.0, _PATCH * max(height, width))
     near = np.abs(np.arange(height) + 0.5 - y) <= reach, np.abs(np.arange(width) + 0.5 - x) <= reach
     return near[0][:, None] & near[1]
+
+
+def _place(whole: Camera, shape: tuple[int, ...], point: Point) -> tuple[float, float]:
+    """Return a point's x and y in pixels of a reduced photo (H, W)."""
+    return point.x * shape[1] / whole.width, point.y * shape[0] / whole.height
 
 
 def _median_ratio(render: Tensor, photo: Tensor) -> Tensor:

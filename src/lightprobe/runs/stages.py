@@ -184,7 +184,8 @@ def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_pr
 
 def restart_decompose(run: RunFolder) -> None:
     """Forget Phase I, and Phase II and the evaluation with it, as they build on it."""
-    outputs = (run.checkpoints.folder, run.mesh_folder, run.environment_folder, run.scene_file)
+    # A calibration is a factor of the object that goes.
+    outputs = (run.checkpoints.folder, run.mesh_folder, run.environment_folder, run.scene_file, run.calibration_file)
     run.empty(outputs=(*outputs, *_second_outputs(run)))
 
 

@@ -31,7 +31,7 @@ _NAME_BYTES = 200  # of a video's name that the name of its folder can hold
 class PredictedVideo:
     """The maps of a video's frames."""
 
-    photos: tuple[PredictedPhoto, ...]  # in order, their maps steadied
+    photos: tuple[PredictedPhoto, ...]  # in order, their maps steadied; without locations, which hold whole frames
     flicker: tuple[float, float]  # before and after, see `prediction.sequence.flicker`
     failures: str | None  # why frames got no map
 
@@ -77,9 +77,9 @@ def predict_video(
     made, failures = [], None
     try:
         for target, predicted in predictions.unwritten():
-            made.append((target, predicted))
             if on_photo is not None:
                 on_photo(predicted)
+            made.append((target, replace(predicted, location=None)))
     except InputError as error:
         failures = str(error)
     if not made:
@@ -107,9 +107,16 @@ def predict_video_light(
     method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
     device: str | torch.device = "auto",
 ) -> JointPrediction:  # fmt: skip
-    """Predict the one light of a video's frames; as `predict_video` and `predict_one_light`."""
+    """Predict the one light of a video's frames; as `predict_video` and `predict_one_light`.
+
+    The frames go into the folder of the map, or, where the map is named, into one of its name.
+    """
     files = files or PredictionFiles()
-    folder = video_folder(run, video, None) if files.output is None else files.output.parent
+    output = files.output
+    if output is None or output.is_dir():
+        folder = video_folder(run, video, output)
+    else:
+        folder = output.with_suffix("")
     images = video_frames(video, folder, every)
-    where = replace(files, output=files.output or folder / f"{folder.name}.exr")
+    where = replace(files, output=output or folder / f"{folder.name}.exr")
     return predict_one_light(run, images, where, method=method, settings=settings, background=background, device=device)

@@ -211,6 +211,8 @@ class Pool:
                     slot.state, slot.objects = SlotState.BUSY, slot.objects | {task.object}
                     task.begun, task.worker, task.tries = time.monotonic(), slot.number, task.tries + 1
                     self._running[slot] = task
+                    if self._waiting:  # another worker may have left the oldest request to this one
+                        self._changed.notify_all()
                     return task
                 self._changed.wait(10 * _TICK)  # no longer, for the process may end meanwhile
             return None

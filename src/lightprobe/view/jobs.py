@@ -46,6 +46,9 @@ DEADLINES = {TaskName.PREDICT: 600.0, TaskName.INSERT: 600.0, TaskName.FORMING: 
 """Seconds after which a job is stopped; the first of a run also loads it."""
 
 
+_CLOSED = "The page is being closed."
+
+
 @dataclass
 class Job:
     """A piece of work, its files and what came of it."""
@@ -87,6 +90,7 @@ class Jobs:
         self._lock = threading.Lock()
         self._queue: queue.Queue[Job | None] = queue.Queue()
         self._worker: WorkerProcess | None = None
+        self._closed = False
         self._thread = threading.Thread(target=self._serve, name="lightprobe-jobs", daemon=True)
         self._thread.start()
 
@@ -128,10 +132,13 @@ class Jobs:
             worker.kill()
 
     def close(self) -> None:
-        """End the worker and its thread."""
-        self._queue.put(None)
+        """End the worker and its thread; what waits is not begun."""
         with self._lock:
-            worker = self._worker
+            self._closed, worker = True, self._worker
+            for job in self._jobs.values():
+                if job.state is JobState.WAITING:
+                    job.state, job.sentence = JobState.FAILED, _CLOSED
+        self._queue.put(None)
         if worker is not None:
             worker.kill()
         self._thread.join(timeout=5)
@@ -174,6 +181,8 @@ class Jobs:
         """Return the worker's answer; raise `LightprobeError` with its sentence, or one about its end."""
         limit, late = DEADLINES[job.task], threading.Event()
         with self._lock:
+            if self._closed:
+                raise ResourceError(_CLOSED)
             if self._worker is None or not self._worker.alive:
                 self._worker = WorkerProcess(self._command)
             worker = self._worker

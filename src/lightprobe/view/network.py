@@ -9,6 +9,7 @@ from lightprobe.core.extras import extra_library
 from lightprobe.service.listening import listening_socket
 
 _LOCAL = "127.0.0.1"
+_HTTP = 80  # port of an address without one
 _TOKEN_BYTES = 16  # random ones in a token
 # An address set aside for documentation (RFC 5737): asking which way it lies sends nothing.
 _SOMEWHERE = ("192.0.2.1", 9)
@@ -25,9 +26,9 @@ class Address:
 
     @property
     def hosts(self) -> frozenset[str]:
-        """The names under which the page may be asked for, each with its port."""
+        """The names under which the page may be asked for, each with its port, which browsers leave out if it is 80."""
         names = [_LOCAL, "localhost", *([] if self.network is None else [self.network])]
-        return frozenset(f"{name}:{self.port}" for name in names)
+        return frozenset([f"{name}:{self.port}" for name in names] + (names if self.port == _HTTP else []))
 
     @property
     def local_url(self) -> str:
