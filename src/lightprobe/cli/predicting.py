@@ -1,6 +1,7 @@
 """predict, locate: from new photos of a known object to the light around it, and to their cameras."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -104,11 +105,7 @@ def predict(
     height = None if size is None else map_height(size)
     files = PredictionFiles(camera, mask, output, confidence, located, height, sun, sources)
     how = _How(method, settings, background, device)
-    video = next((image for image in images if is_video(image)), None)
-    if video is not None and len(images) > 1:
-        raise ConfigError(f"{video} is a video; predict from it alone, or from photos.")
-    if video is None and every is not None:
-        raise ConfigError("--every is about a video's frames; leave it out.")
+    video = _video_among(images, every)
     if video is not None:
         _predict_video(run, video, files, how, _EVERY if every is None else every, one_light)
     elif one_light:
@@ -128,6 +125,16 @@ class _How:
     settings: PredictionOptions
     background: bool
     device: str
+
+
+def _video_among(images: Sequence[Path], every: int | None) -> Path | None:
+    """Return the video that is to be predicted from, None if it is photos; raise `ConfigError` for both at once."""
+    video = next((image for image in images if is_video(image)), None)
+    if video is not None and len(images) > 1:
+        raise ConfigError(f"{video} is a video; predict from it alone, or from photos.")
+    if video is None and every is not None:
+        raise ConfigError("--every is about a video's frames; leave it out.")
+    return video
 
 
 def _predict_video(run: Path, video: Path, files: PredictionFiles, how: _How, every: int, one_light: bool) -> None:

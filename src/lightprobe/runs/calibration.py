@@ -120,7 +120,7 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     chosen = torch.from_numpy(np.isin(gbuffer.pixel.cpu().numpy(), np.flatnonzero(patch)))
     x, y = _place(opened.photo.camera, alpha.shape, point)
     # A card may stand beside the object, closer than a patch is wide, or in front of it, where the mask leaves it out.
-    if alpha[int(y), int(x)] >= _OPAQUE and bool(chosen.any()):
+    if alpha[min(int(y), len(alpha) - 1), min(int(x), alpha.shape[1] - 1)] >= _OPAQUE and bool(chosen.any()):
         color = gbuffer.base_color.cpu()[chosen].median(0).values
         return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
     around = opened.photos.surroundings(0, opened.photo)
