@@ -24,6 +24,17 @@ def test_only_the_plain_name_of_a_file_becomes_a_path(tmp_path, name):
             path(name)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such permissions")
+def test_files_and_folders_have_the_permissions_that_the_user_gives_new_ones(tmp_path):
+    code = (
+        "import os, sys; os.umask(0o077); from pathlib import Path; from lightprobe.core.files import *; "
+        "write_bytes(Path(sys.argv[1]) / 'file', b'x')\n"
+        "with atomic_folder(Path(sys.argv[1]) / 'folder'): pass"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
+    assert [oct((tmp_path / name).stat().st_mode & 0o777) for name in ("file", "folder")] == ["0o600", "0o700"]
+
+
 def test_unusual_names_are_names():
     for name in ("a b", "ä..b", "...", ".hidden", "12:30", "x" * 200):
         assert named_file(Path("f"), name, ".exr") == Path("f") / f"{name}.exr"

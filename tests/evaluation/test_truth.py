@@ -13,8 +13,9 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
+from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.evaluation import chamfer, truth
-from lightprobe.evaluation.truth import MaterialScores, relight_scores, surface_scores
+from lightprobe.evaluation.truth import MaterialScores, asset_scores, relight_scores, surface_scores
 from lightprobe.evaluation.views import TestView
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.light.environment import Environment
@@ -45,7 +46,7 @@ def seen(files: Truth, *, color: np.ndarray | None = None, **material: np.ndarra
     tensors = {name: torch.tensor(np.asarray(values), dtype=torch.float32) for name, values in material.items()}
     if color is not None:
         tensors["base_color"] = torch.tensor(color, dtype=torch.float32)
-    gbuffer = SimpleNamespace(pixel=torch.tensor(COVERED), **tensors)
+    gbuffer = SimpleNamespace(pixel=torch.tensor(COVERED), height=HEIGHT, width=WIDTH, **tensors)
     photo = Photo("a", camera_at((3.0, 1, 1)), Path("a.png"), truth=files)
     return cast(TestView, SimpleNamespace(photo=photo, mask=mask, gbuffer=gbuffer))
 
@@ -136,6 +137,29 @@ def test_what_has_no_truth_has_no_scores() -> None:
     assert scores.result() == {}
 
 
+def test_a_map_of_another_size_is_refused_and_nothing_of_its_photo_counts(tmp_path: Path) -> None:
+    write_png(tmp_path / "color.png", as_map(TRUE), bits=16)
+    write_png(tmp_path / "orm.png", np.full((2 * HEIGHT, 2 * WIDTH, 3), 0.5), srgb=False)
+    scores = MaterialScores()
+    with pytest.raises(InputError, match=r"orm\.png has 6 x 4 pixels, but its photo 3 x 2"):
+        scores.add(seen(Truth(base_color=tmp_path / "color.png", orm=tmp_path / "orm.png"), color=MINE))
+    assert scores.result() == {}
+
+
+@pytest.mark.parametrize("faces", ["", "f 1 2 9", "f a b c"])
+def test_a_mesh_that_is_none_costs_no_other_score(tmp_path: Path, faces: str) -> None:
+    decomposition = known_decomposition()
+    (tmp_path / "mesh.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}")
+    with pytest.raises(InputError, match="mesh"):
+        surface_scores(decomposition, tmp_path / "mesh.obj")
+    write_png(tmp_path / "color.png", as_map(TRUE), bits=16)
+    materials = MaterialScores()
+    materials.add(seen(Truth(base_color=tmp_path / "color.png"), color=MINE))
+    scene = Scene(tmp_path, "transforms", (), (), (), decomposition.similarity)
+    with pytest.warns(LightprobeWarning, match="Not all of the object is scored"):
+        assert asset_scores(decomposition, scene, materials, CPU) == materials.result()
+
+
 @pytest.mark.slow
 def test_the_distance_of_surfaces_is_in_radii_of_the_true_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chamfer, "_VIEWS", 12)
@@ -188,6 +212,12 @@ def relit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Relit:
 
 def even(*color: float) -> np.ndarray:
     return np.tile(np.array(color), (SIDE, SIDE, 1))
+
+
+def test_a_render_without_coverage_or_of_another_size_is_one_sentence(relit: Relit) -> None:
+    for true, told in ((even(0.2, 0.4, 0.1), "fourth channel"), (even(0.2, 0.4, 0.1, 1)[:6], "has 12 x 6 pixels")):
+        with pytest.raises(InputError, match=told):
+            relit([even(0.2, 0.4, 0.1)], [true])
 
 
 def test_relit_pictures_are_scored_photo_by_photo_and_scaled_by_one_factor_for_all(relit: Relit) -> None:

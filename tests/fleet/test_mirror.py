@@ -7,6 +7,7 @@ import pytest
 
 from lightprobe.fleet.mirror import Mirror
 from lightprobe.fleet.storage import Place
+from lightprobe.preparation import check_output
 
 
 @pytest.fixture
@@ -50,6 +51,16 @@ def test_what_is_there_is_brought_and_not_sent_again(monkeypatch, remote, tmp_pa
     monkeypatch.setattr(Place, "write", lambda self, data: pytest.fail(f"{self} was sent again"))
     mirror.send()
     assert "report/index.html" in remote.files()
+
+
+def test_another_machine_can_go_on_with_a_scene_that_was_prepared_in_the_run(remote, tmp_path):
+    mirror = Mirror(tmp_path / "one", remote)
+    for name in ("scene/.prepare/lock", "scene/.prepare/written.json", "scene/transforms.json", ".lock"):
+        write(tmp_path / "one", name, "{}", 100)
+    mirror.send()
+    assert sorted(remote.files()) == ["scene/.prepare/lock", "scene/.prepare/written.json", "scene/transforms.json"]
+    Mirror(tmp_path / "two", remote)
+    check_output(tmp_path / "two" / "scene")
 
 
 def test_changes_are_sent_now_and_then(remote, tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lightprobe.imaging import foreign_encoding
+from lightprobe.imaging import foreign_encoding, read_ldr
 from tests.imaging.icc_profiles import P3_PRIMARIES, SRGB_PRIMARIES, icc, own_srgb
 
 
@@ -25,6 +25,16 @@ def test_another_profile_is_named_in_every_format(tmp_path, image, suffix):
     assert foreign_encoding(path) is None
     image.save(path)
     assert foreign_encoding(path) is None
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_a_grey_picture_may_have_the_profile_of_its_colour_one(tmp_path, image, suffix):
+    path = tmp_path / f"grey.{suffix}"
+    image.convert("L").save(path, icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2))
+    color = read_ldr(path)[0]
+    assert color.shape == (*image.size[::-1], 3)
+    levels = np.asarray(Image.open(path)) / 255
+    np.testing.assert_allclose(color, np.repeat(levels[..., None] ** 2.2, 3, 2), atol=2e-3)
 
 
 def test_the_colours_decide_not_the_name(tmp_path, image):

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import write_png
+from lightprobe.imaging import write_exr, write_png
 from lightprobe.preparation.looking import refuse_copies
 from lightprobe.preparation.photos import copies, even_contrast, given_mask, source_photos, working_pictures
 
@@ -25,6 +25,16 @@ def test_photos_are_those_of_images_with_masks_beside_them(tmp_path):
     assert [photo.mask is not None for photo in photos] == [False, False, True, False]
     assert working_pictures(photos[2]).alpha.mean() == pytest.approx(0.5, abs=0.03)
     assert working_pictures(photos[1]).alpha is None
+
+
+@pytest.mark.parametrize("scale", [0.002, 1.0, 200.0])
+def test_radiance_in_any_unit_is_looked_at_alike(tmp_path, scale):
+    light = np.random.default_rng(0).random((30, 40, 3)).astype(np.float32)
+    for number in range(4):
+        write_exr(tmp_path / f"{number}.exr", scale * np.roll(light, number, 1))
+    color = working_pictures(source_photos(tmp_path)[0]).color
+    assert 150 < color.mean() < 210
+    assert color.std() > 40
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])

@@ -94,6 +94,21 @@ def test_bent_photos_stay_as_fine_as_they_are(tmp_path, suffix):
         assert read_orientation(tmp_path / "images" / file) == 1
 
 
+def test_masks_are_told_of_before_they_take_the_place_of_others(tmp_path):
+    own, told = tmp_path / "own.png", []
+    own.write_bytes(b"a correction")
+    (tmp_path / "masks").mkdir()
+    (tmp_path / "masks" / "old.png").touch()
+
+    def written(new):
+        told.extend(sorted(path.name for path in new.iterdir()))
+        assert (tmp_path / "masks" / "old.png").exists()
+
+    write_masks([("a", np.ones((4, 4), np.float32))], {"b": own}, tmp_path / "masks", written)
+    assert told == sorted(path.name for path in (tmp_path / "masks").iterdir()) == ["a.png", "b.png"]
+    assert (tmp_path / "masks" / "b.png").read_bytes() == b"a correction"
+
+
 def test_the_scene_loads_with_its_cameras(tmp_path):
     cameras = {f"p{i}": camera for i, camera in enumerate(ring_cameras(8))}
     photos = {name: (source(tmp_path / f"{name}.jpg"), camera, 0.0) for name, camera in cameras.items()}
@@ -101,7 +116,7 @@ def test_the_scene_loads_with_its_cameras(tmp_path):
     files = write_images(photos, scene / "images")
     rows, columns = np.mgrid[:SIZE, :SIZE]
     disc = ((rows - 100) ** 2 + (columns - 100) ** 2 < 60**2).astype(np.float32)
-    write_masks(((name, disc) for name in cameras), scene / "masks")
+    write_masks(((name, disc) for name in cameras), {}, scene / "masks")
     write_transforms(scene / "transforms.json", cameras, files)
     loaded = load_scene(scene)
     for photo in (*loaded.train, *loaded.test):

@@ -8,6 +8,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.reconstruction import phase1
 from lightprobe.reconstruction.gauge import evenly_spaced
+from lightprobe.reconstruction.photos import Target
 from lightprobe.scene import load_scene
 from tests.toy_scene import write_toy_scene
 
@@ -31,6 +32,18 @@ def test_lights_of_a_pass_that_is_not_kept_go_with_it(tmp_path, monkeypatch, kep
     found = phase1.decompose(scene, CONFIG)
     before = {photo.name: light for photo, light in zip(scene.train, handed[0].lights, strict=True)}
     assert all(torch.equal(found.lights[name].texels, light) for name, light in before.items()) is not kept
+
+
+@pytest.mark.slow
+def test_held_out_photos_that_are_too_thin_to_judge_by_judge_nothing(tmp_path, monkeypatch):
+    scene = load_scene(write_toy_scene(tmp_path, train=4, test=1))
+    monkeypatch.setattr(phase1, "split_validation", lambda photos, count: (list(photos), [photos[0]]))
+    monkeypatch.setattr(Target, "covered", property(lambda self: self.alpha > 2))
+    monkeypatch.setattr(phase1, "validate", lambda *_: pytest.fail("a mean over no pixels"))
+    handed, first_pass = [], phase1._first_pass
+    monkeypatch.setattr(phase1, "_first_pass", lambda *a: handed.append(first_pass(*a)) or handed[-1])
+    found = phase1.decompose(scene, CONFIG)
+    assert not torch.equal(found.lights[scene.train[0].name].texels, handed[0].lights[0])  # refined, as without any
 
 
 @pytest.mark.slow

@@ -78,6 +78,14 @@ def test_under_a_constant_light_a_pixel_has_the_reflectance_of_its_integrals():
 
 
 @pytest.mark.usefixtures("tracer_works")
+def test_an_object_beside_the_picture_leaves_it_empty():
+    beside = replace(CAMERA, cx=CAMERA.cx + 1000)
+    image, cover = PathTracer(glossy_sphere(), 4).render(beside, patch_light((1.0, 0.3, 0.4)))
+    assert image.shape == (40, 48, 3)
+    assert float(image.abs().max()) == float(cover.max()) == 0
+
+
+@pytest.mark.usefixtures("tracer_works")
 def test_coverage_is_that_of_our_renderer_and_outside_is_nothing():
     light = patch_light((1.0, 0.3, 0.4))
     image, cover = PathTracer(glossy_sphere(), 64).render(CAMERA, light)

@@ -38,6 +38,14 @@ def test_it_is_what_lies_clear_of_the_mask(photo):
     assert not np.isclose(background.color[background.seen], 0.8, atol=0.05).any()
 
 
+def test_a_mask_that_is_not_quite_black_hides_no_background(photo):
+    clear = load_background(photo)
+    with Image.open(photo.mask_path) as mask:
+        hazy = np.maximum(np.asarray(mask), 3)
+    Image.fromarray(hazy).save(photo.mask_path)
+    assert np.array_equal(load_background(photo).seen, clear.seen)
+
+
 def test_white_is_a_lower_bound(photo):
     background = load_background(photo)
     assert background is not None

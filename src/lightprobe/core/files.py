@@ -29,6 +29,16 @@ def disk_errors(path: Path) -> Iterator[None]:
         raise ResourceError(f"Could not write {path}: {error.strerror or error}.") from error
 
 
+def _umask() -> int:
+    """Return which permissions the user takes from new files; asking for it sets it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+_UMASK = _umask()  # asked once, before there are threads whose files it could hit
+
+
 @contextlib.contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary sibling of `path` to write to; rename it into place on success, delete it on failure.
@@ -42,7 +52,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             yield temporary
             with open(temporary, "rb") as written:
                 os.fsync(written.fileno())
-            os.chmod(temporary, 0o644)
+            os.chmod(temporary, 0o666 & ~_UMASK)
             os.replace(temporary, path)
 
 
@@ -54,7 +64,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         with partial_folder(path.parent) as temporary:
             yield temporary
-            os.chmod(temporary, 0o755)
+            os.chmod(temporary, 0o777 & ~_UMASK)
             if path.exists():
                 shutil.rmtree(path)
             os.replace(temporary, path)

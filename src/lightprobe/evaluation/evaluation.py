@@ -171,10 +171,10 @@ class _Evaluator:
             view = self.judge.view(photo)
             light = self.judge.true_light(photo)
             first = self.judge.score(view, light, self.methods[0])
+            self._materials.add(view)
         except InputError as error:  # one photo that cannot serve must not cost the numbers of the others
             self.result.skipped[photo.name] = str(error)
             return
-        self._materials.add(view)
         self.result.photos[photo.name] = {}
         self.result.verdicts[photo.name] = first.prediction.verdict
         if photo.truth.light is not None:
@@ -202,16 +202,8 @@ class _Evaluator:
         if not result.photos:
             raise InputError(f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}")
         result.confidence = {method: gathered.result() for method, gathered in self._bins.items()}
-        result.truth = _asset_scores(judge.decomposition, scene, self._materials, judge.device)
+        result.truth = truth.asset_scores(judge.decomposition, scene, self._materials, judge.device)
         return result
-
-
-def _asset_scores(
-    decomposition: Decomposition, scene: Scene, materials: truth.MaterialScores, device: torch.device
-) -> Scores:
-    scores = materials.result() | truth.relight_scores(decomposition, scene, device)
-    mesh_file = scene.root / "mesh.obj"
-    return scores | truth.surface_scores(decomposition, mesh_file) if mesh_file.is_file() else scores
 
 
 @dataclass

@@ -18,6 +18,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from lightprobe.core.errors import InputError
+from lightprobe.evaluation.truth import read_true_mesh
 from lightprobe.geometry.atlas import triangle_atlas, triangle_atlas_size
 from lightprobe.geometry.mesh import Mesh, crease_normals, decimate, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
@@ -88,11 +89,8 @@ def _true_mesh(scene: Scene) -> Mesh:
     """Return the mesh in the normalised frame, its texture coordinates still to be made."""
     import trimesh
 
-    try:
-        true = trimesh.load_mesh(scene.root / "mesh.obj", process=False)
-        true.merge_vertices()
-    except Exception as error:  # the reader raises whatever its parsers do
-        raise InputError(f"{scene.root / 'mesh.obj'} cannot be read as a mesh: {error}.") from error
+    true = read_true_mesh(scene.root / "mesh.obj")
+    true.merge_vertices()
     vertices, faces = decimate(np.asarray(true.vertices), np.asarray(true.faces), _MAX_FACES)
     vertices = scene.similarity.apply(np.asarray(vertices, np.float64))
     vertices, faces = trimesh.remesh.subdivide_to_size(vertices, faces, _LONGEST_EDGE)[:2]

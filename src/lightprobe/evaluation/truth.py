@@ -3,14 +3,17 @@
 Truth is only ever read here, never by training or prediction.
 """
 
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
+from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.evaluation.chamfer import mesh_chamfer
 from lightprobe.evaluation.metrics import (
     channel_scale,
@@ -26,16 +29,46 @@ from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.scene.photo import Photo, Scene
 
+if TYPE_CHECKING:
+    import trimesh
+
 Scores = dict[str, float]
 _DARKEST = 3e-4  # linear base colour of the darkest grey that 8 bits of sRGB tell from black
 
 
-def surface_scores(decomposition: Decomposition, mesh_file: Path) -> Scores:
-    """Return the mean symmetric Chamfer distance to the true mesh, in units of the object's radius."""
+def asset_scores(
+    decomposition: Decomposition, scene: Scene, materials: "MaterialScores", device: torch.device
+) -> Scores:
+    """Return all that the scene's truth says of the asset; what cannot be scored is left out with a warning."""
+    scores, mesh_file = materials.result(), scene.root / "mesh.obj"
+    try:
+        scores |= relight_scores(decomposition, scene, device)
+        scores |= surface_scores(decomposition, mesh_file) if mesh_file.is_file() else {}
+    except InputError as error:  # must not cost what the photos were scored with
+        warnings.warn(f"Not all of the object is scored. {error}", LightprobeWarning, stacklevel=2)
+    return scores
+
+
+def read_true_mesh(path: Path) -> "trimesh.Trimesh":
+    """Return the mesh of a scene's true object as its file has it; raise `InputError` where there is none in it."""
     import trimesh
 
-    true = trimesh.load_mesh(mesh_file, process=False)
-    mesh = decomposition.asset.mesh
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    except Exception as error:  # the reader raises whatever its parsers do
+        raise InputError(f"{path} cannot be read as a mesh: {error}.") from error
+    if len(faces) == 0 or not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise InputError(f"{path} has no faces, or faces of vertices that it does not have.")
+    return mesh
+
+
+def surface_scores(decomposition: Decomposition, mesh_file: Path) -> Scores:
+    """Return the mean symmetric Chamfer distance to the true mesh, in units of the object's radius.
+
+    Raises `InputError` as `read_true_mesh`.
+    """
+    true, mesh = read_true_mesh(mesh_file), decomposition.asset.mesh
     vertices = decomposition.similarity.invert(mesh.vertices.detach().cpu().numpy())
     return {"chamfer": mesh_chamfer((vertices, mesh.faces.cpu().numpy()), (np.asarray(true.vertices), true.faces))}
 
@@ -49,20 +82,29 @@ class MaterialScores:
         self._normals: list[tuple[np.ndarray, np.ndarray]] = []
 
     def add(self, view: TestView) -> None:
-        """Add the pixels of a view that the photo and the asset both cover; views without truth add nothing."""
+        """Add the pixels of a view that the photo and the asset both cover; views without truth add nothing.
+
+        Raises `InputError`, and adds nothing, where a map cannot be read or has not the photo's size.
+        """
+        size = view.gbuffer.height, view.gbuffer.width
         chosen = view.mask.reshape(-1)[view.gbuffer.pixel]
         pixel = view.gbuffer.pixel[chosen].cpu().numpy()
         truth = view.photo.truth
-        if truth.base_color:
-            true = torch.from_numpy(read_ldr(truth.base_color)[0].reshape(-1, 3)[pixel])
-            self._colors.append((view.gbuffer.base_color[chosen].cpu(), true))
-        if truth.orm:
-            orm = read_ldr(truth.orm, srgb=False)[0].reshape(-1, 3)[pixel]
+        color, orm, normal = (
+            None if path is None else _sized(read(path), size, path)[..., :3].reshape(-1, 3)[pixel]
+            for path, read in (
+                (truth.base_color, lambda path: read_ldr(path)[0]),
+                (truth.orm, lambda path: read_ldr(path, srgb=False)[0]),
+                (truth.normal, read_hdr),
+            )
+        )
+        if color is not None:
+            self._colors.append((view.gbuffer.base_color[chosen].cpu(), torch.from_numpy(color)))
+        if orm is not None:
             for name, mine, channel in (("roughness_mae", "roughness", 1), ("metallic_mae", "metallic", 2)):
                 values = getattr(view.gbuffer, mine)[chosen].cpu().numpy()
                 self._errors[name].append(np.abs(values - orm[:, channel]))
-        if truth.normal:
-            normal = read_hdr(truth.normal)[..., :3].reshape(-1, 3)[pixel]
+        if normal is not None:
             known = np.linalg.norm(normal, axis=1) > 0.5
             self._normals.append((view.gbuffer.normal[chosen].cpu().numpy()[known], normal[known]))
 
@@ -83,6 +125,16 @@ class MaterialScores:
         return scores
 
 
+def _sized(image: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarray:
+    """Return an image (H, W, C) of a `size` (H, W); raise `InputError` naming its file where it has another one."""
+    if image.shape[:2] != size:
+        raise InputError(
+            f"{path} has {image.shape[1]} x {image.shape[0]} pixels, but its photo {size[1]} x {size[0]}; truth is "
+            "compared pixel by pixel."
+        )
+    return image
+
+
 def _mean_ratios(mine: Tensor, true: Tensor) -> Scores:
     """Return the ratios of mean linear base colours (N, 3) to the true one: over all channels, and the worst one's."""
     means = [values.double().mean(0).clamp(min=_DARKEST) for values in (mine, true)]
@@ -97,7 +149,8 @@ def relight_scores(
     """Return masked PSNR and SSIM of the object under the scene's novel lights against their linear renders.
 
     Raw, and with one linear factor per channel over all photos, which takes the freedom between light and albedo out.
-    Raises `ConfigError` where `config` asks for a path tracer that is not installed.
+    Raises `ConfigError` where `config` asks for a path tracer that is not installed, `InputError` for a render that is
+    not one of its photo's size with coverage.
     """
     pairs = list(_relit_pairs(Relighter(decomposition, device, config), scene.relight, device))
     if not pairs:
@@ -119,7 +172,11 @@ def _relit_pairs(
     for photo in photos:
         if photo.truth.environment is None or photo.truth.linear is None:
             continue
-        true = torch.from_numpy(np.ascontiguousarray(read_hdr(photo.truth.linear), np.float32)).to(device)
+        size = photo.camera.height, photo.camera.width
+        render = _sized(read_hdr(photo.truth.linear), size, photo.truth.linear)
+        if render.shape[2] != 4:
+            raise InputError(f"{photo.truth.linear} needs a fourth channel, the object's coverage.")
+        true = torch.from_numpy(np.ascontiguousarray(render, np.float32)).to(device)
         image, _ = relighter.picture(Environment.load(photo.truth.environment, device), photo.camera)
         yield image, true[..., :3], true[..., 3] > 0.5
 

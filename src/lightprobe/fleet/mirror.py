@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lightprobe.fleet.storage import Place
+from lightprobe.preparation import HIDDEN
 from lightprobe.runs.progress import OnProgress
 
 _SECONDS = 60.0  # between two looks for changed files: the most that a dead machine costs beside a checkpoint's steps
@@ -49,10 +50,13 @@ class Mirror:
         self._sent, self._last = now, self._clock()
 
     def _stamps(self) -> dict[str, tuple[int, int]]:
-        """Return time of writing and size of every file, by its path in the folder."""
+        """Return time of writing and size of every file, by its path in the folder.
+
+        Hidden ones are this machine's own, but for what `prepare` keeps of a scene to go on from.
+        """
         found: dict[str, tuple[int, int]] = {}
         for parent, folders, files in os.walk(self.folder):
-            folders[:] = [name for name in folders if not name.startswith(".")]
+            folders[:] = [name for name in folders if not name.startswith(".") or name == HIDDEN]
             for file in files:
                 path = Path(parent, file)
                 if not file.startswith("."):

@@ -142,6 +142,8 @@ def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarr
 
     Integers from 0 to `levels`, of which each has one value; floats are linear already.
     """
+    if colors.shape[2] == 1 and len(encoding.curves) == 3:  # a grey picture keeps the profile of its colour one
+        colors = np.repeat(colors, 3, axis=2)
     if colors.dtype.kind == "f":
         rgb = np.clip(np.nan_to_num(colors), 0, _BRIGHTEST).astype(np.float32, copy=False)
     elif len(encoding.curves) == 1:

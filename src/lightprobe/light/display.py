@@ -9,10 +9,13 @@ from lightprobe.imaging import LUMA, srgb_encode
 
 
 def exposure(image: np.ndarray) -> float:
-    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, whatever suns it has."""
+    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, whatever suns it has.
+
+    Most of it may be black. 1 for an image that is black all over.
+    """
     luma = image @ LUMA
-    typical = float(np.minimum(luma, 5 * np.median(luma)).mean())
-    return 0.5 / typical if typical > 0 else 1.0
+    bright = luma[luma > 0]
+    return 0.5 / float(np.minimum(luma, 5 * np.median(bright)).mean()) if bright.size else 1.0
 
 
 def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:

@@ -24,7 +24,7 @@ _LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
 # What the parsers of the archive and of the arrays in it run into.
 _DAMAGE = (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, SyntaxError, RecursionError, MemoryError,
            RuntimeError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
-_VERSION = 5  # of all steps: raised when what they keep, or how they find it, changes
+_VERSION = 6  # of all steps: raised when what they keep, or how they find it, changes
 
 
 def key_of(*parts: Any) -> str:

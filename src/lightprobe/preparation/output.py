@@ -1,6 +1,5 @@
 """What a preparation leaves: the scene's files, and prepare.json, which says how they came about."""
 
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -118,23 +117,28 @@ def _write_masks(output: Path, photos: Sequence[SourcePhoto], cutting: Cutting, 
                  bends: Mapping[int, float]) -> None:  # fmt: skip
     """Write the masks at full size, those that the user corrected as they are, and what they were written as."""
     corrected, folder = output / HIDDEN / "corrected", output / "masks"
-    record = output / HIDDEN / WRITTEN
-    names = [photos[index].name for index in cutting.masks]
+    names, before = [photos[index].name for index in cutting.masks], dict[str, list[str]]()
     for name in names:
-        own = named_file(folder, name, ".png")
-        if name in cutting.own and own.is_file() and not _as_written(own, output, name):
-            write_bytes(named_file(corrected, name, ".png"), own.read_bytes())
+        present = named_file(folder, name, ".png")
+        if present.is_file() and _as_written(present, output, name):
+            before[name] = [checksum(present)]
+        elif present.is_file() and name in cutting.own:
+            write_bytes(named_file(corrected, name, ".png"), present.read_bytes())
+    own = {name: kept for name in cutting.own if (kept := named_file(corrected, name, ".png")).is_file()}
     # made one by one while they are written: at full size all of them would take more than anything else here
     masks = (
         (photos[index].name, _full_mask(photos[index], mask, cameras[index], bends[index]))
         for index, mask in cutting.masks.items()
+        if photos[index].name not in own
     )
-    write_masks(masks, folder)
-    for name in cutting.own:
-        kept = named_file(corrected, name, ".png")
-        if kept.is_file():
-            shutil.copyfile(kept, named_file(folder, name, ".png"))
-    write_json(record, {name: checksum(named_file(folder, name, ".png")) for name in names})
+
+    def record(where: Path, others: Mapping[str, list[str]]) -> None:
+        sums = {name: [checksum(named_file(where, name, ".png")), *others.get(name, [])] for name in names}
+        write_json(output / HIDDEN / WRITTEN, sums)
+
+    # If all ends while the new folder takes the old one's place, either is known not to be the user's work.
+    write_masks(masks, own, folder, lambda new: record(new, before))
+    record(folder, {})
 
 
 def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -> np.ndarray:
@@ -146,7 +150,7 @@ def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -
 
 
 def _as_written(path: Path, output: Path, name: str) -> bool:
-    return written_masks(output).get(name) == checksum(path)
+    return checksum(path) in written_masks(output).get(name, ())
 
 
 def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -91,6 +91,8 @@ def working_pictures(photo: SourcePhoto) -> WorkingPictures:
     whole, small = (photo.height, photo.width), _side_within(photo, COLOR_SIDE)
     linear = resize_rows(lambda first, last: file.rows(first, last)[0], (*whole, 3), *small)
     light = resize_rows(lambda *rows: file.rows(*rows)[0] @ LUMA, whole, *_side_within(photo, FEATURE_SIDE))
+    if not file.has_white:  # radiance in any unit; masks are cut by what can be told apart
+        linear = linear / max(float(np.percentile(linear @ LUMA, 99)), 1e-9)
     color = np.clip(srgb_encode(np.clip(linear, 0, 1)) * 255 + 0.5, 0, 255).astype(np.uint8)
     grey = even_contrast(light)
     return WorkingPictures(grey, color, given_mask(photo, small), sharpness(grey))

@@ -133,13 +133,15 @@ def features_inside(cutting: Cutting, photos: Sequence[Features], otherwise: Seq
     return inside
 
 
-def written_masks(output: Path) -> dict[str, Any]:
+def written_masks(output: Path) -> dict[str, list[Any]]:
     """Return the checksums of a scene's masks as they were written, by name, none where none were.
 
-    Raises `InputError` for a record that is damaged.
+    The newest come first; one before it is there for a run that ended while masks took each other's place. Raises
+    `InputError` for a record that is damaged.
     """
     record = output / HIDDEN / WRITTEN
-    return read_object(record, "remove it and prepare the scene anew") if record.is_file() else {}
+    found = read_object(record, "remove it and prepare the scene anew") if record.is_file() else {}
+    return {name: value if isinstance(value, list) else [value] for name, value in found.items()}
 
 
 def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarray]:
@@ -150,7 +152,7 @@ def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarr
     found = {}
     for photo in photos:
         path, kept = named_file(output / "masks", photo.name, ".png"), named_file(corrected, photo.name, ".png")
-        if path.is_file() and checksum(path) != written.get(photo.name):
+        if path.is_file() and checksum(path) not in written.get(photo.name, ()):
             found[photo.name] = read_mask(path) >= 0.5
         elif kept.is_file():
             found[photo.name] = read_mask(kept) >= 0.5

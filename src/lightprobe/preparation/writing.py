@@ -107,11 +107,20 @@ def _write_straight(photo: SourcePhoto, camera: Camera, k: float, folder: Path, 
     return file
 
 
-def write_masks(masks: Iterable[tuple[str, np.ndarray]], folder: Path) -> None:
-    """Write masks (H, W) float32, each with its name, as grey PNG into a new folder, one by one as they come."""
+def write_masks(
+    masks: Iterable[tuple[str, np.ndarray]], ready: Mapping[str, Path], folder: Path,
+    written: Callable[[Path], None] = lambda new: None,
+) -> None:  # fmt: skip
+    """Write masks into a new folder: (H, W) float32 with names, as grey PNG one by one as they come, and `ready` files.
+
+    written: called with the new folder before it takes the place of `folder`.
+    """
     with atomic_folder(folder) as temporary:
         for name, mask in masks:
             write_mask(named_file(temporary, name, ".png"), mask)
+        for name, file in ready.items():
+            shutil.copyfile(file, named_file(temporary, name, ".png"))
+        written(temporary)
 
 
 def write_transforms(path: Path, cameras: Mapping[str, Camera], files: Mapping[str, str]) -> None:

@@ -220,9 +220,10 @@ def _best(job: Job, stage: Stage, held_out: list[Photo], start: Handover, assets
 
     Where the asset from before the stage, `start`, is the best one, so are its lights.
     """
-    if not held_out:
+    # At this size a photo may show too little of the object to judge by.
+    judges = [target for target in job.targets(held_out, job.config.pass2_side) if bool(target.covered.any())]
+    if not judges:
         return Handover(assets[-1], lights.stacked())
-    judges = job.targets(held_out, job.config.pass2_side)
     scores = [validate(asset, judges, job.config, job.seed) for asset in (start.asset, *assets)]
     listed = ", ".join(f"{score:.2f}" for score in scores[1:])
     job.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")

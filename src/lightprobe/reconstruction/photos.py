@@ -24,6 +24,11 @@ class Target:
     clipped: Tensor  # (N, 3) bool: the pixel is at least as bright as its colour
     shown: float | None = None  # level of what it shows around the object (`reconstruction.surroundings`), if known
 
+    @property
+    def covered(self) -> Tensor:
+        """Which pixels the object covers more than half, (N,) bool: none where it is thinner than they are."""
+        return self.alpha > 0.5
+
     def inside(self, pixel: Tensor) -> Tensor:
         """Return which of the pixels `pixel` (K,) int64 lie wholly inside the mask: their places in it, (M,) int64.
 

@@ -52,13 +52,13 @@ def fit_light(
 
 @torch.no_grad()
 def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> float:
-    """Return the mean masked sRGB PSNR in dB of photos re-rendered under lights solved for them."""
+    """Return the mean masked sRGB PSNR in dB of photos, which all show the object, under lights solved for them."""
     scores = []
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
         image = torch.zeros_like(target.color)
         image[gbuffer.pixel] = shade_under(gbuffer, light)
-        inside = target.alpha > 0.5
+        inside = target.covered
         ours = one_sided(image[inside], target.color[inside], target.clipped[inside]).clamp(0, 1)
         error = (srgb_encode(ours) - srgb_encode(target.color[inside].clamp(0, 1))).square().mean()
         scores.append(float(-10 * torch.log10(error.clamp(min=1e-10))))

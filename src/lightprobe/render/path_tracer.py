@@ -105,7 +105,7 @@ class PathTracer:
             rng = np.random.default_rng(self._seed)
             picture = np.zeros((camera.height * camera.width, 4))
             pixel = _framed(self._vertices, camera)
-            for chosen in np.array_split(pixel, max(1, -(-len(pixel) // _RAYS))):
+            for chosen in np.array_split(pixel, -(-len(pixel) // _RAYS)) if len(pixel) else ():
                 picture[chosen] = self._traced(scene, camera, chosen, rng)
         image = torch.from_numpy(picture.astype(np.float32)).reshape(camera.height, camera.width, 4).to(light.device)
         return image[..., :3], image[..., 3]

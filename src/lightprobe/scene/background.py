@@ -14,6 +14,7 @@ from lightprobe.scene.pixels import load_shown
 
 _SIDE = 256  # pixels of the longer side: finer than the texels of any predicted map
 _ALL = 0.98  # share of a pixel that is white from which it tells nothing but a bound
+_HAZE = 0.02  # coverage up to which a mask says that nothing is there: some are not quite black
 _MARGIN = 3  # pixels around the mask that may still show the object, its shadow or what holds it
 
 
@@ -35,7 +36,7 @@ class Background:
         Pixels without any light are not counted: they lie beyond what a lens showed.
         """
         small, cover = shrink_area(color, _SIDE), shrink_area(alpha, _SIDE)
-        seen = ~scipy.ndimage.binary_dilation(cover > 0, iterations=_MARGIN) & (small > 0).any(-1)
+        seen = ~scipy.ndimage.binary_dilation(cover > _HAZE, iterations=_MARGIN) & (small > 0).any(-1)
         clipped = shrink_area(white.astype(np.float32), _SIDE) >= _ALL
         height, width = cover.shape
         return Background(small, seen, clipped, replace(camera.resized(width, height), lens=None))
