@@ -7,6 +7,7 @@ import numpy as np
 from PIL import Image, JpegImagePlugin
 
 from lightprobe.imaging import png16
+from lightprobe.imaging.avif import avif_encoding
 from lightprobe.imaging.encodings import SRGB, Encoding
 from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.opening import decode_errors, open_image
@@ -78,4 +79,6 @@ def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
 def _encoding(path: Path, image: Image.Image) -> Encoding:
     if profile := image.info.get("icc_profile"):
         return icc_encoding(profile)
+    if image.format == "AVIF":
+        return avif_encoding(path)
     return png_encoding(image.info, png16.find_chunk(path, b"cICP")) if image.format == "PNG" else SRGB

@@ -14,7 +14,6 @@ from lightprobe.material.textures import sample
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.phase1 import Handover, split_validation, start_shape
 from lightprobe.reconstruction.photos import load_targets
-from lightprobe.reconstruction.start import Start
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset
 from lightprobe.scene.photo import Scene
@@ -39,7 +38,7 @@ class FormingObject:
     def __init__(self, scene: Scene, device: torch.device):
         """Take the scene that the training learns from."""
         self._scene, self._device = scene, device
-        self._start: tuple[dict[str, Any], Start] | None = None
+        self._made: tuple[dict[str, Any], LatticeModel] | None = None
 
     @torch.no_grad()
     def surface(self, tensors: Mapping[str, Tensor], state: Mapping[str, Any]) -> FormingSurface:
@@ -55,18 +54,19 @@ class FormingObject:
     def _lattice_surface(
         self, tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any]
     ) -> FormingSurface:
-        model = LatticeModel(self._lattice(config, state), config, self._device, state["seed"])
+        model = self._model(config, state)
         _load(tensors, model)
         vertices, faces = (torch.from_numpy(array).to(self._device) for array in model.extract())
         return FormingSurface(_FIRST, vertices, faces, model.material(vertices)[:, :3])
 
-    def _lattice(self, config: DecomposeConfig, state: Mapping[str, Any]) -> Start:
-        if self._start is None or self._start[0] != state["config"]:
+    def _model(self, config: DecomposeConfig, state: Mapping[str, Any]) -> LatticeModel:
+        """Return a model for checkpoints to be loaded into; a network of distances is fitted to the start once."""
+        if self._made is None or self._made[0] != state["config"]:
             photos = split_validation(self._scene.train, config.validation_photos)[0]
             targets = load_targets(self._scene, photos, config.pass1_side, self._device)
-            made = start_shape(self._scene, config, state["seed"], photos, targets)
-            self._start = dict(state["config"]), made
-        return self._start[1]
+            start = start_shape(self._scene, config, state["seed"], photos, targets)
+            self._made = dict(state["config"]), LatticeModel(start, config, self._device, state["seed"])
+        return self._made[1]
 
 
 def _present_asset(
