@@ -6,7 +6,7 @@ Truth is only ever read here, never by training or prediction.
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,9 +29,6 @@ from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.scene.photo import Photo, Scene
 
-if TYPE_CHECKING:
-    import trimesh
-
 Scores = dict[str, float]
 _DARKEST = 3e-4  # linear base colour of the darkest grey that 8 bits of sRGB tell from black
 
@@ -49,8 +46,11 @@ def asset_scores(
     return scores
 
 
-def read_true_mesh(path: Path) -> "trimesh.Trimesh":
-    """Return the mesh of a scene's true object as its file has it; raise `InputError` where there is none in it."""
+def read_true_mesh(path: Path) -> Any:
+    """Return the mesh of a scene's true object as its file has it, as trimesh's `Trimesh`.
+
+    Raises `InputError` where there is none in it.
+    """
     import trimesh
 
     try:
