@@ -94,7 +94,8 @@ def test_bad_sizes_and_calibrations_are_one_sentence(trained, tmp_path, capsys):
     fails(["calibrate", run.path, "--photo", image, "--albedo", ".2"], capsys, ["--at"])
     fails(["calibrate", run.path, "--photo", image, "--albedo", ".2", "--at", "1"], capsys, ["--at"])
     fails(["calibrate", run.path, "--photo", image, "--lux", "5", "--up"], capsys, ["--up is about a card"])
-    fails(["calibrate", run.path, "--photo", image, "--lux", "5", "--reset"], capsys, ["--reset forgets"])
+    for more in (["--photo", image], ["--lux", "5"], ["--at", "1,2"], ["--mask", image], ["--camera", image], ["--up"]):
+        fails(["calibrate", run.path, "--reset", *more], capsys, ["--reset forgets"])
     assert not list(tmp_path.iterdir())
 
 

@@ -126,6 +126,8 @@ def test_what_cannot_be_predicted_from_together_is_refused(trained, opaque, tmp_
     clip = tmp_path / "clip.mp4"
     write_clip(clip, opaque[0][0], frames=2)
     fails(["predict", trained[1].path, clip, opaque[0][0]], capsys, ["is a video; predict from it alone"])
+    fails(["predict", trained[1].path, clip, "--one-light", "-o", tmp_path / "one.png"], capsys, ["one.png"])
+    assert not (tmp_path / "one").exists()
     fails(["predict", trained[1].path, opaque[0][0], "--every", "2"], capsys, ["--every is about a video's frames"])
     fails(["predict", trained[1].path, clip, "--every", "0"], capsys, ["--every must be at least 1"])
     fails(["predict", trained[1].path, clip, "-o", tmp_path / "one.exr"], capsys, ["need a folder"])

@@ -32,9 +32,21 @@ def test_code_points_are_followed(path):
 @pytest.mark.parametrize("box", [b"meta", b"iprp", b"ipco", b"colr", b"nclx"])
 @pytest.mark.parametrize("size", [b"\0\0\0\0", b"\0\0\0\x01", b"\0\0\0\x03", b"\xff\xff\xff\xff"])
 def test_boxes_of_sizes_that_cannot_be_end_the_search(path, box, size):
-    data = path.read_bytes()
+    data = path.read_bytes().replace(SRGB_POINTS, HLG_POINTS)
     at = data.find(box)
     path.write_bytes(data[: at - 4] + size + data[at:])
-    assert avif_encoding(path).name == SRGB.name
+    to_the_end = size in (b"\0\0\0\0", b"\xff\xff\xff\xff") and box != b"nclx"
+    assert avif_encoding(path) == (coded(9, 18) if to_the_end else SRGB)
     path.write_bytes(data[: at + 2])
     assert avif_encoding(path) is SRGB
+
+
+def test_a_box_may_tell_its_size_in_64_bits(path):
+    data = bytearray(path.read_bytes().replace(SRGB_POINTS, HLG_POINTS))
+    at, size = data.find(b"colr"), {box: data.find(box) - 4 for box in (b"meta", b"iprp", b"ipco", b"colr")}
+    for place in size.values():
+        data[place : place + 4] = (int.from_bytes(data[place : place + 4], "big") + 8).to_bytes(4, "big")
+    data[at + 4 : at + 4] = data[at - 4 : at].rjust(8, b"\0")
+    data[at - 4 : at] = b"\0\0\0\x01"
+    path.write_bytes(data)
+    assert avif_encoding(path) == coded(9, 18)

@@ -32,6 +32,10 @@ def test_radiance_in_any_unit_is_looked_at_alike(tmp_path, scale):
     light = np.random.default_rng(0).random((30, 40, 3)).astype(np.float32)
     for number in range(4):
         write_exr(tmp_path / f"{number}.exr", scale * np.roll(light, number, 1))
+    small = np.zeros_like(light)
+    small[10:12, 10:12] = light[:2, :2]  # less than a percent of the picture
+    write_exr(tmp_path / "4.exr", scale * small)
+    assert 100 < working_pictures(source_photos(tmp_path)[4]).color[10:12, 10:12].mean() < 250
     color = working_pictures(source_photos(tmp_path)[0]).color
     assert 150 < color.mean() < 210
     assert color.std() > 40

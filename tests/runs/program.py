@@ -37,7 +37,9 @@ class Program:
         phase = settings(given["--preset"]).decompose
         passes = {name.partition(".")[2].replace("-", "_"): int(value) for name, value in options.items()}
         run.record_config("decompose", {"seed": int(given["--seed"]), **asdict(replace(phase, **passes))})
-        run.record_config("distill", {"seed": int(given["--seed"]), "steps": int(given.get("--distill.steps", 0))})
+        second = settings(given["--preset"]).distill
+        second = replace(second, steps=int(given.get("--distill.steps", second.steps)))
+        run.record_config("distill", {"seed": int(given["--seed"]), **asdict(second)})
         for path in (run.asset_file, run.scene_file, run.model_folder / "config.json"):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("{}")

@@ -1,6 +1,7 @@
 """The bookkeeping of a benchmark, whose commands a program of the test's own takes."""
 
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -250,6 +251,19 @@ def test_finished_runs_of_other_settings_are_not_scored_as_these(data, tmp_path,
     ):
         with pytest.raises(ConfigError, match=rf"was trained with .*{told}"):
             ask(**{"scenes": ("chair",), "steps": (Step.RUN,), **given})
+    run = RunFolder(tmp_path / "out" / "runs" / "chair")
+    second = {"seed": 0, **asdict(replace(settings(Preset.QUICK).distill, sphere_steps=7))}
+    for section, changed, told in (
+        ("distill", second, r"--distill\.sphere-steps 7 as well"),
+        ("distill", {**second, "seed": 5}, "--seed 0 and 5, not 0"),
+    ):
+        before = run.config(section)
+        run.restart(section, outputs=())
+        run.record_config(section, changed)
+        with pytest.raises(ConfigError, match=told):
+            ask(scenes=("chair",), steps=(Step.RUN,))
+        run.restart(section, outputs=())
+        run.record_config(section, before)
     assert len(calls) == made
     assert not list((tmp_path / "records").glob("*.json"))
 

@@ -168,6 +168,17 @@ def test_a_card_at_the_object_is_no_part_of_it(clean, monkeypatch, place):
     assert card.factor == pytest.approx((1.5, 1.5, 1.5), rel=1e-2)
 
 
+def test_a_point_on_the_outline_is_neither_the_object_nor_a_card(clean):
+    run, _, shot, folder, _ = clean
+    _, alpha = read_ldr(shot)
+    row, column = (int(each[0]) for each in np.nonzero((alpha > 0.2) & (alpha < 0.8)))
+    with pytest.raises(InputError, match="on the object's outline"):
+        calibrate_by_albedo(
+            run.path, shot, Point(column + 0.5, row + 0.5, (0.2, 0.2, 0.2)), camera=folder / "camera.json", mask=None
+        )
+    assert not run.calibration_file.exists()
+
+
 def test_what_cannot_be_is_one_sentence_and_stores_nothing(clean):
     run, _, shot, folder, _ = clean
     camera = folder / "camera.json"

@@ -9,7 +9,7 @@ import torch
 
 from lightprobe.core.config import DistillConfig
 from lightprobe.core.config.prediction import PredictConfig
-from lightprobe.core.errors import ConvergenceError
+from lightprobe.core.errors import ConvergenceError, ResourceError
 from lightprobe.core.run import RunFolder
 from lightprobe.light.environment import Environment
 from lightprobe.localization import KnownViews
@@ -109,6 +109,16 @@ def test_a_run_that_starts_over_forgets_the_calibration_of_its_old_object(learnt
     assert run.calibration_file.is_file()  # the object is the same
     restart_decompose(run)
     assert not run.calibration_file.exists()
+
+
+def test_what_only_memory_was_missing_for_is_tried_again(learnt, small_model, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise ResourceError("Out of memory.")
+
+    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", fail)
+    run = begun(learnt, small_model, tmp_path / "run")
+    keep(run, learnt, small_model)
+    assert not is_learnt(run)
 
 
 def test_photos_that_cannot_be_simulated_fail_no_training(learnt, small_model, tmp_path, monkeypatch):

@@ -50,7 +50,7 @@ def calibrate(
       lightprobe calibrate runs/cup --reset
     """
     known = {"--env": env, "--albedo": albedo, "--lux": lux}
-    if reset and (photo is not None or up or any(value is not None for value in known.values())):
+    if reset and (up or any(value is not None for value in (photo, camera, mask, at, *known.values()))):
         raise ConfigError("--reset forgets the calibration, and finds no other; leave it or the rest out.")
     if reset:
         removed = reset_calibration(run)

@@ -171,10 +171,13 @@ class _Evaluator:
             view = self.judge.view(photo)
             light = self.judge.true_light(photo)
             first = self.judge.score(view, light, self.methods[0])
-            self._materials.add(view)
         except InputError as error:  # one photo that cannot serve must not cost the numbers of the others
             self.result.skipped[photo.name] = str(error)
             return
+        try:
+            self._materials.add(view)
+        except InputError as error:
+            truth.tell_unscored(error)
         self.result.photos[photo.name] = {}
         self.result.verdicts[photo.name] = first.prediction.verdict
         if photo.truth.light is not None:

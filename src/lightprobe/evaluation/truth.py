@@ -38,12 +38,20 @@ def asset_scores(
 ) -> Scores:
     """Return all that the scene's truth says of the asset; what cannot be scored is left out with a warning."""
     scores, mesh_file = materials.result(), scene.root / "mesh.obj"
-    try:
-        scores |= relight_scores(decomposition, scene, device)
-        scores |= surface_scores(decomposition, mesh_file) if mesh_file.is_file() else {}
-    except InputError as error:  # must not cost what the photos were scored with
-        warnings.warn(f"Not all of the object is scored. {error}", LightprobeWarning, stacklevel=2)
+    for score in (
+        lambda: relight_scores(decomposition, scene, device),
+        lambda: surface_scores(decomposition, mesh_file) if mesh_file.is_file() else {},
+    ):
+        try:
+            scores |= score()
+        except InputError as error:  # must not cost the other scores
+            tell_unscored(error)
     return scores
+
+
+def tell_unscored(error: InputError) -> None:
+    """Warn that some of the truth cannot be used, so that not all of the object is scored."""
+    warnings.warn(f"Not all of the object is scored. {error}", LightprobeWarning, stacklevel=3)
 
 
 def read_true_mesh(path: Path) -> Any:

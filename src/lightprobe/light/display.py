@@ -15,7 +15,8 @@ def exposure(image: np.ndarray) -> float:
     """
     luma = image @ LUMA
     bright = luma[luma > 0]
-    return 0.5 / float(np.minimum(luma, 5 * np.median(bright)).mean()) if bright.size else 1.0
+    typical = float(np.minimum(luma, 5 * np.median(bright)).mean()) if bright.size else 0.0
+    return 0.5 / typical if typical > 0 else 1.0
 
 
 def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:

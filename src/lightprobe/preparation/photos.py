@@ -23,7 +23,7 @@ from lightprobe.imaging import (
 from lightprobe.scene.frame import unique_names
 from lightprobe.scene.loading import has_cameras
 from lightprobe.scene.masks import MaskFolder, mask_turn, same_shape
-from lightprobe.scene.plain_photos import list_photos
+from lightprobe.scene.plain_photos import bright_level, list_photos
 
 FEWEST = 4  # photos from which shape can be found at all
 FEATURE_SIDE = 1600  # pixels of the longer side that features are found in: more costs time and brings few
@@ -92,7 +92,7 @@ def working_pictures(photo: SourcePhoto) -> WorkingPictures:
     linear = resize_rows(lambda first, last: file.rows(first, last)[0], (*whole, 3), *small)
     light = resize_rows(lambda *rows: file.rows(*rows)[0] @ LUMA, whole, *_side_within(photo, FEATURE_SIDE))
     if not file.has_white:  # radiance in any unit; masks are cut by what can be told apart
-        linear = linear / max(float(np.percentile(linear @ LUMA, 99)), 1e-9)
+        linear = linear / bright_level(linear @ LUMA)
     color = np.clip(srgb_encode(np.clip(linear, 0, 1)) * 255 + 0.5, 0, 255).astype(np.uint8)
     grey = even_contrast(light)
     return WorkingPictures(grey, color, given_mask(photo, small), sharpness(grey))

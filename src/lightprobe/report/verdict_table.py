@@ -36,7 +36,7 @@ def verdict_table(results: BenchResults) -> list[str]:
         ]  # fmt: skip
         rows.append((cells, record))
     head = ["scene", "seed", "verdict", "disagreement, %", "surprise", "relighting expected, dB", "found, dB"]
-    head += ["true object, dB", "base colour over truth", "spheres expected", "spheres found", "true object"]
+    head += ["true object's, dB", "base colour over truth", "spheres expected", "found", "true object's spheres"]
     return [*rows_table(results, head, rows), *_agreement(told)]
 
 

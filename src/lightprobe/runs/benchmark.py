@@ -19,7 +19,7 @@ from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
 from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
 from lightprobe.report.records import Kind, Record
-from lightprobe.report.run_info import fitted_preset
+from lightprobe.report.run_info import fitted_preset, read_phases
 from lightprobe.runs.stages import is_learnt
 
 LOSSES_SCENE = "chair"
@@ -233,18 +233,28 @@ class Benchmark:
 
 
 def _check_trained(run: RunFolder, options: Sequence[str]) -> None:
-    """Raise `ConfigError` unless a finished run was trained with the `options`: names and values, in turn."""
-    for option, wanted in zip(options[::2], options[1::2], strict=True):
+    """Raise `ConfigError` unless a finished run was trained with the `options`, names and values in turn, alone.
+
+    Of a run whose settings this version cannot read, the preset is not known, and other settings are not seen.
+    """
+    given, remedy = (
+        dict(zip(options[::2], options[1::2], strict=True)),
+        "remove it, or choose another with -o or --runs",
+    )
+    for option, wanted in given.items():
         section, _, key = option.removeprefix("--").replace("-", "_").rpartition(".")
         if key == "preset":
-            found = fitted_preset(run).value
+            found = {fitted_preset(run).value}
         else:
-            found = str(run.config(section or "decompose").get(key))
-        if found != wanted:
-            raise ConfigError(
-                f"{run.path} was trained with {option} {found}, not {wanted}; remove it, or choose another folder with "
-                "-o or --runs."
-            )
+            found = {str(run.config(name).get(key)) for name in ([section] if section else ("decompose", "distill"))}
+        if found != {wanted}:
+            told = " and ".join(sorted(found))
+            raise ConfigError(f"{run.path} was trained with {option} {told}, not {wanted}; {remedy}.")
+    asked = {f"{option} {value}" for option, value in given.items()}
+    for phase in read_phases(run):
+        for changed in phase.options(given["--preset"]):
+            if changed not in asked:
+                raise ConfigError(f"{run.path} was trained with {changed} as well; {remedy}.")
 
 
 def paper_options(first: int, second: int) -> tuple[tuple[str, ...], str]:

@@ -120,16 +120,18 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     chosen = torch.from_numpy(np.isin(gbuffer.pixel.cpu().numpy(), np.flatnonzero(patch)))
     x, y = _place(opened.photo.camera, alpha.shape, point)
     # A card may stand beside the object, closer than a patch is wide, or in front of it, where the mask leaves it out.
-    if alpha[min(int(y), len(alpha) - 1), min(int(x), alpha.shape[1] - 1)] >= _OPAQUE and bool(chosen.any()):
+    cover = alpha[min(int(y), len(alpha) - 1), min(int(x), alpha.shape[1] - 1)]
+    if 1 - _OPAQUE < cover < _OPAQUE or (cover >= _OPAQUE and not bool(chosen.any())):
+        raise InputError(
+            f"--at {point.x:g},{point.y:g} is on the object's outline in {photo}, or where the reconstructed object "
+            "has a gap; choose another point."
+        )
+    if cover >= _OPAQUE:
         color = gbuffer.base_color.cpu()[chosen].median(0).values
         return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
     around = opened.photos.surroundings(0, opened.photo)
     rows, columns = (np.arange(n) * m // n for n, m in zip(around.shape, alpha.shape, strict=False))
     patch = _patch(opened.photo.camera, around.shape[:2], point) & (alpha[rows][:, columns] <= 1 - _OPAQUE)
-    if not patch.any():
-        raise InputError(
-            f"--at {point.x:g},{point.y:g} is on the object's outline in {photo}; choose a point farther from it."
-        )
     value = torch.from_numpy(np.median(around[patch], axis=0)).float()
     if bool((value >= 0.98).any()) or bool((value <= 0).any()):
         raise InputError(f"The pixels of {photo} at {point.x:g},{point.y:g} are black or clipped; expose for the card.")

@@ -10,7 +10,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.distillation import Lessons
 from lightprobe.core.config.prediction import PredictConfig
-from lightprobe.core.errors import ConfigError, InputError, LightprobeError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeError, ResourceError
 from lightprobe.core.processes import ALONE, Processes
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
@@ -145,8 +145,8 @@ def keep_accuracy(
 ) -> None:  # fmt: skip
     """Keep how well the object tells of its light, from simulated photos of it, for people and for the confidence.
 
-    A training must not fail for it: what goes wrong is logged and kept instead, and the confidence is that of an
-    average object.
+    A training must not fail for it: what goes wrong is logged, and the confidence is that of an average object. It is
+    kept as well, unless it may go better the next time, as after a lack of memory.
     """
     if LightAccuracy.is_decided(run.model_folder) or model.config.simulated_photos == 0:
         return
@@ -159,7 +159,8 @@ def keep_accuracy(
         if accuracy is None:
             raise InputError("No camera of a training photo shows the object.")
     except LightprobeError as error:
-        LightAccuracy.save_unknown(run.model_folder, str(error))
+        if not isinstance(error, ResourceError):
+            LightAccuracy.save_unknown(run.model_folder, str(error))
         run.log(f"Photos of the object could not be simulated. {error}")
         return
     accuracy.save(run.model_folder)

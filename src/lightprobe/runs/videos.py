@@ -13,7 +13,7 @@ from lightprobe.imaging import write_png
 from lightprobe.imaging.video import frames
 from lightprobe.light.environment import Environment
 from lightprobe.light.sources import SplitLight, split_light
-from lightprobe.prediction import Prediction
+from lightprobe.prediction import Prediction, check_names
 from lightprobe.prediction.sequence import flicker, steadied
 from lightprobe.runs.predictions import (
     JointPrediction,
@@ -116,6 +116,7 @@ def predict_video_light(
     if output is None or output.is_dir():
         folder = video_folder(run, video, output)
     else:
+        check_names(output, files.confidence)  # before the frames are written
         folder = output.with_suffix("")
     images = video_frames(video, folder, every)
     where = replace(files, output=output or folder / f"{folder.name}.exr")

@@ -78,6 +78,15 @@ def list_photos(folder: Path) -> list[Path]:
     return [path for path in found if path.suffix.lower() in RAW_SUFFIXES or path.with_suffix("") not in raw]
 
 
+def bright_level(luma: np.ndarray) -> float:
+    """Return what stands for the white of a photo of radiance in any unit, from its linear luma (any shape).
+
+    The 99th percentile of what is not black; 1 where all is.
+    """
+    lit = luma[luma > 0]
+    return float(np.percentile(lit, 99)) if lit.size else 1.0
+
+
 def measure_photo(path: Path) -> PlainPhoto:
     """Return what is measured on one photo; raise `InputError` naming the file when it cannot be read."""
     photo = PhotoFile(path)
@@ -90,7 +99,7 @@ def measure_photo(path: Path) -> PlainPhoto:
 
     small = resize_rows(planes, (photo.height, photo.width, 2), height, width)
     light = small[..., 0]
-    bright = light if photo.has_white else light / max(float(np.percentile(light, 99)), 1e-9)
+    bright = light if photo.has_white else light / bright_level(light)
     grey = np.clip(srgb_encode(bright), 0, 1) * 255
     return PlainPhoto(
         Path(path),
