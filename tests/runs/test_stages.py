@@ -94,14 +94,6 @@ def test_without_simulated_photos_nothing_is_measured(learnt, small_model, tmp_p
     assert not LightAccuracy.is_decided(run.model_folder)
 
 
-def test_an_object_that_no_camera_shows_is_learnt_without_simulated_photos(learnt, small_model, tmp_path, monkeypatch):
-    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", lambda *_, **__: None)
-    run = begun(learnt, small_model, tmp_path / "run")
-    keep(run, learnt, small_model)
-    assert is_learnt(run)
-    assert "No camera of a training photo shows the object." in run.log_file.read_text()
-
-
 def test_a_run_that_starts_over_forgets_the_calibration_of_its_old_object(learnt, small_model, tmp_path):
     run = begun(learnt, small_model, tmp_path / "run")
     Calibration((3.0, 3.0, 3.0), "a card").save(run.calibration_file)
@@ -111,23 +103,28 @@ def test_a_run_that_starts_over_forgets_the_calibration_of_its_old_object(learnt
     assert not run.calibration_file.exists()
 
 
-def test_what_only_memory_was_missing_for_is_tried_again(learnt, small_model, tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise ResourceError("Out of memory.")
-
-    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", fail)
-    run = begun(learnt, small_model, tmp_path / "run")
-    keep(run, learnt, small_model)
-    assert not is_learnt(run)
+def no_map(*_, **__):
+    raise ConvergenceError("The map is not finite.")
 
 
-def test_photos_that_cannot_be_simulated_fail_no_training(learnt, small_model, tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise ConvergenceError("The map is not finite.")
+def no_memory(*_, **__):
+    raise ResourceError("Out of memory.")
 
-    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", fail)
+
+@pytest.mark.parametrize(
+    ("simulate", "told", "finished"),
+    [
+        (no_map, "The map is not finite.", True),  # so that nobody tries for ever
+        (lambda *_, **__: None, "No camera of a training photo shows the object.", True),
+        (no_memory, "Out of memory.", False),  # there may be some the next time
+    ],
+)
+def test_photos_that_cannot_be_simulated_fail_no_training(
+    learnt, small_model, tmp_path, monkeypatch, simulate, told, finished
+):
+    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", simulate)
     run = begun(learnt, small_model, tmp_path / "run")
     keep(run, learnt, small_model)
     assert LightAccuracy.load(run.model_folder) is None
-    assert is_learnt(run)  # so that nobody tries for ever
-    assert "could not be simulated. The map is not finite." in run.log_file.read_text()
+    assert is_learnt(run) is finished
+    assert f"could not be simulated. {told}" in run.log_file.read_text()

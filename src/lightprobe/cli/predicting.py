@@ -25,7 +25,7 @@ from lightprobe.runs.predictions import (
     predict_one_light,
     predict_photos,
 )
-from lightprobe.runs.videos import predict_video, predict_video_light
+from lightprobe.runs.videos import EVERY, predict_video, predict_video_light
 
 _PhotosArg = Annotated[
     Positional[tuple[Path, ...]], option(metavar="IMAGE...", help="Photos of the object (at least one).")
@@ -71,7 +71,6 @@ _BackgroundArg = Annotated[
     bool, option(help="Use what photos show around the object; not for photos close to a wall or a table.")
 ]
 _SourcesArg = Annotated[bool, option(help="Look for suns and lamps, some .3 s a photo.")]
-_EVERY = 10  # frames of a video
 _EveryArg = Annotated[
     int | None, option(metavar="N", help="Predict from every Nth frame of a video; by default from every tenth.")
 ]
@@ -107,7 +106,7 @@ def predict(
     how = _How(method, settings, background, device)
     video = _video_among(images, every)
     if video is not None:
-        _predict_video(run, video, files, how, _EVERY if every is None else every, one_light)
+        _predict_video(run, video, files, how, EVERY if every is None else every, one_light)
     elif one_light:
         _tell_joint(predict_one_light(run, images, files, **vars(how)), run, method)
     else:

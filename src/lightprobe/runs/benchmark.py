@@ -237,10 +237,8 @@ def _check_trained(run: RunFolder, options: Sequence[str]) -> None:
 
     Of a run whose settings this version cannot read, the preset is not known, and other settings are not seen.
     """
-    given, remedy = (
-        dict(zip(options[::2], options[1::2], strict=True)),
-        "remove it, or choose another with -o or --runs",
-    )
+    given = dict(zip(options[::2], options[1::2], strict=True))
+    remedy = "remove it, or choose another with -o or --runs"
     for option, wanted in given.items():
         section, _, key = option.removeprefix("--").replace("-", "_").rpartition(".")
         if key == "preset":

@@ -24,6 +24,7 @@ from lightprobe.runs.predictions import (
 )
 from lightprobe.scene.frame import cut_name
 
+EVERY = 10  # by default every so many frames are predicted from
 _NAME_BYTES = 200  # of a video's name that the name of its folder can hold
 
 
@@ -58,7 +59,7 @@ def video_folder(run: Path | str, video: Path, output: Path | None) -> Path:
 
 
 def predict_video(
-    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = 10,
+    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = EVERY,
     method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
     device: str | torch.device = "auto", on_photo: Callable[[PredictedPhoto], None] | None = None,
 ) -> PredictedVideo:  # fmt: skip
@@ -103,7 +104,7 @@ def _steady(prediction: Prediction, environment: Environment) -> Prediction:
 
 
 def predict_video_light(
-    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = 10,
+    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = EVERY,
     method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
     device: str | torch.device = "auto",
 ) -> JointPrediction:  # fmt: skip
