@@ -164,6 +164,18 @@ def test_slow_methods_see_few_photos_but_the_default_all(known):
     assert found.to_json()["mean"]["psnr"] > 0
 
 
+@pytest.mark.slow
+def test_photos_that_cannot_be_scored_take_no_slow_method_s_turn(known, tmp_path):
+    decomposition, scene = known
+    nothing = dataclasses.replace(scene.test[0], name="gone", image_path=tmp_path / "gone.png")
+    scene = dataclasses.replace(scene, test=(nothing, *scene.test))
+    slow = Protocols(unseen=False, slow_seconds=0.0, slow_photos=1)
+    methods = (Method.CONSTANT, Method.SOLVE)
+    found = evaluate(decomposition, None, scene, methods=methods, device=CPU, protocols=slow)
+    assert list(found.skipped) == ["gone"]
+    assert [len(scores) for scores in found.photos.values()] == [2] + [1] * (len(found.photos) - 1)
+
+
 def scores_of(**values: float) -> dict[Method, dict[str, float]]:
     return {Method.SOLVE: values}
 

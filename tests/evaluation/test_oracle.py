@@ -14,7 +14,7 @@ from lightprobe.evaluation import oracle as oracle_module
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.imaging import write_exr, write_png
-from lightprobe.models import Decomposition
+from lightprobe.models import Decomposition, ObjectVerdict
 from lightprobe.render.asset import rasterize_asset
 from lightprobe.render.surface import View
 from lightprobe.scene.camera import Camera, Similarity
@@ -37,7 +37,8 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def oracle(scene, tmp_path_factory):
-    wrong = dataclasses.replace(known_decomposition(), asset=None)  # nothing of the run's own object is looked at
+    # nothing of the run's own object is looked at
+    wrong = dataclasses.replace(known_decomposition(), asset=None, verdict=ObjectVerdict(0.2, 5))
     return oracle_decomposition(wrong, scene, tmp_path_factory.mktemp("kept") / "asset.safetensors")
 
 
@@ -58,6 +59,7 @@ def test_the_true_object_is_found_again(oracle, scene):
     angle = torch.rad2deg(torch.acos((a.normal * b.normal).sum(1).clamp(-1, 1)))
     assert float(angle.mean()) < 2
     assert oracle.asset.visibility is not None
+    assert oracle.verdict is None  # there is no doubt about the true object
 
 
 def test_it_is_made_once_and_kept(oracle, scene, tmp_path):

@@ -6,7 +6,7 @@ from PIL import Image
 
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.imaging import write_mask, write_png
-from lightprobe.preparation.hints import STORED, read_hint, store_hint, stored_hint
+from lightprobe.preparation.hints import STORED, all_hints, read_hint, store_hint, stored_hint
 from lightprobe.preparation.photos import SourcePhoto
 
 
@@ -71,6 +71,15 @@ def test_a_box_that_was_drawn_in_a_scene_is_a_hint(photos, tmp_path):
     store_hint(tmp_path, "IMG_2", (5.2, 9.9, 15, 30))
     assert stored_hint(tmp_path) == "IMG_2=5,10,15,30"
     assert read_hint(stored_hint(tmp_path), photos)[1].sum() == 10 * 20
+
+
+@pytest.mark.parametrize(
+    ("drawn", "areas"), [("IMG_1", {0: 8, 1: 200}), ("IMG_2", {1: 8})], ids=["beside the other", "in its place"]
+)
+def test_a_box_that_was_drawn_counts_beside_the_option(photos, tmp_path, drawn, areas):
+    store_hint(tmp_path, drawn, (1, 1, 5, 3))
+    hints = all_hints("IMG_2.jpg=5,10,15,30", tmp_path, photos)
+    assert {index: mask.sum() for index, mask in hints.items()} == areas
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,15 @@ import pytest
 import tifffile
 from PIL import Image
 
-from lightprobe.imaging import read_exif_ev100, read_ldr, read_orientation, srgb_encode, write_exr
+from lightprobe.imaging import (
+    read_exif_ev100,
+    read_ldr,
+    read_mask,
+    read_orientation,
+    srgb_encode,
+    write_exr,
+    write_mask,
+)
 from lightprobe.preparation import writing
 from lightprobe.preparation.output import enlarged
 from lightprobe.preparation.photos import SourcePhoto
@@ -72,6 +80,19 @@ def test_straight_photos_are_copied_and_bent_ones_keep_their_exposure(tmp_path):
     assert np.abs(one - other)[10, 10].max() > 0.001
 
 
+def test_a_bent_photo_is_written_whatever_else_its_file_tells(tmp_path):
+    camera, path = ring_cameras(1)[0], tmp_path / "a.tif"
+    photo = source(tmp_path / "b.jpg")
+    with Image.open(photo.path) as picture:
+        exif = picture.getexif()
+        exif[0x8769], exif[0x8825] = exif.get_ifd(0x8769), {1: "N", 2: (52.0, 30.0, 0.0)}
+        picture.save(path, exif=exif)
+    (file,) = write_images({"a": (replace(photo, path=path), camera, -0.2)}, tmp_path / "images").values()
+    with Image.open(tmp_path / "images" / file) as written:
+        assert not written.getexif().get_ifd(0x8825)
+    assert read_exif_ev100(tmp_path / "images" / file) == pytest.approx(read_exif_ev100(photo.path))
+
+
 @pytest.mark.parametrize("suffix", ["exr", "tif"])
 def test_bent_photos_stay_as_fine_as_they_are(tmp_path, suffix):
     camera = ring_cameras(1)[0]
@@ -96,7 +117,7 @@ def test_bent_photos_stay_as_fine_as_they_are(tmp_path, suffix):
 
 def test_masks_are_told_of_before_they_take_the_place_of_others(tmp_path):
     own, told = tmp_path / "own.png", []
-    own.write_bytes(b"a correction")
+    write_mask(own, np.eye(4, dtype=np.float32))
     (tmp_path / "masks").mkdir()
     (tmp_path / "masks" / "old.png").touch()
 
@@ -106,7 +127,15 @@ def test_masks_are_told_of_before_they_take_the_place_of_others(tmp_path):
 
     write_masks([("a", np.ones((4, 4), np.float32))], {"b": own}, tmp_path / "masks", written)
     assert told == sorted(path.name for path in (tmp_path / "masks").iterdir()) == ["a.png", "b.png"]
-    assert (tmp_path / "masks" / "b.png").read_bytes() == b"a correction"
+    assert (tmp_path / "masks" / "b.png").read_bytes() == own.read_bytes()
+
+
+def test_a_mask_that_another_program_painted_says_that_it_is_upright(tmp_path):
+    own = tmp_path / "own.png"
+    Image.fromarray(np.eye(4, dtype=np.uint8) * 255).save(own)
+    write_masks([], {"b": own}, tmp_path / "masks")
+    assert read_orientation(tmp_path / "masks" / "b.png") == 1
+    np.testing.assert_array_equal(read_mask(tmp_path / "masks" / "b.png"), np.eye(4))
 
 
 def test_the_scene_loads_with_its_cameras(tmp_path):

@@ -7,8 +7,9 @@ import shutil
 import numpy as np
 import pytest
 
-from lightprobe.core.config.prediction import Method
+from lightprobe.core.config.prediction import Method, Sun
 from lightprobe.core.errors import InputError
+from lightprobe.export.light_file import read_sources
 from lightprobe.imaging import read_hdr, write_png
 from lightprobe.prediction import Predictor
 from lightprobe.scene import load_photo
@@ -71,7 +72,11 @@ def test_lamps_are_looked_for_and_taken_out_where_that_is_asked_for(asked, tmp_p
     one = worker()
     told = one.answer({**asked, "sources": True, "sun": "separate", "height": 128}, lambda stage: None)
     assert told["light"]["sources_sought"]
-    assert told["light"]["map"] == {"file": "light.exr", "copies": [], "width": 256, "height": 128, "sun": "separate"}
+    copies = ["light.hdr"]
+    assert told["light"]["map"] == {
+        "file": "light.exr", "copies": copies, "width": 256, "height": 128, "sun": "separate",
+    }  # fmt: skip
+    assert [read_sources(tmp_path / name)[1] for name in ("light.exr", *copies)] == [Sun.SEPARATE] * 2
     assert read_hdr(tmp_path / "light.exr").shape == (128, 256, 3)
     assert one.answer(asked, lambda stage: None)["seconds"]["load"] == 0
 

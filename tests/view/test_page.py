@@ -162,7 +162,9 @@ def test_light_out_of_a_photo_and_a_thing_into_it(page, server, run, tmp_path):
             page.locator(f"#result a[download='{name}']").click()
         shutil.copyfile(download.value.path(), tmp_path / name)
     assert Environment.load(tmp_path / "light.exr").texels.mean() > 0.05
-    sources = json.loads((tmp_path / "light.light.json").read_text())["sources"]
+    light = json.loads((tmp_path / "light.light.json").read_text())
+    assert light["map"]["copies"] == ["light.hdr"]
+    sources = light["sources"]
     assert page.locator("#result .mark:visible").count() == len(sources)
     page.get_by_label("Confidence", exact=True).check()
     page.get_by_label("Render", exact=True).check()

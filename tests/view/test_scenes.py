@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 from starlette.testclient import TestClient
 
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.imaging import read_mask, write_png
+from lightprobe.scene.masks import mask_turn
 from lightprobe.view.app import Session, create_app
 from lightprobe.view.jobs import Jobs
 from lightprobe.view.scenes import ScenePhotos, mask_picture, save_box, save_mask
@@ -41,6 +43,14 @@ def test_a_painted_mask_is_written_at_the_size_of_its_photo(prepared, tmp_path):
     about = prepared.to_json()
     assert about["photos"] == [{"name": "a", "file": "a.png", "agreement": 0.7}]
     assert about["warnings"] == ["Look."]
+
+
+def test_the_mask_of_a_photo_that_is_stored_turned_is_upright_in_training_too(prepared, tmp_path):
+    photo, exif = prepared.source.folder / "images" / "a.png", Image.Exif()
+    exif[0x0112] = 3
+    Image.new("RGB", (40, 30)).save(photo, exif=exif)
+    written = save_mask(prepared, 0, painted(tmp_path / "p.png", 60, 80))
+    assert mask_turn(written, photo, (40, 30)) == 1
 
 
 @pytest.mark.parametrize(

@@ -85,10 +85,11 @@ def predict(
 ) -> None:  # fmt: skip
     """Predict the environment around the object from one photo, from several one by one or together, or from a video.
 
-    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions. NAME.light.json
-    beside the map has its suns and lamps, their brightness solved from the shadows in the photo, and more. Without
-    --camera the object is found in the photo first, as by `lightprobe locate`; photos of the run's own scene have their
-    cameras in the run. A photo that no light explains gets a warning and a lower confidence, or no map at all.
+    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions, of a video its
+    frames and the maps alone. NAME.light.json beside the map has its suns and lamps, their brightness solved from the
+    shadows in the photo, and more. Without --camera the object is found in the photo first, as by `lightprobe locate`;
+    photos of the run's own scene have their cameras in the run. A photo that no light explains gets a warning and a
+    lower confidence, or no map at all.
 
     Examples:
       lightprobe predict runs/cup new.jpg

@@ -36,15 +36,16 @@ def mesh_chamfer(
 ) -> float:
     """Return the Chamfer distance of two meshes (vertices, faces) in one frame, in units of the true object's radius.
 
-    Only faces that can be seen from somewhere outside count: nothing in a photo tells of the others.
+    Only faces that can be seen from somewhere outside count: nothing in a photo tells of the others. Points are drawn
+    on each mesh on its own, so that equal meshes are as far apart as their points: about .005 with 40 000 of them.
     """
     vertices = truth[0]
     center = (vertices.min(0) + vertices.max(0)) / 2
     radius = float(np.linalg.norm(vertices - center, axis=1).max())
     clouds = []
-    for v, f in (mesh, truth):
+    for seed, (v, f) in enumerate((mesh, truth)):
         local = (np.asarray(v, np.float64) - center) / radius
-        clouds.append(sample_surface(local, f[outer_faces(local, f)], count, seed=0))
+        clouds.append(sample_surface(local, f[outer_faces(local, f)], count, seed))
     return chamfer_distance(*clouds)
 
 

@@ -148,7 +148,7 @@ def evaluate(
     judge = _Judge.of(decomposition, predictor, scene, protocols or Protocols(), device, true_object)
     evaluator = _Evaluator(judge, methods, own[0], run, on_view)
     for done, photo in enumerate(scene.test):
-        evaluator.score_photo(photo, done)
+        evaluator.score_photo(photo)
         if on_photo is not None and photo.name not in evaluator.result.skipped:
             on_photo(done + 1, len(scene.test))
     return evaluator.finish(scene)
@@ -165,8 +165,8 @@ class _Evaluator:
         self.result, self._bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
         self._materials = truth.MaterialScores()
 
-    def score_photo(self, photo: Photo, done: int) -> None:
-        """Score every method on a photo, before which `done` others came, or note why it cannot be scored."""
+    def score_photo(self, photo: Photo) -> None:
+        """Score every method on a photo, or note why it cannot be scored."""
         try:
             view = self.judge.view(photo)
             light = self.judge.true_light(photo)
@@ -178,6 +178,7 @@ class _Evaluator:
             self._materials.add(view)
         except InputError as error:
             truth.tell_unscored(error)
+        scored = len(self.result.photos)
         self.result.photos[photo.name] = {}
         self.result.verdicts[photo.name] = first.prediction.verdict
         if photo.truth.light is not None:
@@ -185,7 +186,7 @@ class _Evaluator:
         for method in self.methods:
             if method is self.methods[0]:
                 self._keep(first, method)
-            elif not self.judge.too_slow(method, done):
+            elif not self.judge.too_slow(method, scored):
                 self._keep(self.judge.score(view, light, method), method)
 
     def _keep(self, seen: ViewResult, method: Method) -> None:
@@ -242,9 +243,10 @@ class _Judge:
             return None
         return TrueLight.load(path, photo.camera, center, self.predictor.config.light_resolution, self.device)
 
-    def too_slow(self, method: Method, done: int) -> bool:
+    def too_slow(self, method: Method, scored: int) -> bool:
+        """Return whether a method takes too long for another photo after so many."""
         slow = self.slowest.get(method, 0) > self.protocols.slow_seconds
-        return slow and done >= self.protocols.slow_photos
+        return slow and scored >= self.protocols.slow_photos
 
     def score(self, view: TestView, light: TrueLight | None, method: Method) -> ViewResult:
         prediction = self.predictor.predict(view.pixels, view.camera, method, refuse=False)

@@ -62,8 +62,8 @@ def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path
 
 
 def _with_asset(decomposition: Decomposition, asset: Asset) -> Decomposition:
-    """Return the decomposition with a true asset, which needs no calibration."""
-    return replace(decomposition, asset=asset, trained=None, calibration=None)
+    """Return the decomposition with a true asset, which needs no calibration and about which there is no doubt."""
+    return replace(decomposition, asset=asset, trained=None, calibration=None, verdict=None)
 
 
 @torch.no_grad()

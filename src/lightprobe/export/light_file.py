@@ -43,13 +43,17 @@ def light_file(map_path: Path) -> Path:
 
 
 def write_light_file(
-    map_path: Path, prediction: Prediction, photo: PhotoFacts, sun: Sun, map_height: int | None = None
+    map_path: Path, prediction: Prediction, photo: PhotoFacts, sun: Sun, map_height: int | None = None,
+    copies: Sequence[str] = (),
 ) -> None:  # fmt: skip
-    """Write the JSON beside the map at `map_path`, which has `map_height` rows or its own, atomically."""
+    """Write the JSON beside the map at `map_path`, which has `map_height` rows or its own, atomically.
+
+    copies: names of files beside it that hold the same map in another format.
+    """
     light, calibration = prediction.environment, prediction.calibration
     sources = () if prediction.split is None else prediction.split.sources
     write_json(light_file(map_path), {
-        **_map_and_sources(map_path, map_height or 2 * light.resolution, sources, sun),
+        **_map_and_sources(map_path, map_height or 2 * light.resolution, sources, sun, copies),
         "sources_sought": prediction.split is not None,
         "spherical_harmonics": _harmonics(light),
         "white_balance": _white_balance(light),

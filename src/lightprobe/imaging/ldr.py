@@ -13,7 +13,7 @@ from lightprobe.imaging.decoding import read_header
 from lightprobe.imaging.exif import turned_size
 from lightprobe.imaging.photo_file import PhotoFile
 from lightprobe.imaging.resize import STRIP, resize_rows
-from lightprobe.imaging.tags import ORIENTATION
+from lightprobe.imaging.tags import upright_exif
 
 
 def image_size(path: Path, *, orient: bool = True) -> tuple[int, int]:
@@ -147,14 +147,7 @@ def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None
     else:  # of a photo too large to be worked on: one byte a pixel
         picture = picture.resize((size[1], size[0]), Image.Resampling.BILINEAR)
     with atomic_path(Path(path)) as temporary:
-        picture.save(temporary, format="PNG", exif=_upright())
-
-
-def _upright() -> Image.Exif:
-    """Return EXIF that says that a picture is stored as it is shown."""
-    exif = Image.Exif()
-    exif[ORIENTATION] = 1
-    return exif
+        picture.save(temporary, format="PNG", exif=upright_exif())
 
 
 def write_encoded(path: Path, samples: np.ndarray, exif: Image.Exif | None = None) -> None:

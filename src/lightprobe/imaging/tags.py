@@ -35,6 +35,13 @@ def tiff_exif(path: Path) -> Image.Exif:
     return exif
 
 
+def upright_exif() -> Image.Exif:
+    """Return entries that say that a picture is stored as it is shown, and nothing else."""
+    exif = Image.Exif()
+    exif[ORIENTATION] = 1
+    return exif
+
+
 def orientation(exif: Image.Exif) -> int | None:
     """Return the EXIF orientation 1..8, or None when there is no such tag."""
     value = exif.get(ORIENTATION)

@@ -89,6 +89,14 @@ def read_hint(text: str, photos: Sequence[SourcePhoto]) -> tuple[int, np.ndarray
     return index, resize_area(mask, photo.height, photo.width)
 
 
+def all_hints(hint: str | None, scene: Path, photos: Sequence[SourcePhoto]) -> dict[int, np.ndarray]:
+    """Return the masks (H, W) float32 of `read_hint`, by photo, of a `hint` and of the box that was drawn in a scene.
+
+    Of two in one photo the drawn one holds: it corrects what the first led to. Raises as `read_hint`, `stored_hint`.
+    """
+    return dict(read_hint(told, photos) for told in (hint, stored_hint(scene)) if told is not None)
+
+
 def _box_mask(box: list[float], photo: SourcePhoto) -> np.ndarray:
     """Return a box as mask (H, W) float32."""
     x0, y0, x1, y1 = (round(number) for number in box)

@@ -13,7 +13,7 @@ from lightprobe.core.file_lock import locked_file
 from lightprobe.core.files import checksum, disk_errors
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import choose, within_masks
-from lightprobe.preparation.hints import find_photo, read_hint, stored_hint
+from lightprobe.preparation.hints import all_hints, find_photo
 from lightprobe.preparation.judging import inside_masks, moving_features, spread
 from lightprobe.preparation.keeping import kept_choice
 from lightprobe.preparation.looking import Seen, look_at_all, match_all, refuse_copies
@@ -53,8 +53,7 @@ def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions
     """
     photos = source_photos(Path(folder))
     refuse_copies(photos, FEWEST)
-    told = options.hint or stored_hint(Path(output))
-    hints = {} if told is None else dict([read_hint(told, photos)])
+    hints = all_hints(options.hint, Path(output), photos)
     if options.up is not None:
         parse_up(options.up)
     if options.height is not None and not 0 < options.height < float("inf"):

@@ -10,10 +10,17 @@ import numpy as np
 from PIL import Image
 
 from lightprobe.core.files import atomic_folder, atomic_path, named_file, write_json
-from lightprobe.imaging import PhotoFile, srgb_encode, write_encoded, write_exr, write_mask
-from lightprobe.imaging.exif import read_exif
+from lightprobe.imaging import (
+    PhotoFile,
+    read_mask,
+    read_orientation,
+    srgb_encode,
+    write_encoded,
+    write_exr,
+    write_mask,
+)
+from lightprobe.imaging.exif import upright_exposure
 from lightprobe.imaging.resize import STRIP
-from lightprobe.imaging.tags import ORIENTATION
 from lightprobe.preparation.libraries import opencv_library
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.solution import bent
@@ -101,9 +108,8 @@ def _write_straight(photo: SourcePhoto, camera: Camera, k: float, folder: Path, 
     white = np.iinfo(encoded.dtype).max
     for top, rows in strips:
         encoded[top : top + len(rows)] = np.clip(srgb_encode(np.clip(rows, 0, 1)) * white + 0.5, 0, white)
-    exif, file = read_exif(photo.path), named_file(folder, name, ".png")
-    exif[ORIENTATION] = 1
-    write_encoded(file, encoded, exif)
+    file = named_file(folder, name, ".png")
+    write_encoded(file, encoded, upright_exposure(photo.path))
     return file
 
 
@@ -113,13 +119,18 @@ def write_masks(
 ) -> None:  # fmt: skip
     """Write masks into a new folder: (H, W) float32 with names, as grey PNG one by one as they come, and `ready` files.
 
-    written: called with the new folder before it takes the place of `folder`.
+    A file that does not say how it is stored is upright, and says so here: otherwise a scene's reader would turn it
+    along with its photo. written: called with the new folder before it takes the place of `folder`.
     """
     with atomic_folder(folder) as temporary:
         for name, mask in masks:
             write_mask(named_file(temporary, name, ".png"), mask)
         for name, file in ready.items():
-            shutil.copyfile(file, named_file(temporary, name, ".png"))
+            target = named_file(temporary, name, ".png")
+            if read_orientation(file) is None:
+                write_mask(target, read_mask(file))
+            else:
+                shutil.copyfile(file, target)
         written(temporary)
 
 

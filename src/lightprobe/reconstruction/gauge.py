@@ -60,7 +60,10 @@ def lids_tried(config: DecomposeConfig) -> bool:
 
 
 def metals_tried(config: DecomposeConfig, step: int) -> bool:
-    """Return whether by a step of the phase it has been tried what is metal, as it is with the second trial."""
+    """Return whether by a step of the phase it has been tried what is metal, as it is with the second trial.
+
+    Fewer photos than `change_evidence.FEWEST_PHOTOS` speak for no change there, and what is no metal stays none.
+    """
     trials = trials_at(config)
     return config.brightness_anchor > 0 and len(trials) > 1 and step >= max(trials)
 

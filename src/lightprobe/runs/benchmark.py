@@ -42,7 +42,6 @@ LOSSES: dict[str, tuple[str, ...]] = {
     "L2, both weights, alpha² = r²": ("--distill.alpha-rule", "r2"),
 }
 
-_TRAINED = "bench.json"  # in a run: the commit that trained it
 
 RunCommand = Callable[[Sequence[str]], bool]  # runs a command of the program, given in words; whether it went well
 Say = Callable[[str], None]  # shows a sentence to whoever waits
@@ -202,14 +201,14 @@ class Benchmark:
     def _learn(self, record: Record, run: RunFolder, command: Sequence[str]) -> bool:
         if not self._command(f"{record.name} training", command):
             return False
-        if not (run.path / _TRAINED).is_file():
-            write_json(run.path / _TRAINED, {"commit": commit()})
+        if not run.benchmark_file.is_file():
+            write_json(run.benchmark_file, {"commit": commit()})
         return True
 
     def _score(self, record: Record, command: Sequence[str], run: RunFolder, metrics: Path) -> None:
         """Run a command that writes `metrics` and keep the record of these, unless it is kept already."""
         if not self._done(record) and self._command(record.name, command):
-            trained = run.path / _TRAINED
+            trained = run.benchmark_file
             text = " ".join(("lightprobe", *command))
             about = {**vars(record), "metrics": read_json(metrics), "command": self._unplaced(text)}
             about |= {"commit": commit(), "machine": machine(), "threads": threads(), "training": training_costs(run)}

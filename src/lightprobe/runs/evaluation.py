@@ -103,7 +103,7 @@ def evaluate_run(
 class _Subject:
     """A run as it is evaluated."""
 
-    decomposition: Decomposition
+    decomposition: Decomposition  # whose asset is the true object if that was asked for
     true_object: Decomposition | None  # of a scene that brings it
     model: ProbeModel | None
     scene: Scene
@@ -125,8 +125,9 @@ class _Subject:
         methods = default_first((*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ())), every[0])
         out = run.oracle if given.oracle else run
         accuracy = None if given.oracle else LightAccuracy.load(run.model_folder)  # it is of the run's own object
+        evaluated = true_object if given.oracle and true_object is not None else decomposition
         return _Subject(
-            decomposition, true_object, model, scene, out, prediction, every[0], methods, device, accuracy
+            evaluated, true_object, model, scene, out, prediction, every[0], methods, device, accuracy
         )  # fmt: skip
 
     def evaluate(
@@ -141,10 +142,9 @@ class _Subject:
                 pictures[result.view.photo.name] = view_pictures(result)
 
         result = evaluate(
-            self.true_object if given.oracle and self.true_object is not None else self.decomposition, self.model,
-            self.scene, methods=self.methods, device=self.device, run=self.out, protocols=given.protocols,
-            true_object=self.true_object, prediction=self.prediction, accuracy=self.accuracy, on_view=keep,
-            on_photo=lambda done, total: on_progress("evaluate", done, total),
+            self.decomposition, self.model, self.scene, methods=self.methods, device=self.device, run=self.out,
+            protocols=given.protocols, true_object=self.true_object, prediction=self.prediction,
+            accuracy=self.accuracy, on_view=keep, on_photo=lambda done, total: on_progress("evaluate", done, total),
         )  # fmt: skip
         return result, pictures
 

@@ -197,4 +197,5 @@ def restart_distill(run: RunFolder) -> None:
 
 
 def _second_outputs(run: RunFolder) -> tuple[Path, ...]:
-    return (run.model_folder, run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
+    evaluated = (run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
+    return (run.model_folder, *evaluated, run.benchmark_file)

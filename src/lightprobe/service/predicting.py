@@ -77,18 +77,18 @@ def _predicted(loaded: LoadedRun, photo: NewPhoto, request: dict[str, Any]) -> t
 def _write(prediction: Prediction, photo: NewPhoto, request: dict[str, Any], folder: Path) -> None:
     outputs, sun, height = {Output(name) for name in request["outputs"]}, Sun(request["sun"]), request["height"]
     light = prediction.map(sun)
-    for output in (Output.EXR, Output.HDR):
-        if output in outputs:
-            light.save(folder / FILES[output], height)
+    maps = [FILES[output] for output in (Output.EXR, Output.HDR) if output in outputs]
+    for name in maps:
+        light.save(folder / name, height)
     if Output.PNG in outputs:
         write_bytes(folder / FILES[Output.PNG], light._repr_png_())
     if Output.CONFIDENCE in outputs:
         prediction.save_confidence(folder / FILES[Output.CONFIDENCE])
     if Output.MASK in outputs and photo.location is None:
         write_mask(folder / FILES[Output.MASK], photo.pixels.alpha)
-    name = FILES[Output.EXR if Output.EXR in outputs or Output.HDR not in outputs else Output.HDR]
+    name, *copies = maps or [FILES[Output.EXR]]
     facts = PhotoFacts(request["name"], photo.camera, photo.ev100)
-    write_light_file(folder / name, prediction, facts, sun, height)
+    write_light_file(folder / name, prediction, facts, sun, height, copies)
 
 
 def _files(request: dict[str, Any], folder: Path) -> list[str]:

@@ -28,14 +28,14 @@ from lightprobe.runs.locations import LocationFiles
 from lightprobe.runs.new_photos import NewPhoto, PhotoFiles
 from lightprobe.scene.camera import Camera
 
-MAP = "light.exr"
+MAP, _RADIANCE = "light.exr", "light.hdr"
 SIDE = 1024  # pixels of the longer side of a picture for the page
 _MAP_ROWS = 256  # of the pictures of maps
 _BALL = 192  # pixels across a ball
 
 _TITLES = {
     "photo.jpg": "photo", "overlay.png": "the object's outline in the photo", "mask.png": "mask",
-    "camera.json": "camera", MAP: "environment map, OpenEXR", "light.hdr": "environment map, Radiance HDR",
+    "camera.json": "camera", MAP: "environment map, OpenEXR", _RADIANCE: "environment map, Radiance HDR",
     "light.light.json": "the light in numbers: lamps, harmonics, exposure",
     "light.png": "environment map, picture", "confidence.exr": "confidence, OpenEXR",
     "confidence.png": "confidence, picture", "balls.png": "diffuse, matte and mirror ball",
@@ -71,7 +71,7 @@ def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], N
     color = read_ldr(upload)[0]
     _write_maps(prediction, photo.camera, folder)
     facts = PhotoFacts(request["name"], photo.camera, photo.ev100)
-    write_light_file(folder / MAP, prediction, facts, Sun.INSIDE)
+    write_light_file(folder / MAP, prediction, facts, Sun.INSIDE, copies=[_RADIANCE])
     small = photo.camera.within(SIDE)
     write_picture(folder / "render.png", *relight(predictor.decomposition, prediction.environment, small))
     _write_photo(folder / "photo.jpg", color)
@@ -84,7 +84,7 @@ def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], N
 
 def _write_maps(prediction: Prediction, camera: Camera, folder: Path) -> None:
     prediction.save(folder / MAP, confidence=folder / "confidence.exr")
-    prediction.environment.save(folder / "light.hdr")
+    prediction.environment.save(folder / _RADIANCE)
     image = prediction.environment.panorama()
     write_png(folder / "light.png", _enlarged(srgb_encode(tone_mapped(image, exposure(image)))), srgb=False)
     trust = confidence_colors(plane(prediction.confidence))

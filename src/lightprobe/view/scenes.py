@@ -11,7 +11,7 @@ from PIL import Image
 
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import inside, read_json, shell_word
-from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_area, write_png
+from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_area, write_mask
 from lightprobe.preparation.hints import store_hint, stored_hint
 from lightprobe.scene.masks import same_shape
 from lightprobe.scene.plain_photos import list_photos
@@ -92,9 +92,8 @@ def save_mask(photos: ScenePhotos, index: int, painted: Path) -> Path:
         raise InputError(f"The painted mask is {mask.shape[1]} x {mask.shape[0]}, but the photo is {width} x {height}.")
     if not 0 < (mask >= 0.5).mean() < 1:
         raise InputError("The mask shows no object, or nothing but it; paint the object and leave the rest free.")
-    full = np.asarray(Image.fromarray(mask.astype(np.float32)).resize((width, height), Image.Resampling.BILINEAR))
     target = photos.mask_file(index)
-    write_png(target, np.repeat(np.clip(full, 0, 1)[..., None], 3, 2), srgb=False)
+    write_mask(target, mask, (height, width))
     return target
 
 
