@@ -17,7 +17,7 @@ from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.models.calibration import Calibration
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.runs.progress import silent
-from lightprobe.runs.stages import is_learnt, keep_accuracy, keep_views, restart_decompose, restart_distill
+from lightprobe.runs.stages import TRAINED, is_learnt, keep_accuracy, keep_views, restart_decompose, restart_distill
 from lightprobe.scene import load_scene
 from lightprobe.scene.record import scene_record
 from tests.painted_object import SIMILARITY, painted_asset, painted_scene
@@ -97,9 +97,9 @@ def test_without_simulated_photos_nothing_is_measured(learnt, small_model, tmp_p
 def test_a_run_that_starts_over_forgets_the_calibration_of_its_old_object(learnt, small_model, tmp_path):
     run = begun(learnt, small_model, tmp_path / "run")
     Calibration((3.0, 3.0, 3.0), "a card").save(run.calibration_file)
-    run.benchmark_file.touch()
+    (run.path / TRAINED).touch()
     restart_distill(run)
-    assert not run.benchmark_file.exists()  # another commit may train it now
+    assert not (run.path / TRAINED).exists()  # another commit may train it now
     assert run.calibration_file.is_file()  # the object is the same
     restart_decompose(run)
     assert not run.calibration_file.exists()

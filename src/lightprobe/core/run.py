@@ -156,11 +156,6 @@ class RunFolder:
         return self.path / "timings.json"
 
     @property
-    def benchmark_file(self) -> Path:
-        """The commit that trained a run of `lightprobe bench`."""
-        return self.path / "bench.json"
-
-    @property
     def report_file(self) -> Path:
         """The evaluation as one self-contained web page."""
         return self.path / "report" / "index.html"

@@ -20,7 +20,7 @@ from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
 from lightprobe.report.records import Kind, Record
 from lightprobe.report.run_info import fitted_preset, read_phases
-from lightprobe.runs.stages import is_learnt
+from lightprobe.runs.stages import TRAINED, is_learnt
 
 LOSSES_SCENE = "chair"
 PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II on photos alone, without the network
@@ -201,14 +201,14 @@ class Benchmark:
     def _learn(self, record: Record, run: RunFolder, command: Sequence[str]) -> bool:
         if not self._command(f"{record.name} training", command):
             return False
-        if not run.benchmark_file.is_file():
-            write_json(run.benchmark_file, {"commit": commit()})
+        if not (run.path / TRAINED).is_file():
+            write_json(run.path / TRAINED, {"commit": commit()})
         return True
 
     def _score(self, record: Record, command: Sequence[str], run: RunFolder, metrics: Path) -> None:
         """Run a command that writes `metrics` and keep the record of these, unless it is kept already."""
         if not self._done(record) and self._command(record.name, command):
-            trained = run.benchmark_file
+            trained = run.path / TRAINED
             text = " ".join(("lightprobe", *command))
             about = {**vars(record), "metrics": read_json(metrics), "command": self._unplaced(text)}
             about |= {"commit": commit(), "machine": machine(), "threads": threads(), "training": training_costs(run)}

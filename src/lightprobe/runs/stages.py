@@ -29,6 +29,7 @@ from lightprobe.scene.record import read_record, scene_record
 
 _SMALLEST_LOCATED = 64  # pixels: smaller photos have no features; views of such objects are made if asked for
 MAP_RESOLUTION = 32  # texels along each cubemap edge of the maps of --hdri
+TRAINED = "bench.json"  # in a run of `lightprobe bench`: the commit that trained it
 
 
 @dataclass(frozen=True)
@@ -198,4 +199,4 @@ def restart_distill(run: RunFolder) -> None:
 
 def _second_outputs(run: RunFolder) -> tuple[Path, ...]:
     evaluated = (run.path / "predictions", run.metrics_file, run.report_file.parent, run.oracle.path)
-    return (run.model_folder, *evaluated, run.benchmark_file)
+    return (run.model_folder, *evaluated, run.path / TRAINED)
