@@ -123,8 +123,9 @@ def pose_row(subject: Subject, *, known: bool) -> str:
     for photo in subject.scene.test:
         focal = photo.camera.fx if known else None
         got = answer(subject, subject.files[photo.name], focal, photo.camera)
-        score = "" if got.located is None else f" score {got.located.verdict.score:.2f}"
-        print(f"# {subject.name} {photo.name}: {got.error:.2f} px, {got.status.value},{score} {got.seconds:.1f} s")
+        told = None if got.located is None else got.located.verdict
+        numbers = "" if told is None else f" score {told.score:.2f}, leeway {told.leeway:.3f},"
+        print(f"# {subject.name} {photo.name}: {got.error:.2f} px, {got.status.value},{numbers} {got.seconds:.1f} s")
         answers.append(got)
     errors = np.array([got.error for got in answers])
     warned = np.array([got.status is not PoseStatus.GOOD for got in answers])

@@ -1,5 +1,6 @@
 """The object with a light's map and lamps, as GLB, USD and USDZ."""
 
+import json
 import math
 import shutil
 import subprocess
@@ -10,7 +11,7 @@ import pytest
 import torch
 
 from lightprobe.core.config.prediction import Sun
-from lightprobe.core.errors import ConfigError, ResourceError
+from lightprobe.core.errors import ConfigError, InputError, ResourceError
 from lightprobe.export import SceneLight, export
 from lightprobe.export.light_file import read_sources
 from lightprobe.imaging import read_hdr
@@ -55,6 +56,14 @@ def test_the_light_file_tells_importers_that_the_lamps_are_not_in_the_map(folder
     sources, sun = read_sources(folder / "light.exr")
     assert sun is Sun.SEPARATE
     assert [source.irradiance for source in sources] == [lamp.irradiance for lamp in LAMPS]
+
+
+@pytest.mark.parametrize("told", [[], "light.exr", None])
+def test_a_light_file_whose_map_is_none_is_refused(tmp_path, told):
+    kept = {"format": "lightprobe light", "version": 1, "sources": [], "map": told}
+    (tmp_path / "light.light.json").write_text(json.dumps(kept))
+    with pytest.raises(InputError, match="says what no light source can be"):
+        read_sources(tmp_path / "light.exr")
 
 
 def test_the_glb_has_a_node_for_each_lamp(folder):

@@ -20,6 +20,21 @@ def test_a_box_is_read_z_up_with_flat_outward_normals(tmp_path):
     assert ((outward * middles).sum(1) > 0).all()
 
 
+def test_vertices_that_no_face_uses_are_no_part_of_a_thing(tmp_path):
+    made = Writer()
+    corners = np.array([[0, 50, 0], [0, 0, 0], [1, 0, 0], [0, 0, 1]], np.float32)
+    attributes = {
+        "POSITION": made.array(corners, "VEC3"),
+        "NORMAL": made.array(np.eye(3, dtype=np.float32)[[1] * 4], "VEC3"),
+    }
+    faces = made.array(np.array([[1], [3], [2]], np.uint32), "SCALAR")
+    made.document["meshes"][0]["primitives"] = [{"attributes": attributes, "indices": faces}]
+    thing = load_thing(write(tmp_path / "part.glb", made))
+    assert len(thing.vertices) == 3
+    assert thing.size.tolist() == [1, 1, 0]
+    assert thing.normals.tolist() == [[0, 0, 1]] * 3
+
+
 def test_nodes_turn_scale_and_mirror(tmp_path):
     made = box()
     made.document["nodes"] = [

@@ -60,6 +60,12 @@ def test_a_photo_of_nothing_is_refused(locator, tmp_path, level, word):
         locator.locate(tmp_path / "nothing.png", focal=170.0)
 
 
+def test_a_strip_of_a_photo_is_refused(locator, tmp_path):
+    write_png(tmp_path / "strip.png", np.linspace(0, 1, 36).reshape(3, 4, 3))
+    with pytest.raises(InputError, match=r"strip\.png has 4 x 3 pixels"):
+        locator.locate(tmp_path / "strip.png", focal=10.0)
+
+
 def test_a_mask_of_another_size_is_refused(locator, file, tmp_path):
     write_png(tmp_path / "mask.png", np.ones((10, 10, 3)))
     with pytest.raises(InputError, match=r"mask\.png has 10 x 10 pixels.*128"):

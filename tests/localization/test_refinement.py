@@ -1,11 +1,15 @@
 """A pose refined by the light, whatever the light is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
+from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
 from lightprobe.localization.pose import mean_distance, moved
-from lightprobe.localization.refinement import fitted_light, refine
+from lightprobe.localization.refinement import fitted_light, leeway, refine
 from tests.painted_object import photo_of
 
 SCATTER = np.array([0.06, 0.06, 0.06, 0.02, 0.02, 0.03, 0.0])  # radians, distances: starts of a search err so
@@ -43,6 +47,18 @@ def test_exposure_changes_nothing(known, camera, photo):
 def test_an_object_behind_the_camera_is_nothing(known, camera, levels):
     turned = moved(camera, np.array([0, 0, 0, 0, 0, 2.0, 0]))  # the object now lies behind
     assert refine(known, levels, turned, diameter=60, steps=2)[1].score < 0.1
+
+
+def test_a_plain_smooth_object_could_lie_elsewhere_where_a_painted_one_could_not(known, camera, levels):
+    points, textures = known.mesh.vertices[::20].double().numpy(), known.asset.textures
+    painted = leeway(known, levels, camera, points, diameter=120, focal=False)
+    assert leeway(known, levels, camera, points, diameter=120, focal=True) > painted
+    grey = torch.full_like(textures.base_color, 0.5)
+    plain = KnownObject(replace(known.asset, textures=replace(textures, base_color=grey)))
+    photo = Levels(photo_of(plain.asset, camera, 20)[0])
+    assert leeway(plain, photo, camera, points, diameter=120, focal=False) > 2 * painted
+    behind = moved(camera, np.array([0, 0, 0, 0, 0, 2.0, 0]))
+    assert leeway(known, levels, behind, points, diameter=120, focal=False) == np.inf
 
 
 def test_the_light_is_the_ridge_regression():

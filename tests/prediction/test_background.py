@@ -78,8 +78,13 @@ def test_several_backgrounds_are_brought_to_one_exposure(background):
     torch.testing.assert_close(both.radiance[seen], one.radiance[seen])
     assert float(both.share.max()) == 1
     clipped = SeenLight(one.radiance, one.share, torch.ones_like(one.clipped))
-    assert not SeenLight.joined([one, clipped], torch.ones(2)).clipped[seen].any()
-    assert SeenLight.joined([clipped, clipped], torch.ones(2)).clipped.all()
+    long = replace(clipped, radiance=torch.ones_like(one.radiance))  # white, at four times the exposure
+    both = SeenLight.joined([one, long], torch.tensor([1.0, 4.0]))
+    assert not both.clipped[seen].any()
+    torch.testing.assert_close(both.radiance[seen], one.radiance[seen])
+    bounds = SeenLight.joined([clipped, long], torch.tensor([1.0, 4.0]))
+    assert bounds.clipped.all()
+    torch.testing.assert_close(bounds.radiance[seen], one.radiance[seen].clamp(min=0.25))
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.6])

@@ -78,12 +78,19 @@ def test_a_lamp_beside_its_place_is_moved_by_its_shadow(scene):
     assert degrees(source.direction, TRUE.direction) < 4
 
 
-def test_a_lamp_that_is_not_there_gets_nothing_but_doubt(scene):
+def test_a_lamp_that_is_not_there_is_left_out(scene):
     asset, _ = scene
-    observation = photograph(asset, sky())
-    (source,) = fitted_sources(observation, predicted(irradiance=(1.0, 1.0, 1.0)), asset.mesh, 0).sources
-    assert max(source.irradiance) < 0.15
-    assert source.uncertainty > 0.8
+    phantom = predicted(irradiance=(1.0, 1.0, 1.0))
+    assert fitted_sources(photograph(asset, sky()), phantom, asset.mesh, 0).sources == ()
+
+
+def test_the_strongest_after_the_fit_comes_first(scene):
+    asset, observation = scene
+    phantom = LightSource((0.0, -0.8, 0.6), math.radians(8), (2.0, 2.0, 2.0))
+    map_ = Environment(predicted(irradiance=(1.2, 1.1, 0.8)).texels + phantom.texels(R))
+    first, *others = fitted_sources(observation, map_, asset.mesh, 0).sources
+    assert degrees(first.direction, TRUE.direction) < 5
+    assert all(sum(other.irradiance) < sum(first.irradiance) for other in others)
 
 
 @pytest.mark.slow

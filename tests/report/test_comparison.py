@@ -49,6 +49,14 @@ def test_the_page_shows_both_runs_pictures_beside_the_truth():
     assert "http" not in page
 
 
+def test_photos_without_a_section_lead_nowhere():
+    scores = {f"photo {number}": 20.0 + number for number in range(40)}
+    reports = tuple(report_with(evaluation(scores)) for _ in range(2))
+    page = comparison_page(Comparison(("old", "new"), reports))
+    assert page.count("<section") == 32
+    assert set(re.findall(r'href="#(photo[^"]*)"', page)) == set(re.findall(r'<section id="([^"]*)"', page))
+
+
 def test_runs_without_a_common_photo_are_refused():
     with pytest.raises(InputError, match="no test photo in common"):
         compared({"elsewhere": 1.0})

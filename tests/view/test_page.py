@@ -3,6 +3,8 @@
 import io
 import json
 import os
+import re
+import shlex
 import shutil
 import signal
 import time
@@ -45,14 +47,20 @@ def scene(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def other_scene(scene, tmp_path_factory):
+    """Another such folder, in whose path a shell would see two words."""
+    return shutil.copytree(scene, tmp_path_factory.mktemp("scene") / "tea pot")
+
+
+@pytest.fixture(scope="module")
 def begun(tmp_path_factory):
     """A run whose training has begun."""
     return begun_run(tmp_path_factory.mktemp("begun"))
 
 
 @pytest.fixture(scope="module")
-def server(run, begun, scene, tmp_path_factory):
-    running = Running([run.path, begun.path, scene], tmp_path_factory.mktemp("session"))
+def server(run, begun, scene, other_scene, tmp_path_factory):
+    running = Running([run.path, begun.path, scene, other_scene], tmp_path_factory.mktemp("session"))
     yield running
     running.close()
 
@@ -245,17 +253,93 @@ def test_a_training_is_watched_live(page, server, begun):
     page.wait_for_selector("text=The finished object.")
 
 
-def test_a_mask_is_painted_and_a_box_is_kept(page, server, scene):
-    page.goto(f"{server.url}#masks")
-    page.wait_for_selector(".easel img[alt='The photo b']")  # that disagrees most
-    page.wait_for_timeout(200)
-    before = read_mask(scene / "masks" / "b.png")
+def test_what_is_seen_of_a_run_goes_when_another_is_chosen(page, server):
+    open_object(page, server)
+    page.select_option("#stand", "1")
+    page.wait_for_selector("#wipe-photo:not([hidden])")
+    page.select_option("#run", "1")
+    page.wait_for_selector("#stage-note >> text=no object yet")
+    assert page.locator("#stage[data-run]").count() == 0
+    assert page.input_value("#stand") == ""
+    page.select_option("#run", "0")
+    page.wait_for_selector("#stage[data-run='0']")
+    assert page.locator("#messages .message").count() == 0
+
+
+def test_an_object_that_comes_late_is_not_shown_as_that_of_another_run(page, server):
+    page.route("**/runs/0/object.glb", lambda route: (page.wait_for_timeout(600), route.continue_()))
+    page.goto(server.url)
+    page.wait_for_selector("#stage-note >> text=Loading")
+    page.select_option("#run", "1")
+    page.wait_for_selector("#stage-note >> text=no object yet")
+    page.wait_for_timeout(1200)
+    assert page.locator("#stage[data-run]").count() == 0
+
+
+def test_a_prediction_goes_on_while_the_server_cannot_be_asked(page, server, run):
+    page.goto(f"{server.url}#photo")
+    missed = []
+
+    def miss(route):
+        missed.append(route.request.url)
+        if len(missed) > 3:
+            route.continue_()
+        else:
+            route.abort()
+
+    page.route(re.compile(r"/api/jobs/[^/]+$"), miss)
+    page.set_input_files("#photo-file", run.path.parent / "scene" / "train" / "train_01.png")
+    page.wait_for_selector("#result .verdict:not(.failed)")
+    assert len(missed) > 3
+    page.said = [text for text in page.said if NETWORK not in text]
+
+
+def paint_a_line(page):
+    """Paint along the upper edge of the photo on the easel."""
+    page.wait_for_selector(".shots [aria-current]")
     easel = page.locator(".easel canvas").bounding_box()
     corner = [easel["x"] + 0.03 * easel["width"], easel["y"] + 0.05 * easel["height"]]
     page.mouse.move(*corner)
     page.mouse.down()
     page.mouse.move(corner[0] + 0.2 * easel["width"], corner[1], steps=5)
     page.mouse.up()
+
+
+def test_a_painted_mask_is_saved_where_it_was_painted(page, server, scene, other_scene):
+    page.goto(f"{server.url}#masks")
+    page.get_by_label("Scene").select_option("1")
+    page.wait_for_selector("text=Photos whose mask")
+    page.wait_for_selector(".shots img[src*='scenes/1']")
+    paint_a_line(page)
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    page.get_by_label("Scene").select_option("0")
+    assert page.get_by_label("Scene").input_value() == "1"
+    before = [(folder / "masks" / "b.png").read_bytes() for folder in (scene, other_scene)]
+    page.get_by_text("Save the mask").click()
+    page.wait_for_selector("text=lightprobe prepare PHOTOS")
+    assert shlex.split(page.inner_text(".command code"))[-1] == str(other_scene)
+    after = [(folder / "masks" / "b.png").read_bytes() for folder in (scene, other_scene)]
+    assert [a == b for a, b in zip(before, after, strict=True)] == [True, False]
+
+
+def test_a_mask_that_does_not_come_leaves_nothing_to_save(page, server):
+    page.goto(f"{server.url}#masks")
+    page.wait_for_selector(".shots [aria-current]")
+    page.route(re.compile("scenes/0/photos/0/mask"), lambda route: route.abort())
+    page.locator(".shots button").nth(1).click()
+    page.wait_for_selector(".message >> text=cannot be shown")
+    box = page.locator(".easel canvas").bounding_box()
+    page.mouse.click(box["x"] + 10, box["y"] + 10)
+    page.get_by_text("Save the mask").click()
+    page.wait_for_selector(".message >> text=Nothing has been painted")
+    page.said = [text for text in page.said if NETWORK not in text]
+
+
+def test_a_mask_is_painted_and_a_box_is_kept(page, server, scene):
+    page.goto(f"{server.url}#masks")
+    page.wait_for_selector(".easel img[alt='The photo b']")  # that disagrees most
+    before = read_mask(scene / "masks" / "b.png")
+    paint_a_line(page)
     page.get_by_text("Save the mask").click()
     page.wait_for_selector("text=lightprobe prepare PHOTOS")
     after = read_mask(scene / "masks" / "b.png")

@@ -133,7 +133,7 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         if not _is_of(value["map"], map_path):
             return None
         return tuple(LightSource.from_json(one) for one in given), Sun(value["map"]["sun"])
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
             f"{path} says what no light source can be ({shown(str(error))}); remove it, and they are found in the map."
         ) from error

@@ -170,6 +170,10 @@ def _part(file: GlbFile, primitive: dict[str, Any], matrix: np.ndarray) -> _Part
         # Normals turn with the cofactors of the transform, whose sign a mirror flips.
         cofactors = np.stack([np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(*linear[:2])])
         normals = normals @ (cofactors * np.sign(np.linalg.det(linear) or 1.0)).T
+        # Several meshes may keep their vertices in one list.
+        used, corners = np.unique(faces, return_inverse=True)
+        faces = corners.reshape(-1, 3)
+        world, uvs, colors, normals = (values[used] for values in (world, uvs, colors, normals))
     else:  # flat, as glTF asks for
         world, uvs, colors = (values[faces.ravel()] for values in (world, uvs, colors))
         faces = np.arange(len(world)).reshape(-1, 3)

@@ -29,6 +29,7 @@ from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.record import read_record
 
 _BLACK, _WHITE = 1e-4, 0.99  # greatest linear value, and share of clipped values, of a photo that shows nothing
+_NARROWEST = 8  # pixels of the shorter side, of what is located
 _SIDE = 1024  # pixels of the longer side at which a photo is located
 
 
@@ -76,14 +77,17 @@ class Locator:
             focal = None if ratio is None else ratio * max(width, height)
         seen = color if given is None else color * given[..., None]
         small = shrink_area(seen, _SIDE)
-        found = self._finder.find(small, None if focal is None else focal * max(small.shape[:2]) / max(width, height))
+        if min(small.shape[:2]) < _NARROWEST:
+            raise InputError(f"{image} has {width} x {height} pixels, too narrow a strip to find the object in.")
+        focal = None if focal is None else focal * max(small.shape[:2]) / max(width, height)
+        found = self._finder.find(small, focal)
         if not found:
             raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
         best = found[0]
         camera = best.camera.resized(width, height)
         if given is not None and self._is_inverted(given, camera):
             raise InputError(f"{mask or image} looks inverted; the object must be white or opaque.")
-        verdict = self._verdict(found, camera)
+        verdict = self._verdict(found, camera, self._finder.leeway(small, best.camera, focal))
         if verdict.status is PoseStatus.REFUSED:
             raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         restored = _restored(camera, self._decomposition.similarity)
@@ -99,11 +103,11 @@ class Locator:
         shape = silhouette(self._decomposition.asset, camera.resized(mask.shape[1], mask.shape[0])) >= 0.5
         return overlap(mask < 0.5, shape) > overlap(mask >= 0.5, shape)
 
-    def _verdict(self, found: list[Candidate], camera: Camera) -> PoseVerdict:
+    def _verdict(self, found: list[Candidate], camera: Camera, leeway: float) -> PoseVerdict:
         best, scores = found[0], [candidate.fit.score for candidate in found]
         inside = inside_share(self._decomposition.asset, camera)
         return PoseVerdict(
-            best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores)
+            best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores), leeway
         )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
 from lightprobe.localization.matching import matched_poses
 from lightprobe.localization.pose import PARAMETERS, mean_distance, moved
-from lightprobe.localization.refinement import Fit, refine
+from lightprobe.localization.refinement import Fit, leeway, refine
 from lightprobe.localization.search import search, sighted_camera
 from lightprobe.localization.symmetry import symmetric_turns
 from lightprobe.localization.verdict import GOOD_SCORE, RIVAL
@@ -76,6 +76,10 @@ class PoseFinder:
         if found and self._turns and found[0].fit.score >= _HOPELESS:
             found = self._ordered(found + self._copied(levels, found[0], free))
         return self._compared(levels, found, free)
+
+    def leeway(self, color: np.ndarray, camera: Camera, focal: float | None) -> float:
+        """Return `refinement.leeway` of a pose that `find` returned for the same photo (H, W, 3) and focal length."""
+        return leeway(self._known, Levels(color), camera, self._points, diameter=_FINEST, focal=focal is None)
 
     def _matched(self, levels: Levels, focal: float, free: bool) -> list[Candidate]:
         """Return poses that matched features agree about, refined."""

@@ -32,6 +32,7 @@ _EDGES_WEIGH = 1.0  # the outline against the surface
 _FEWEST = 40  # pixels of the object from which there is anything to refine
 _DAMPING = 1e-3  # of the steps, relative
 _LARGEST_STEP = 0.12  # radians, or distances from the object
+_LEAST_TOLD = 1e-9  # about a step that nothing tells of
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,28 @@ def refine(
         if step < steps:
             camera = moved(camera, seen.step(focal))
     return best if best is not None else (camera, Fit(0.0, 0.0))
+
+
+def leeway(
+    known: KnownObject, levels: Levels, camera: Camera, points: np.ndarray, *, diameter: float, focal: bool
+) -> float:
+    """Return how far the object could move in the photo and hardly be explained worse, in its sphere's diameters.
+
+    The pose's covariance is the inverse of the matrix of its steps (Laplace's approximation), times the mean square of
+    what stays unexplained: as if all pixels of a channel had one error in common, and so all of the outline. What is
+    returned is the root mean square motion of `points` (N, 3) on the object under it; infinite where the object is not
+    in the photo. The rest as in `refine`.
+    """
+    seen = _Seen.of(known, levels, camera, diameter, 0)
+    if seen is None:
+        return float("inf")
+    matrix, _ = seen.system(focal)
+    moves = motion(camera, points)[..., : len(matrix)]
+    product = np.einsum("nxk,nxl->kl", moves, moves) / len(moves)
+    spread = np.trace(np.linalg.solve(matrix + _LEAST_TOLD * np.eye(len(matrix)), product))
+    unexplained = (seen.weight * seen.residual**2).sum() + (seen.trust * seen.distance**2).sum()
+    mean_unexplained = unexplained / (len(seen.residual) + 1)  # of the channels and the outline
+    return float(np.sqrt(spread * mean_unexplained)) / (2 * camera.fx / float(np.linalg.norm(camera.position)))
 
 
 @dataclass(frozen=True)
@@ -99,6 +122,14 @@ class _Seen:
 
     def step(self, focal: bool) -> np.ndarray:
         """Return the damped Gauss-Newton step (7,) of the pose."""
+        matrix, right = self.system(focal)
+        step = np.zeros(PARAMETERS)
+        damped = matrix + np.diag(_DAMPING * np.diag(matrix) + 1e-3)
+        step[: len(right)] = np.linalg.solve(damped, right)
+        return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
+
+    def system(self, focal: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Return matrix (K, K) and right side (K,) of the Gauss-Newton step, K = 7 with a free focal length, else 6."""
         matrix, right = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
         for a, w, r, j, pull in zip(self.transport, self.weight, self.residual, self.change, self.ridge, strict=True):
             weighted = a.T * w
@@ -109,11 +140,7 @@ class _Seen:
         matrix += trusted @ self.outline_motion
         right += trusted @ self.distance
         free = slice(0, PARAMETERS if focal else PARAMETERS - 1)
-        matrix, right = matrix[free, free], right[free]
-        step = np.zeros(PARAMETERS)
-        damped = matrix + np.diag(_DAMPING * np.diag(matrix) + 1e-3)
-        step[free] = np.linalg.solve(damped, right)
-        return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
+        return matrix[free, free], right[free]
 
 
 def _chosen(surface: Surface, outline: Outline, count: int, turn: int) -> torch.Tensor:

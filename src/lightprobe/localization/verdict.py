@@ -1,7 +1,8 @@
 """Whether a pose found in a photo can be relied on: what was measured, and what follows from it.
 
 A photo without the object has a best pose, too. It is told by the two things that poses are chosen by: how much of what
-the photo shows there light can explain on the object, and whether the photo's edges follow its outline. Their limits
+the photo shows there light can explain on the object, and whether the photo's edges follow its outline. These may fit
+well and tell little about how a smooth object of one material is turned: so what they tell is measured, too. The limits
 come from right and wrong poses in photos with the object and from photos without it (docs/decisions/locating.md).
 """
 
@@ -13,6 +14,7 @@ from typing import Any
 GOOD_SCORE = 1.95  # poses some pixels off score up to 1.93, elsewhere up to 1.48; of the right ones one in twenty less
 _NOTHING = 1.0  # below lie some photos without the object, and no right pose
 RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
+_LOOSE = 0.015  # leeway: right poses have up to .013, those of a smooth object of one material from .017 on
 _INSIDE = 0.5  # share of the object in the photo, below which its pose rests on little
 _DOUBT = 0.3  # of ln radiance: as of a photo that is doubtful for other reasons (docs/decisions/photo-verdict.md)
 
@@ -36,6 +38,7 @@ class PoseVerdict:
     inside: float  # share of the object within the photo
     inliers: int  # matched features that agree about the pose
     rivals: int  # other poses that score about as well
+    leeway: float  # of the object's size, by which it could lie elsewhere and hardly be explained worse
 
     @property
     def status(self) -> PoseStatus:
@@ -85,6 +88,14 @@ class PoseVerdict:
                 PoseStatus.AMBIGUOUS,
                 f"The object looks alike from several sides, and {others} this photo about as well: the map may be "
                 "turned about the object; look at the overlay, or give the photo's camera.",
+            )
+
+        elif self.leeway > _LOOSE:
+            yield (
+                PoseStatus.AMBIGUOUS,
+                "The photo hardly tells how the object is turned: its points could lie "
+                f"{200 * self.leeway:.0f} % of its size elsewhere and it would look about the same; the map may be "
+                "turned as much. Look at the overlay, or give the photo's camera.",
             )
 
 

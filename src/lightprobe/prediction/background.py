@@ -91,13 +91,15 @@ class SeenLight:
     def joined(parts: Sequence["SeenLight"], exposures: Tensor) -> "SeenLight":
         """Return what several photos show of one light, in the first one's exposure; `exposures` (N,) relative to it.
 
-        A texel that several photos show has their mean; it is a lower bound if it is one in all of them.
+        A texel has the mean of the photos that show it unclipped. Where none does, it has the largest lower bound.
         """
         share = torch.stack([part.share for part in parts])
-        weight = (share / share.sum(0).clamp_min(1e-12))[..., None]
         scaled = torch.stack([part.radiance / exposure for part, exposure in zip(parts, exposures, strict=True)])
-        clipped = torch.stack([part.clipped | (part.share == 0)[..., None] for part in parts]).all(0)
-        return SeenLight((weight * scaled).sum(0), share.sum(0).clamp(max=1), clipped)
+        told = share[..., None] * ~torch.stack([part.clipped for part in parts])
+        bound = torch.where(share[..., None] > 0, scaled, 0.0).amax(0)
+        mean = (told * scaled).sum(0) / told.sum(0).clamp_min(1e-12)
+        clipped = told.sum(0) == 0
+        return SeenLight(torch.where(clipped, bound, mean), share.sum(0).clamp(max=1), clipped)
 
 
 def with_background(

@@ -124,6 +124,7 @@ class _Solution:
 def fitted_sources(observation: Observation, environment: Environment, mesh: Mesh, seed: int) -> SplitLight:
     """Return a predicted light as its sources, fitted to the photo it was predicted from, and the rest as predicted.
 
+    A source that the photo shows nothing of is left out; the doubt of a direction is of the one that was the strongest.
     `mesh`: of the object that `observation` is of. Deterministic; the sources scale with the photo's exposure.
     """
     split = split_light(environment)
@@ -135,8 +136,10 @@ def fitted_sources(observation: Observation, environment: Environment, mesh: Mes
     others = [pixels.lit(source) for source in weaker] + rest
     key, doubt = _moved(pixels, split.sources[0], others)
     solved = _solve(pixels, [pixels.lit(key), *others])
-    sources = [replace(key, direction_uncertainty=doubt), *weaker]
-    return SplitLight(split.rest, tuple(_scaled(source, solved, k) for k, source in enumerate(sources)))
+    predicted = [replace(key, direction_uncertainty=doubt), *weaker]
+    fitted = [(source, _scaled(source, solved, k)) for k, source in enumerate(predicted)]
+    present = [now for before, now in fitted if sum(now.irradiance) > _BLACK * sum(before.irradiance)]
+    return SplitLight(split.rest, tuple(sorted(present, key=lambda source: -sum(source.irradiance))))
 
 
 def _scaled(source: LightSource, solved: _Solution, index: int) -> LightSource:

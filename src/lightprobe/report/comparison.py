@@ -140,13 +140,18 @@ def _named(found: Comparison) -> list[tuple[str, Report]]:
 
 def _sections(found: Comparison) -> list[str]:
     """Return a section for each photo that both runs have pictures of, and the list that puts them in order."""
-    first, second = (report.pictures for report in found.reports)
-    places = {name: found.photos.index(name) for name in evenly_spaced([n for n in found.photos if n in first])}
-    shown = [name for name in places if name in second]
-    changes = {name: _changes(found, name) for name in shown}
-    sections = [_section(found, name, places[name], changes[name]) for name in shown]
+    places = _places(found)
+    changes = {name: _changes(found, name) for name in places}
+    sections = [_section(found, name, place, changes[name]) for name, place in places.items()]
     order = order_list("photos", list(changes.values()), "change of ")
     return [order, f'<div id="photos">{"".join(sections)}</div>']
+
+
+def _places(found: Comparison) -> dict[str, int]:
+    """Return the photos that have a section, with their places among all."""
+    first, second = (report.pictures for report in found.reports)
+    shown = evenly_spaced([name for name in found.photos if name in first])
+    return {name: found.photos.index(name) for name in shown if name in second}
 
 
 def _changes(found: Comparison, photo: str) -> dict[str, float]:
@@ -195,8 +200,9 @@ def _method_table(found: Comparison, methods: tuple[str, str]) -> str:
 def _photo_table(found: Comparison) -> str:
     methods = found.methods()[0]
     keys = [key for key in SCORES if any(found.pair(photo, key, methods) for photo in found.photos)]
+    anchors = {photo: anchor(place) for photo, place in _places(found).items()}
     lines = []
-    for place, photo in enumerate(found.photos):
+    for photo in found.photos:
         cells = ""
         for key in keys:
             pair = found.pair(photo, key, methods)
@@ -204,7 +210,7 @@ def _photo_table(found: Comparison) -> str:
             cells += "<td>–</td>" if change is None else (
                 f'<td data-value="{change:.6g}">{_signed(SCORES[key], change)}</td>'
             )  # fmt: skip
-        lines.append(f"<tr><td>{label(photo, {photo: anchor(place)})}</td>{cells}</tr>")
+        lines.append(f"<tr><td>{label(photo, anchors)}</td>{cells}</tr>")
     head = "".join(f"<th>{headline(SCORES[key])}</th>" for key in keys)
     body = f"<thead><tr><th>photo</th>{head}</tr></thead><tbody>{''.join(lines)}</tbody>"
     return f'<div class="scroll"><table>{body}</table></div>'

@@ -12,7 +12,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import write_png
 from lightprobe.imaging.video import frames
 from lightprobe.light.environment import Environment
-from lightprobe.light.sources import SplitLight, split_light
+from lightprobe.light.sources import split_light
 from lightprobe.prediction import Prediction, check_names
 from lightprobe.prediction.sequence import flicker, steadied
 from lightprobe.runs.predictions import (
@@ -96,10 +96,8 @@ def predict_video(
 
 
 def _steady(prediction: Prediction, environment: Environment) -> Prediction:
-    """Return a frame's prediction with its steadied map; the sources stay as its photo told them."""
-    split = prediction.split
-    if split is not None:
-        split = SplitLight(split_light(environment).rest, split.sources)
+    """Return a frame's prediction with its steadied map, and with that map's sources: one photo's flicker, too."""
+    split = None if prediction.split is None else split_light(environment)
     return replace(prediction, environment=environment, split=split)
 
 

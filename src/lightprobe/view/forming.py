@@ -20,6 +20,7 @@ from lightprobe.reconstruction.forming import FormingObject
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
+from lightprobe.view.sources import RunSource
 
 FILE = "forming.bin"
 
@@ -30,7 +31,7 @@ class FormingObjects:
     def __init__(self, device: torch.device):
         """Compute on `device`."""
         self._device = device
-        self._known: tuple[Path, FormingObject] | None = None
+        self._known: tuple[tuple[Path, str], FormingObject] | None = None  # by run and training
 
     def write(self, path: Path, folder: Path, tell: Callable[[str], None]) -> dict[str, Any]:
         """Write forming.bin into `folder` and return its step and sizes; raise `InputError` without a checkpoint."""
@@ -39,10 +40,10 @@ class FormingObjects:
         if latest is None:
             raise InputError("There is no checkpoint yet; the object appears with the first one.")
         step, tensors, state = latest
-        record = read_record(run)
-        if self._known is None or self._known[0] != path:
+        record, training = read_record(run), (path, RunSource(run).begun)
+        if self._known is None or self._known[0] != training:
             tell("reading the photos")
-            self._known = path, FormingObject(load_scene(record.root), self._device)
+            self._known = training, FormingObject(load_scene(record.root), self._device)
         tell("reading the surface")
         surface = self._known[1].surface(tensors, state)
         data = encoded(surface.vertices, surface.faces, surface.color, record.similarity)

@@ -36,6 +36,12 @@ class RunSource:
         """The object as GLB, which Phase I writes."""
         return self.run.mesh_folder / "object.glb"
 
+    @property
+    def begun(self) -> str:
+        """Which training of the run this is: `--restart` begins another one, perhaps of other photos."""
+        scene = self.run.scene_file
+        return str(scene.stat().st_mtime_ns) if scene.is_file() else ""
+
     def photos(self) -> list[RunPhoto]:
         """Return the photos of its scene, those it learnt from first; none before the scene is read."""
         if not self.run.scene_file.is_file():

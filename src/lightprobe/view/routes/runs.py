@@ -50,7 +50,7 @@ def photo_picture(index: int, number: int, session: SessionArg) -> Response:
     """Return a photo, decoded once and kept."""
     source = session.run(index)
     photo = _photo(source, number)
-    kept = session.folder / f"run-{index}-{number}"
+    kept = session.folder / f"run-{index}-{source.begun}-{number}"
     if not kept.is_file():
         write_bytes(kept, run_photo(source, photo))
     return picture_response(kept.read_bytes())
@@ -70,30 +70,28 @@ def photo_light(index: int, number: int, session: SessionArg) -> Response:
 @router.get("/training")
 def training_state(index: int, session: SessionArg, after: int = 0) -> dict[str, Any]:
     """Return how far the training is, with the records from byte `after` on."""
-    return session.watch(index).state(after)
+    return {**session.watch(index).state(after), "begun": session.run(index).begun}
 
 
 @router.post("/forming")
 def form_object(index: int, session: SessionArg) -> dict[str, Any]:
     """Have the object of the newest checkpoint read; the answer is a job, one that is there already if it can be."""
     source = session.run(index)
-    step = source.run.checkpoints.newest_step()
-    known = _forming_job(session, index, step)
+    asked = {"run_index": index, "begun": source.begun, "step": source.run.checkpoints.newest_step()}
+    known = _forming_job(session, asked)
     if known is None:
-        request = {"run": str(source.run.path), "run_index": index, "step": step}
+        request = {"run": str(source.run.path), **asked}
         known = session.jobs.submit(TaskName.FORMING, "the object as it forms", request)
     return known.to_json()
 
 
-def _forming_job(session: Session, index: int, step: int | None) -> Any:
-    """Return the job of this run and checkpoint that has not failed, None without one."""
+def _forming_job(session: Session, asked: dict[str, Any]) -> Any:
+    """Return the job of a run's checkpoint, `asked` in its request, that has not failed, None without one."""
     return next(
         (
             job
             for job in reversed(session.jobs.all())
-            if job.task is TaskName.FORMING
-            and job.state != "failed"
-            and (job.request["run_index"], job.request["step"]) == (index, step)
+            if job.task is TaskName.FORMING and job.state != "failed" and asked.items() <= job.request.items()
         ),
         None,
     )

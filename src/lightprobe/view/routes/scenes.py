@@ -10,6 +10,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from lightprobe.core.errors import LightprobeError
+from lightprobe.core.files import shell_word
 from lightprobe.service.incoming import renamed, stream_to
 from lightprobe.view.pictures import scene_photo
 from lightprobe.view.routes.shared import SessionArg, picture_response
@@ -60,7 +61,7 @@ async def correct_mask(index: int, number: int, request: Request, session: Sessi
         raise type(error)(renamed(str(error), {painted: "The mask"})) from error
     finally:
         painted.unlink(missing_ok=True)
-    return {"file": str(written), "command": f"lightprobe prepare PHOTOS -o {photos.source.folder}"}
+    return {"file": str(written), "command": f"lightprobe prepare PHOTOS -o {shell_word(photos.source.folder)}"}
 
 
 @router.put("/box")

@@ -76,12 +76,18 @@ export function upload(path, file, limit, onShare = () => {}) {
   });
 }
 
-/** Follow a job to its end, telling `onJob` of each state; returns it, or throws its sentence. */
+/** Follow a job to its end, telling `onJob` of each state; returns it, or throws its sentence.
+ *
+ * The job goes on without this page: one that cannot be asked after now is asked after again. */
 export async function follow(job, onJob = () => {}) {
   while (job.state === "waiting" || job.state === "running") {
     onJob(job);
     await new Promise((done) => setTimeout(done, 250));
-    job = await getJson(`/api/jobs/${job.id}`);
+    try {
+      job = await getJson(`/api/jobs/${job.id}`);
+    } catch (error) {
+      if (!(error instanceof ServerLost)) throw error;
+    }
   }
   onJob(job);
   if (job.state === "failed") throw new Refusal(job.sentence);

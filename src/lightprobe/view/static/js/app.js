@@ -1,7 +1,7 @@
 // The frame of the page: which run, which page, and whether the server is there.
 
 import { getJson, ServerLost } from "./api.js";
-import { $, el, fillSelect, say } from "./dom.js";
+import { $, el, fillSelect, say, unsay } from "./dom.js";
 import { refreshJobs, state, tell } from "./state.js";
 
 const PAGES = { object: "./object.js", photo: "./photo.js", training: "./training.js", masks: "./masks.js" };
@@ -55,19 +55,20 @@ function listRuns() {
 }
 
 async function heartbeat() {
-  let lost = null;
+  let lost = false;
   for (;;) {
     await new Promise((done) => setTimeout(done, HEARTBEAT));
     if (document.hidden) continue;
     try {
       await getJson("/api/session");
+      unsay("lost");
       if (lost) {
-        lost();
-        lost = null;
+        lost = false;
         say("The server is back.", { key: "back", info: true, seconds: 4 });
       }
     } catch (error) {
-      lost ??= say(error.message, { key: "lost" });
+      if (!lost) say(error.message, { key: "lost" });
+      lost = true;
     }
   }
 }

@@ -14,7 +14,7 @@ export function el(name, given = {}, ...children) {
   return element;
 }
 
-/** Show a sentence until it is closed; one of the same `key` takes its place. Returns what takes it away. */
+/** Show a sentence until it is closed or taken away by `unsay`; one of the same `key` takes its place. */
 export function say(sentence, { key = sentence, info = false, seconds = 0 } = {}) {
   const place = $("messages");
   const same = [...place.children].find((child) => child.dataset.key === key);
@@ -25,7 +25,11 @@ export function say(sentence, { key = sentence, info = false, seconds = 0 } = {}
   if (same) same.replaceWith(box);
   else place.append(box);
   if (seconds) setTimeout(() => box.remove(), seconds * 1000);
-  return () => box.remove();
+}
+
+/** Take the sentence of a `key` away. */
+export function unsay(key) {
+  for (const box of [...$("messages").children]) if (box.dataset.key === key) box.remove();
 }
 
 /** Return a duration in words. */

@@ -13,7 +13,7 @@ export class Easel {
     this.element = el("div", { className: "easel" }, this.photo, this.canvas);
     this.size = 18;
     this.mode = "paint";
-    this.box = null;
+    [this.layer, this.history, this.box] = [null, [], null];
     this.changed = false;
     this.onSize = this.onBox = () => {};
     this.canvas.addEventListener("pointerdown", (event) => this.#down(event));
@@ -23,12 +23,29 @@ export class Easel {
     this.canvas.addEventListener("blur", () => this.#draw());
   }
 
-  /** Show a photo and its mask, none where `mask` is null. */
+  /** Show nothing that could be painted on or saved. */
+  clear() {
+    this.opening = null;
+    [this.layer, this.pen, this.history, this.box, this.corner] = [null, null, [], null, null];
+    this.changed = this.down = false;
+    this.canvas.getContext("2d").clearRect(0, 0, this.canvas.width, this.canvas.height);
+    this.onBox(null);
+  }
+
+  /** Show a photo and its mask, none where `mask` is null. Returns whether it is shown: not if another was asked for. */
   async open(photo, mask, name) {
-    this.photo.src = photo;
-    this.photo.alt = `The photo ${name}`;
-    await this.photo.decode();
-    const given = mask ? await decoded(mask) : null;
+    this.clear();
+    const opening = (this.opening = {});
+    let given = null;
+    try {
+      this.photo.src = photo;
+      this.photo.alt = `The photo ${name}`;
+      await this.photo.decode();
+      if (mask) given = await decoded(mask);
+    } catch (error) {
+      if (opening === this.opening) throw new Error(`The photo ${name} or its mask cannot be shown: ${error.message}`);
+    }
+    if (opening !== this.opening) return false;
     const [width, height] = given ? [given.width, given.height] : fitted(this.photo.naturalWidth, this.photo.naturalHeight);
     this.layer = new OffscreenCanvas(width, height); // white with the mask as its alpha
     this.pen = this.layer.getContext("2d", { willReadFrequently: true });
@@ -42,19 +59,19 @@ export class Easel {
       this.pen.putImageData(data, 0, 0);
     }
     [this.canvas.width, this.canvas.height] = [width, height];
-    [this.history, this.box, this.changed] = [[], null, false];
     this.cursor = [width / 2, height / 2];
-    this.onBox(null);
     this.#draw();
+    return true;
   }
 
   setMode(mode) {
     this.mode = mode;
-    if (this.layer) this.#draw();
+    this.#draw();
   }
 
   /** Set one edge of the box, in shares of the photo: left, top, right, bottom. */
   setEdge(index, share) {
+    if (!this.layer) return;
     this.box ??= [0, 0, 1, 1];
     this.box[index] = Math.min(Math.max(share, 0), 1);
     this.onBox(this.box);
@@ -62,7 +79,7 @@ export class Easel {
   }
 
   undo() {
-    const before = this.history?.pop();
+    const before = this.history.pop();
     if (!before) return;
     this.pen.putImageData(before, 0, 0);
     this.#draw();
@@ -174,6 +191,7 @@ export class Easel {
   }
 
   #draw() {
+    if (!this.layer) return;
     const pen = this.canvas.getContext("2d");
     const [w, h] = [this.canvas.width, this.canvas.height];
     pen.clearRect(0, 0, w, h);

@@ -15,13 +15,12 @@ export class FormingView {
   clear() {
     this.shown = null;
     this.note.textContent = "It appears with the first checkpoint.";
-    if (this.viewer) this.viewer.object = this.viewer.object && (this.viewer.scene.remove(this.viewer.object), null);
-    this.viewer?.draw();
+    this.viewer?.clear();
   }
 
   /** Show the newest checkpoint's object, or the finished one, unless it is shown already. */
-  async update(run, { checkpoint, object }) {
-    const newest = object ? `${run}:object` : checkpoint === null ? null : `${run}:${checkpoint}`;
+  async update(run, { begun, checkpoint, object }) {
+    const newest = object ? `${run}:${begun}:object` : checkpoint === null ? null : `${run}:${begun}:${checkpoint}`;
     if (this.busy || newest === null || newest === this.shown) return;
     this.busy = true;
     try {
@@ -52,7 +51,7 @@ export class FormingView {
   }
 
   async #finished(run) {
-    await this.viewer.load(`/api/runs/${run}/object.glb`);
+    this.viewer.setObject(await this.viewer.read(`/api/runs/${run}/object.glb`));
     this.note.textContent = "The finished object.";
   }
 

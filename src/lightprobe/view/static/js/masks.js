@@ -9,7 +9,7 @@ import { state } from "./state.js";
 
 const page = {};
 let scene = null; // {index, photos, ...}
-let chosen = 0;
+let held = null; // {scene, photo}: what is on the easel, by their numbers
 
 export async function show() {
   if (!page.shots) build();
@@ -28,8 +28,25 @@ function build() {
   page.scene.hidden = state.session.scenes.length < 2;
 }
 
+const mayLeave = () => !page.easel.changed || window.confirm("The painted mask is not saved. Leave it?");
+
 async function openScene(index) {
-  scene = { index, ...(await getJson(`/api/scenes/${index}`)) };
+  const before = scene;
+  const back = () => (page.scene.value = String(before?.index ?? index));
+  if (!mayLeave()) {
+    back();
+    return;
+  }
+  let told;
+  try {
+    told = await getJson(`/api/scenes/${index}`);
+  } catch (error) {
+    back();
+    throw error;
+  }
+  if (before !== scene || Number(page.scene.value) !== index) return; // another one was chosen meanwhile
+  page.easel.clear();
+  [scene, held] = [{ index, ...told }, null];
   scene.order = scene.photos.map((photo, number) => ({ ...photo, number })).sort((a, b) => (a.agreement ?? 2) - (b.agreement ?? 2));
   const about = scene.prepared
     ? "Photos whose mask disagrees most with the others come first. Paint over what is wrong, save, and prepare the scene again."
@@ -45,17 +62,20 @@ function listShots() {
   page.shots.replaceChildren(...scene.order.map((photo) => {
     const words = photo.agreement === null || photo.agreement === undefined ? photo.name : `${photo.name}, agreement ${photo.agreement.toFixed(2)}`;
     const button = el("button", { type: "button", onclick: () => guarded(() => openPhoto(photo.number)) }, el("img", { src: `/api/scenes/${scene.index}/photos/${photo.number}/picture`, alt: "", loading: "lazy" }), words);
-    if (photo.number === chosen) button.setAttribute("aria-current", "true");
+    if (photo.number === held?.photo) button.setAttribute("aria-current", "true");
     return el("li", {}, button);
   }));
 }
 
 async function openPhoto(number) {
-  if (page.easel.changed && !window.confirm("The painted mask is not saved. Leave it?")) return;
-  chosen = number;
-  listShots();
+  if (!mayLeave()) return;
+  held = null;
   const at = `/api/scenes/${scene.index}/photos/${number}`;
-  await page.easel.open(`${at}/picture`, scene.prepared ? `${at}/mask?now=${Date.now()}` : null, scene.photos[number].name);
+  const opened = { scene: scene.index, photo: number };
+  const isShown = await page.easel.open(`${at}/picture`, scene.prepared ? `${at}/mask?now=${Date.now()}` : null, scene.photos[number].name);
+  if (!isShown) return;
+  held = opened;
+  listShots();
 }
 
 function buildTools() {
@@ -82,7 +102,7 @@ async function saveMask() {
     say("Nothing has been painted yet.", { key: "mask", info: true, seconds: 4 });
     return;
   }
-  const answer = await sendBytes("PUT", `/api/scenes/${scene.index}/photos/${chosen}/mask`, await page.easel.mask());
+  const answer = await sendBytes("PUT", `/api/scenes/${held.scene}/photos/${held.photo}/mask`, await page.easel.mask());
   page.easel.saved();
   next(`Saved as ${answer.file}. The same command as before takes it up, where PHOTOS is the folder or video it was made from:`, answer.command);
 }
@@ -92,7 +112,7 @@ async function saveBox() {
     say("Draw a box around the object first.", { key: "box", info: true, seconds: 4 });
     return;
   }
-  const answer = await sendJson("PUT", `/api/scenes/${scene.index}/box`, { photo: chosen, box: page.easel.box });
+  const answer = await sendJson("PUT", `/api/scenes/${held.scene}/box`, { photo: held.photo, box: page.easel.box });
   next(scene.prepared ? "The box is kept in the scene. The same command as before takes it up, where PHOTOS is the folder or video it was made from:" : "This command prepares the scene with the box; SCENE is a new folder:", answer.command);
 }
 

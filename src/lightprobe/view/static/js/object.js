@@ -9,7 +9,7 @@ import { Viewer } from "./viewer.js";
 
 const own = []; // lights that the person has opened: {id, name}
 let viewer = null;
-let shown = { run: null, light: null };
+let shown = { run: null, light: null }; // another one for each run that is opened
 let light = null;
 
 export async function show() {
@@ -19,9 +19,10 @@ export async function show() {
     new ResizeObserver(layout).observe($("stage"));
     on("jobs", () => state.about.has(state.run) && listLights(state.about.get(state.run)));
   }
-  layout();
-  if (shown.run !== state.run) await openRun();
-  else await useLight();
+  if (shown.run === state.run) {
+    layout();
+    await useLight();
+  } else await openRun();
 }
 
 /** Choose a prediction's light; the page is opened by the caller. */
@@ -31,23 +32,36 @@ export function chooseLight(value) {
 let wanted = null;
 
 async function openRun() {
-  shown = { run: state.run, light: null };
+  const [began, run] = [(shown = { run: null, light: null }), state.run];
+  const isLate = () => began !== shown; // another run was chosen meanwhile
+  viewer.clear();
+  delete $("stage").dataset.run;
+  $("stand").value = "";
+  layout();
   note("Loading the object…");
-  const about = await aboutRun();
-  listLights(about);
-  listPhotos(about);
-  if (!about.object) {
-    note("This run has no object yet: the page Training shows it as it forms.");
-    return;
+  try {
+    const about = await aboutRun(run, true);
+    if (isLate()) return;
+    listLights(about);
+    listPhotos(about);
+    if (!about.object) {
+      note("This run has no object yet: the page Training shows it as it forms.");
+      return;
+    }
+    const [object] = await Promise.all([viewer.read(`/api/runs/${run}/object.glb`), useLight()]);
+    if (isLate()) return;
+    viewer.setObject(object);
+  } catch (error) {
+    if (isLate()) return;
+    note("The object could not be loaded; open this page again.");
+    throw error;
   }
-  const began = shown;
-  await Promise.all([viewer.load(`/api/runs/${state.run}/object.glb`), useLight()]);
-  if (began !== shown && shown.run !== state.run) return;
+  shown.run = run;
   stand();
   note("");
   viewer.drawNow();
   performance.mark("interactive");
-  $("stage").dataset.run = String(shown.run); // what is on the stage now
+  $("stage").dataset.run = String(run); // what is on the stage now
 }
 
 function note(text) {
@@ -84,9 +98,18 @@ async function useLight() {
   wanted = null;
   const value = $("light").value;
   if (!value || shown.light === value) return;
+  const began = shown;
+  const isLate = () => began !== shown || shown.light !== value; // another one was chosen meanwhile
   shown.light = value;
-  const found = await getLight(lightPath(value));
-  if (shown.light !== value) return; // another one was chosen meanwhile
+  let found;
+  try {
+    found = await getLight(lightPath(value));
+  } catch (error) {
+    if (isLate()) return;
+    shown.light = null;
+    throw error;
+  }
+  if (isLate()) return;
   light = found;
   viewer.setLight(light);
   drawMap($("light-map"), light, Number($("turn").value));

@@ -20,8 +20,9 @@ export async function show(changed = false) {
   if (changed) clear();
   const about = await aboutRun(state.run, true);
   $("drop").hidden = !about.object;
+  $("result").querySelector(".no-object")?.remove();
   if (!about.object) {
-    $("result").replaceChildren(el("p", { textContent: "This run has no object yet: light can be read off photos when its training is done." }));
+    $("result").replaceChildren(el("p", { className: "no-object", textContent: "This run has no object yet: light can be read off photos when its training is done." }));
   }
   await refreshJobs();
   if (about.object && loaded !== state.run) {

@@ -100,6 +100,6 @@ function bar({ name, steps, step, finished }) {
 }
 
 function evaluation(scores) {
-  const known = [["object_psnr", "object"], ["unseen_psnr", "unseen"], ["psnr", "PSNR"]].filter(([key]) => typeof scores[key] === "number");
+  const known = [["psnr_masked", "the object's PSNR"], ["psnr_unseen", "on pixels not fitted"], ["psnr", "of whole photos"]].filter(([key]) => typeof scores[key] === "number");
   return known.length ? [quiet(`Evaluated: ${known.map(([key, word]) => `${word} ${scores[key].toFixed(2)} dB`).join(", ")}.`)] : [];
 }

@@ -32,17 +32,26 @@ export class Viewer {
     this.center = new THREE.Vector3();
   }
 
-  /** Load a GLB in place of the present object. */
-  async load(url) {
-    const gltf = await new GLTFLoader().loadAsync(url);
-    this.setObject(gltf.scene);
+  /** Return the object in a GLB. */
+  async read(url) {
+    return (await new GLTFLoader().loadAsync(url)).scene;
+  }
+
+  /** Show no object. */
+  clear() {
+    this.#remove();
+    this.draw();
+  }
+
+  #remove() {
+    if (!this.object) return;
+    this.scene.remove(this.object);
+    this.object.traverse((part) => part.geometry?.dispose());
+    this.object = null;
   }
 
   setObject(object, { keepView = false } = {}) {
-    if (this.object) {
-      this.scene.remove(this.object);
-      this.object.traverse((part) => part.geometry?.dispose());
-    }
+    this.#remove();
     this.object = object;
     this.scene.add(object);
     const ball = new THREE.Box3().setFromObject(object).getBoundingSphere(new THREE.Sphere());
