@@ -267,12 +267,16 @@ def test_what_is_seen_of_a_run_goes_when_another_is_chosen(page, server):
 
 
 def test_an_object_that_comes_late_is_not_shown_as_that_of_another_run(page, server):
-    page.route("**/runs/0/object.glb", lambda route: (page.wait_for_timeout(600), route.continue_()))
+    held = []
+    page.route("**/runs/0/object.glb", lambda route: held.append(route))
     page.goto(server.url)
-    page.wait_for_selector("#stage-note >> text=Loading")
+    while not held:
+        page.wait_for_timeout(50)
     page.select_option("#run", "1")
     page.wait_for_selector("#stage-note >> text=no object yet")
-    page.wait_for_timeout(1200)
+    with page.expect_response("**/object.glb"):
+        held[0].continue_()
+    page.wait_for_timeout(500)
     assert page.locator("#stage[data-run]").count() == 0
 
 
