@@ -23,6 +23,9 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("exported"), help="folder for the files")
     given = parser.parse_args()
 
+    if len({photo.stem for photo in given.photos}) < len(given.photos):
+        parser.error("two photos have one name, and so would their lights; give them one by one, with another -o")
+
     predictor = lightprobe.Predictor.load(given.run)
     lights, views = {}, {}
     for photo in given.photos:

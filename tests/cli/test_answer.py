@@ -2,6 +2,9 @@
 
 import json
 import math
+import os
+import subprocess
+import sys
 from enum import Enum
 from pathlib import Path
 
@@ -86,6 +89,22 @@ def test_every_kind_of_value_has_a_form():
     assert plain_values(values) == {"red": [0.5, [1.0, 1.0], 3], "path": "a/b", "inf": None, "no": None}
     with pytest.raises(TypeError):
         plain_values(object())
+
+
+@pytest.mark.parametrize("line", ["print({name!r})", "print_error({name!r})"])
+def test_names_that_no_terminal_can_show_are_escaped(line):
+    name = os.fsdecode(b"out\xe9")
+    script = f"""
+import sys
+from lightprobe.cli.answer import print_error
+from lightprobe.cli.main import program
+sys.argv = ["lightprobe", "--version"]
+program()
+{line.format(name=name)}
+"""
+    told = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, env=told, check=True)
+    assert b"out\\udce9" in done.stdout
 
 
 def test_errors_of_the_program_come_as_sentence_and_object(tmp_path, capsys):

@@ -14,7 +14,7 @@ GREEDY = """
 import time
 import numpy as np
 from lightprobe.core.memory_limit import memory_limit
-with memory_limit(600 * 10**6):
+with memory_limit(600 * 10**6, lambda sentence: print(sentence, flush=True)):
     held = []
     for _ in range(40):
         held.append(np.ones(2**22))  # 34 MB
@@ -60,3 +60,4 @@ def test_a_process_that_passes_its_limit_ends_with_a_sentence():
     assert done.returncode == ResourceError.exit_code
     assert "more than --max-memory 0.60 GB; give it more" in done.stderr
     assert "it went on" not in done.stdout
+    assert done.stderr == f"lightprobe: {done.stdout}"

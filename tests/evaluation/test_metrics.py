@@ -53,6 +53,13 @@ def test_large_images_are_compared_in_bands(monkeypatch):
     assert image_scores(a, b, inside).to_json() == pytest.approx(whole, abs=1e-5)
 
 
+def test_a_strip_narrower_than_half_the_window_has_no_ssim():
+    image = torch.rand(5, 64, 3, generator=torch.Generator().manual_seed(0))
+    scores = image_scores(image, image, torch.ones(5, 64, dtype=torch.bool))
+    assert math.isnan(scores.ssim)
+    assert scores.psnr_masked == 100
+
+
 def test_psnr_and_ssim_against_their_formulas():
     a, b = picture(0), (picture(0) + 0.2 * picture(1)).clamp(0, 1)
     mask = torch.zeros(40, 52, dtype=torch.bool)

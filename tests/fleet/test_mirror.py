@@ -4,7 +4,9 @@ import os
 
 import fsspec
 import pytest
+import torch
 
+from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.fleet.mirror import Mirror
 from lightprobe.fleet.storage import Place
 from lightprobe.preparation import check_output
@@ -40,6 +42,30 @@ def test_files_go_in_the_order_of_their_writing_and_removed_ones_last(monkeypatc
     mirror.send()
     assert happened == ["state.json", "-state.json"]
     assert sorted(remote.files()) == ["checkpoints/step-2/state.json", "config.json", "mesh/asset.safetensors"]
+
+
+def test_a_checkpoint_of_which_only_a_part_took_another_s_place_cannot_be_read(monkeypatch, remote, tmp_path):
+    here = Checkpoints(tmp_path / "here" / "checkpoints")
+    here.save(1, {"x": torch.zeros(2)}, {"pass": 1})
+    here.save(2, {"x": torch.ones(2)}, {"pass": 1})
+    mirror = Mirror(tmp_path / "here", remote)
+    mirror._sent = {}
+    mirror.send()
+    here.save(2, {"start": torch.ones(3)}, {"pass": 2})
+    write_, sent = Place.write, []
+
+    def once(self, data):
+        if sent:
+            raise OSError("The store does not answer.")
+        sent.append(self.name)
+        write_(self, data)
+
+    monkeypatch.setattr(Place, "write", once)
+    with pytest.raises(OSError, match="does not answer"):
+        mirror.send()
+    Mirror(tmp_path / "there", remote)
+    step, tensors, state = Checkpoints(tmp_path / "there" / "checkpoints").latest()
+    assert (step, list(tensors), state) == (1, ["x"], {"pass": 1})
 
 
 def test_what_is_there_is_brought_and_not_sent_again(monkeypatch, remote, tmp_path):

@@ -85,6 +85,11 @@ def answering(*, as_object: bool) -> Iterator[None]:
             print(json.dumps(plain_values(kept), ensure_ascii=False, indent=1, allow_nan=False))
 
 
+def print_error(sentence: str) -> None:
+    """Print the object of --json for a process that ends at once, wherever standard output goes meanwhile."""
+    print(json.dumps({"error": sentence}, ensure_ascii=False, indent=1), file=sys.__stdout__, flush=True)
+
+
 def plain_values(value: Any) -> Any:
     """Return a value as JSON has it: paths as text, arrays as lists, what is not finite as null."""
     if isinstance(value, Enum):

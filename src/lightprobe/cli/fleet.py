@@ -1,5 +1,6 @@
 """fleet train, fleet predict: many scenes and many photos as tasks of a Ray cluster."""
 
+import os
 from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
@@ -63,7 +64,8 @@ def fleet_train(
       lightprobe fleet train scenes -o runs --evaluate --needs.cpus 4
       lightprobe fleet train s3://bucket/scenes -o s3://bucket/runs --address auto --preset standard --needs.gpus 1
     """
-    options = SceneOptions(decompose, distill, predict, seed, hdri, evaluate)
+    maps = None if hdri is None else os.path.abspath(hdri)  # machines of a cluster work in other folders
+    options = SceneOptions(decompose, distill, predict, seed, maps, evaluate)
     with cluster(address) as executor, Meter() as meter:
         found = train_fleet(scenes, output, executor, options, needs=needs, on_progress=meter.update)
     failures = found.failures

@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import importlib
+import io
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -60,6 +61,8 @@ def program() -> int:
     then and once more at the end; none of it ever is.
     """
     gc.disable()  # `_run` goes on with it
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be of the terminal's characters
     try:
         return main(sys.argv[1:])
     finally:
@@ -131,11 +134,12 @@ def _run(name: str, arguments: list[str]) -> None:
     from lightprobe.core.memory_limit import memory_limit
 
     words = [argument for argument in arguments if argument != answer.OPTION]
+    as_object = words != arguments
     config = (tyro.conf.EnumChoicesFromValues,)
     with contextlib.ExitStack() as during:
-        during.enter_context(answer.answering(as_object=words != arguments))
+        during.enter_context(answer.answering(as_object=as_object))
         given, limit = limit_among(name, words)
-        during.enter_context(memory_limit(limit))
+        during.enter_context(memory_limit(limit, answer.print_error if as_object else lambda sentence: None))
         command, description = command_function(name, given)
         if not gc.isenabled():
             gc.freeze()

@@ -24,6 +24,7 @@ from lightprobe.core.stored import check_tensors, checked_object, read_object, r
 
 _METADATA_KEY = "lightprobe"  # one key, because the format does not keep the order of several
 _PASS_OVER = "remove this checkpoint"
+STATE = "state.json"  # of a checkpoint, which cannot be read without it
 _STEP_FOLDER = re.compile(r"step-(\d{9,})")
 
 
@@ -73,7 +74,7 @@ class Checkpoints:
         with atomic_folder(self.folder / _name(step)) as temporary:
             _write_synced(temporary / "tensors.safetensors", _encode(tensors, None))
             text = json.dumps({"step": step, "state": state}, indent=2, sort_keys=True, allow_nan=False)
-            _write_synced(temporary / "state.json", (text + "\n").encode())
+            _write_synced(temporary / STATE, (text + "\n").encode())
             _sync_folder(temporary)
         _sync_folder(self.folder)
         self.prune()
@@ -153,7 +154,7 @@ def _name(step: int) -> str:
 
 def _read(folder: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     """Return (tensors, state) of a checkpoint; raise `InputError` when a file is missing, damaged or holds NaN."""
-    tensors, path = load_tensors(folder / "tensors.safetensors"), folder / "state.json"
+    tensors, path = load_tensors(folder / "tensors.safetensors"), folder / STATE
     check_tensors(tensors, rules_like(tensors), folder, _PASS_OVER)
     return tensors, checked_object(read_object(path, _PASS_OVER).get("state"), path, _PASS_OVER, "state")
 

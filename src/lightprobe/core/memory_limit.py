@@ -11,7 +11,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.memory import peak_memory, resident_bytes
@@ -47,9 +47,10 @@ def memory_left() -> int | None:
 
 
 @contextlib.contextmanager
-def memory_limit(limit: int | None) -> Iterator[None]:
+def memory_limit(limit: int | None, on_end: Callable[[str], None] = lambda sentence: None) -> Iterator[None]:
     """Hold this process to `limit` bytes meanwhile, None for no limit; it ends where it takes more.
 
+    on_end: called from another thread with the sentence that is said then, before the process ends.
     Raises `ConfigError` where the system does not tell what a process holds, `ResourceError` where it has passed it.
     """
     if limit is None:
@@ -63,7 +64,7 @@ def memory_limit(limit: int | None) -> Iterator[None]:
             "before it begins; give it more."
         )
     done = threading.Event()
-    watch = threading.Thread(target=_watch, args=(limit, done), daemon=True)
+    watch = threading.Thread(target=_watch, args=(limit, done, on_end), daemon=True)
     _limits.append(limit)
     watch.start()
     try:
@@ -80,13 +81,14 @@ def _held() -> int:
     return now if now is not None else int((peak_memory() or 0) * 2**30)
 
 
-def _watch(limit: int, done: threading.Event) -> None:
+def _watch(limit: int, done: threading.Event, on_end: Callable[[str], None]) -> None:
     """End the process when it holds more than `limit` bytes, until `done`."""
     while not done.wait(_PAUSE):
         if (held := _held()) > limit:
-            print(
-                f"lightprobe: This takes {in_gigabytes(held)} of memory by now, more than --max-memory "
-                f"{in_gigabytes(limit)}; give it more, or use smaller photos or a smaller preset.",
-                file=sys.stderr, flush=True,
-            )  # fmt: skip
+            sentence = (
+                f"This takes {in_gigabytes(held)} of memory by now, more than --max-memory {in_gigabytes(limit)}; give "
+                "it more, or use smaller photos or a smaller preset."
+            )
+            print(f"lightprobe: {sentence}", file=sys.stderr, flush=True)
+            on_end(sentence)
             os._exit(ResourceError.exit_code)

@@ -60,9 +60,11 @@ def image_scores(image: Tensor, reference: Tensor, mask: Tensor) -> ImageScores:
 def _ssim(a: Tensor, b: Tensor) -> tuple[float, Tensor]:
     """Return the mean SSIM of (1, 3, H, W) images and its map (H, W), the mean over channels.
 
-    Large images are compared in bands of rows.
+    Large images are compared in bands of rows. NaN for strips narrower than half of the window.
     """
     height, width, rim = *a.shape[2:], _WINDOW // 2
+    if min(height, width) <= rim:
+        return math.nan, a.new_full((height, width), math.nan)
     if height * width <= _WHOLE:
         return _ssim_of(a, b)
     full, step = a.new_empty(height, width), max(1, _BAND // width)

@@ -2,7 +2,8 @@
 
 A training writes each file whole, checkpoints before what marks a phase as finished. Files are sent in the order in
 which they were written, and removed ones go last, so that whatever has arrived when a machine dies is a state that the
-training had, but for a checkpoint of which only a part came: that one is passed over for the one before it.
+training had, but for a checkpoint of which only a part came: that one is passed over for the one before it. One that
+took another's place, as at the beginning of a pass, first loses the file that it cannot be read without.
 """
 
 import os
@@ -10,6 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from lightprobe.core.checkpoint import STATE
 from lightprobe.fleet.storage import Place
 from lightprobe.preparation import HIDDEN
 from lightprobe.runs.progress import OnProgress
@@ -42,9 +44,12 @@ class Mirror:
     def send(self) -> None:
         """Send all files that are new or have changed, in the order of their writing; then remove what is gone."""
         now = self._stamps()
-        for name in sorted(now, key=lambda name: (now[name][0], name)):
-            if self._sent.get(name) != now[name]:
-                self._remote.child(*name.split("/")).write((self.folder / name).read_bytes())
+        changed = [name for name in now if self._sent.get(name) != now[name]]
+        for name in changed:
+            if name in self._sent and name.endswith(f"/{STATE}"):
+                self._remote.child(*name.split("/")).remove()
+        for name in sorted(changed, key=lambda name: (now[name][0], name)):
+            self._remote.child(*name.split("/")).write((self.folder / name).read_bytes())
         for name in self._sent.keys() - now.keys():
             self._remote.child(*name.split("/")).remove()
         self._sent, self._last = now, self._clock()
