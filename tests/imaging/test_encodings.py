@@ -149,6 +149,9 @@ def test_png_gamma_chromaticities_and_code_points(tmp_path):
     points = png_with(tmp_path / "d.png", samples, (b"cICP", bytes([12, 13, 0, 1])))
     np.testing.assert_allclose(read_ldr(points)[0], expected, atol=1e-5)
     assert foreign_encoding(points) == "Display P3"
+    profile = b"x\0\0" + zlib.compress(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
+    both = png_with(tmp_path / "e.png", samples, (b"cICP", bytes([12, 13, 0, 1])), (b"iCCP", profile))
+    np.testing.assert_allclose(read_ldr(both)[0], expected, atol=1e-5)
 
 
 def test_cmyk_with_a_broken_profile_is_still_read(tmp_path):

@@ -1,5 +1,7 @@
 """Frames of videos that the tests encode themselves."""
 
+from fractions import Fraction
+
 import av
 import numpy as np
 import pytest
@@ -80,6 +82,11 @@ def test_ten_bits_of_hlg(tmp_path):
     settings = {"color_primaries": 9, "color_trc": 18, "colorspace": 9}
     path = write_video(tmp_path / "a.mkv", [grey] * 3, codec="ffv1", pixels="yuv420p10le", **settings)
     np.testing.assert_allclose(next(frames(path)).color, 1, atol=0.03)
+
+
+def test_pixels_that_are_not_square(tmp_path):
+    path = write_video(tmp_path / "a.mp4", pan(3), sample_aspect_ratio=Fraction(4, 3))
+    assert next(frames(path)).color.shape == (pan(1)[0].shape[0], round(160 * 4 / 3), 3)
 
 
 def test_one_picture_is_refused(tmp_path):

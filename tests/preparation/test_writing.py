@@ -1,5 +1,8 @@
 """What is written is a scene that loads: straightened photos with their exposure, cameras, masks."""
 
+import io
+import struct
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,6 +94,20 @@ def test_a_bent_photo_is_written_whatever_else_its_file_tells(tmp_path):
     with Image.open(tmp_path / "images" / file) as written:
         assert not written.getexif().get_ifd(0x8825)
     assert read_exif_ev100(tmp_path / "images" / file) == pytest.approx(read_exif_ev100(photo.path))
+
+
+def test_a_bent_photo_that_shows_more_than_white_keeps_it(tmp_path):
+    """Code 148 of 255 of PQ is reference white (BT.2408), the greatest 49 times as bright."""
+    camera, path = ring_cameras(1)[0], tmp_path / "a.png"
+    buffer, points = io.BytesIO(), bytes((9, 16, 0, 1))
+    Image.fromarray(np.full((SIZE, SIZE, 3), 200, np.uint8)).save(buffer, "PNG")
+    chunk = struct.pack(">I", 4) + b"cICP" + points + struct.pack(">I", zlib.crc32(b"cICP" + points))
+    path.write_bytes(buffer.getvalue()[:33] + chunk + buffer.getvalue()[33:])
+    photo = replace(source(tmp_path / "b.jpg"), path=path)
+    (file,) = write_images({"a": (photo, camera, -0.2)}, tmp_path / "images").values()
+    middle = (SIZE // 2, SIZE // 2)
+    assert read_ldr(path)[0][middle].min() > 2
+    np.testing.assert_allclose(read_ldr(tmp_path / "images" / file)[0][middle], read_ldr(path)[0][middle], rtol=0.01)
 
 
 @pytest.mark.parametrize("suffix", ["exr", "tif"])

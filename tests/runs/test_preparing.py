@@ -56,6 +56,22 @@ def test_a_video_s_frames_are_taken_once(tmp_path, prepared_folders):
     assert prepared_folders[2] != first
 
 
+def test_frames_are_there_all_or_none(tmp_path, prepared_folders, monkeypatch):
+    """So that a run that is killed while they are written writes them again."""
+    extract, seen = preparing.extract_frames, []
+
+    def watched(video, folder, count):
+        extract(video, folder, count)
+        seen.extend(path.name for path in (tmp_path / "scene" / ".prepare").iterdir() if path.name[:6] == "frames")
+
+    monkeypatch.setattr(preparing, "extract_frames", watched)
+    write_video(tmp_path / "cup.mp4", 8)
+    with pytest.warns(UserWarning, match="doubtful"):
+        prepare_scene(tmp_path / "cup.mp4", tmp_path / "scene")
+    assert seen == []
+    assert len(list(prepared_folders[0].iterdir())) == 8
+
+
 def test_a_video_s_frames_do_not_go_where_something_else_is(tmp_path, prepared_folders):
     """Masks and images of the scene would take the place of the user's own."""
     video, other = tmp_path / "cup.mp4", tmp_path / "other"

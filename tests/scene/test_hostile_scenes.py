@@ -13,9 +13,12 @@ import pytest
 from PIL import Image
 
 from lightprobe.core.errors import InputError
+from lightprobe.imaging import write_png
 from lightprobe.scene import Camera, load_scene, read_camera
+from lightprobe.scene.frame import Problems
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.inspect import inspect
+from lightprobe.scene.loading import read_folder, unposed_images
 from lightprobe.scene.normalise import find_similarity
 from tests.scene.refusal import edit_json, refused
 from tests.scene.worlds import expected_camera, picture, views, write_blender, write_colmap, write_nerd
@@ -248,10 +251,15 @@ def test_photos_that_lie_elsewhere(tmp_path):
     path.write_text(path.read_text().replace("view_01.png", "left/view_00.png"))
     (root / "images").rename(tmp_path / "disk")
     (root / "images").symlink_to(tmp_path / "disk")
+    for name in ("view_00", "view_02", "view_03", "left/view_00"):
+        write_png(root / "masks" / f"{name}.png", np.pad(np.ones((40, 40, 3)), ((10, 10), (16, 16), (0, 0))))
     scene = load_scene(root)
     names = {photo.name for photo in (*scene.train, *scene.test)}
     assert len(names) == COUNT
     assert all(name.endswith(("view_00", "view_02", "view_03")) for name in names)
+    masks = {photo.mask_path.relative_to(root / "masks").as_posix() for photo in (*scene.train, *scene.test)}
+    assert masks == {"view_00.png", "view_02.png", "view_03.png", "left/view_00.png"}
+    assert unposed_images(read_folder(root, Problems())) == []
 
 
 # --camera

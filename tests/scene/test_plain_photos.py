@@ -28,6 +28,7 @@ def test_blur_takes_sharpness_away():
 def test_texture_is_corners_and_neither_edges_nor_noise():
     v, u = np.mgrid[:480, :640]
     assert texture(view(0)) > 0.5
+    assert texture(np.ones((1, 40))) == 0
     assert texture(128 + 60 * np.sin(u / 90)) == 0
     assert texture(128.0 + 60 * (u // 40 % 2)) == 0
     assert texture(np.random.default_rng(0).normal(128, 10, (480, 640))) == 0

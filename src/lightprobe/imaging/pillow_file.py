@@ -77,8 +77,9 @@ def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
 
 
 def _encoding(path: Path, image: Image.Image) -> Encoding:
-    if profile := image.info.get("icc_profile"):
+    points = png16.find_chunk(path, b"cICP") if image.format == "PNG" else None
+    if points is None and (profile := image.info.get("icc_profile")):
         return icc_encoding(profile)
     if image.format == "AVIF":
         return avif_encoding(path)
-    return png_encoding(image.info, png16.find_chunk(path, b"cICP")) if image.format == "PNG" else SRGB
+    return png_encoding(image.info, points) if image.format == "PNG" else SRGB

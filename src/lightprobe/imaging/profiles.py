@@ -51,7 +51,7 @@ def to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
 
 
 def png_encoding(info: dict, code_points: bytes | None) -> Encoding:
-    """Return the encoding of a PNG without an ICC profile.
+    """Return the encoding of a PNG without an ICC profile, or with code points.
 
     `info`: Pillow's, with `gamma`, `srgb` and `chromaticity`; `code_points`: content of its cICP chunk, which counts
     before the others (PNG, third edition, 4.3).

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import TiffImagePlugin
 
+from lightprobe.core.errors import InputError
 from lightprobe.core.extras import photo_library
 from lightprobe.core.muted import muted
 from lightprobe.core.reading import BoundedFile
@@ -30,7 +31,9 @@ from lightprobe.imaging.tags import ORIENTATION, orientation, tiff_exif
 _PHOTOMETRIC, _PROFILE, _DNG_VERSION = 262, 34675, 50706
 _MOSAIC, _LINEAR_RAW = 32803, 34892  # photometric interpretations of camera raw (DNG 1.4)
 _MOST_PAGES = 8  # looked through for a mosaic; raw files hold a few previews beside it
-_ASSOCIATED = 1  # an extra sample that is alpha, with colour premultiplied
+_WHITE_IS_ZERO, _BLACK_IS_ZERO = 0, 1  # photometric interpretations of grey
+_PLANES = 2  # planar configuration: one channel after the other
+_ASSOCIATED, _UNASSOCIATED = 1, 2  # extra samples that are alpha, of premultiplied and of straight colour
 _SILENT = logging.NullHandler()
 _CR2 = b"CR\x02\0"  # at byte 8 of Canon's raw
 
@@ -79,6 +82,9 @@ def decode(path: Path) -> Samples:
         page = tiff.pages[0]
         check_pixels(path, int(page.imagewidth), int(page.imagelength))
         bits, kind, encoding = int(page.bitspersample), page.dtype.kind if page.dtype else "u", _encoding(page)
+        if bits > 8 and (kind not in "uf" or (kind == "u" and bits != 16)):
+            raise InputError(f"{path} has samples of type {page.dtype}, which are not read; save it with 16 bits.")
+        values = _rare(page) if bits > 8 and _is_rare(page, bits, kind) else None
         premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
         turned = page.tags.get(ORIENTATION)
         unturned = None if turned is None else _with_short(path, turned.valueoffset, 1, tiff.byteorder)
@@ -87,8 +93,10 @@ def decode(path: Path) -> Samples:
         with decode_errors(path), whole as file, TiffImagePlugin.TiffImageFile(file) as image:
             check_pixels(path, *image.size)
             return eight_bits(image, encoding)
-    data = np.fromfile(path, np.uint8) if unturned is None else np.frombuffer(unturned, np.uint8)
-    values = _deep(path, data, premultiplied=premultiplied)
+    if values is None:
+        data = np.fromfile(path, np.uint8) if unturned is None else np.frombuffer(unturned, np.uint8)
+        values = _deep(path, data)
+    values = _straight(values) if premultiplied else values
     if kind == "f" or values.dtype.kind == "f":
         return Samples(values.astype(np.float32, copy=False), LINEAR)
     return samples_to_srgb(values, 65535, encoding)
@@ -111,8 +119,31 @@ def _with_short(path: Path, offset: int, value: int, byte_order: str) -> bytearr
     return data
 
 
-def _deep(path: Path, data: np.ndarray, *, premultiplied: bool) -> np.ndarray:
-    """Return (H, W, C) uint16 or floats with straight alpha, as OpenCV decodes them from a file's `data` (N,) uint8."""
+def _is_rare(page: Any, bits: int, kind: str) -> bool:
+    """Return whether a page is of a kind that OpenCV decodes wrongly, or not at all."""
+    channels, planes = int(page.samplesperpixel), int(page.planarconfig) == _PLANES
+    inverted = _tag(page, _PHOTOMETRIC) == _WHITE_IS_ZERO
+    return inverted or channels not in (1, 3, 4) or (planes and channels > 1) or (kind == "f" and bits == 16)
+
+
+def _rare(page: Any) -> np.ndarray:
+    """Return (H, W, 1..4) uint16 or floats of a page in planes, with white as zero, or with odd channels."""
+    values = np.asarray(page.asarray())
+    if values.ndim == 2:
+        values = values[..., None]
+    elif int(page.planarconfig) == _PLANES:
+        values = np.moveaxis(values, 0, 2)
+    photometric = _tag(page, _PHOTOMETRIC)
+    if photometric == _WHITE_IS_ZERO and values.dtype.kind == "u":
+        values = np.concatenate([65535 - values[..., :1], values[..., 1:]], axis=2)
+    colors = 1 if photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO) else 3
+    has_alpha = any(int(extra) in (_ASSOCIATED, _UNASSOCIATED) for extra in page.extrasamples[:1])
+    values = values[..., : colors + has_alpha]
+    return np.ascontiguousarray(values if values.dtype == np.uint16 else values.astype(np.float32))
+
+
+def _deep(path: Path, data: np.ndarray) -> np.ndarray:
+    """Return (H, W, C) uint16 or floats, as OpenCV decodes them from a file's `data` (N,) uint8."""
     library = photo_library("cv2", path)
     with decode_errors(path), muted():
         try:
@@ -122,13 +153,17 @@ def _deep(path: Path, data: np.ndarray, *, premultiplied: bool) -> np.ndarray:
         if values is None or values.dtype.kind not in "uf" or values.dtype == np.uint8:
             raise ValueError("samples that are not read")
     values = values.reshape(*values.shape[:2], -1)
-    values = values[..., [2, 1, 0, 3][: values.shape[2]]] if values.shape[2] >= 3 else values
-    if premultiplied and values.shape[2] in (2, 4):
-        white = 65535 if values.dtype == np.uint16 else 1.0
-        color = values[..., :-1] * (white / np.maximum(values[..., -1:].astype(np.float64), 1e-6))
-        color = np.minimum(color, white) if values.dtype == np.uint16 else color
-        values = np.concatenate([color.astype(values.dtype), values[..., -1:]], axis=2)
-    return values
+    return values[..., [2, 1, 0, 3][: values.shape[2]]] if values.shape[2] >= 3 else values
+
+
+def _straight(values: np.ndarray) -> np.ndarray:
+    """Return (H, W, C) uint16 or floats with premultiplied alpha, if they have one, as those with straight alpha."""
+    if values.shape[2] not in (2, 4):
+        return values
+    white = 65535 if values.dtype == np.uint16 else 1.0
+    color = values[..., :-1] * (white / np.maximum(values[..., -1:].astype(np.float64), 1e-6))
+    color = np.minimum(color, white) if values.dtype == np.uint16 else color
+    return np.concatenate([color.astype(values.dtype), values[..., -1:]], axis=2)
 
 
 def _encoding(page: Any) -> Encoding:

@@ -32,6 +32,7 @@ _THUMBNAIL_SIDE = 48  # pixels of the longer side that frames are compared on
 _SAME = 0.04  # mean difference of two frames, in the standard deviation of one, below which they show the same
 _BLURRED = 0.4  # of the median sharpness of the chosen frames around: below, a frame is blurred by motion or focus
 _AROUND = 4  # chosen frames to each side that a frame's sharpness is compared with
+_ODDEST = 4.0  # times as wide as high, or as high as wide: pixels beyond are damage
 _QUALITY = 95  # of JPEG files: what a video's own compression left is more than this takes
 # Turn anticlockwise that a file asks for, in degrees -> EXIF orientation
 _TURNS = {0: 1, 90: 8, -90: 6, 180: 3, -180: 3}
@@ -83,15 +84,15 @@ def frames(path: Path, every: int = 1) -> Iterator[VideoFrame]:
     Raises `InputError` naming the file when it is missing, damaged before its first frame, no video, or needs a
     library that is not installed; a video that is damaged later ends there, with a warning.
     """
-    for index, frame in _decoded(Path(path)):
+    for index, frame, aspect in _decoded(Path(path)):
         if index % every == 0:
-            yield VideoFrame(index, float(frame.time or 0.0), _color(frame))
+            yield VideoFrame(index, float(frame.time or 0.0), _color(frame, aspect))
 
 
 def measure_frames(path: Path) -> list[FrameMeasure]:
     """Return sharpness and a thumbnail of every frame of a video; raises `InputError` as `frames`."""
     found = []
-    for index, frame in _decoded(Path(path)):
+    for index, frame, _ in _decoded(Path(path)):
         grey = _small(frame, _SHARPNESS_SIDE).astype(np.float32)
         down, across = np.diff(grey, axis=0), np.diff(grey, axis=1)
         # Motion blurs along its own direction only, so that both must be sharp.
@@ -143,9 +144,9 @@ def extract_frames(path: Path, folder: Path, count: int) -> FrameChoice:
         )
     wanted = {frame.index for frame in choice.frames}
     with filled_folder(Path(folder)) as temporary:
-        for index, frame in _decoded(path):
+        for index, frame, aspect in _decoded(path):
             if index in wanted:
-                picture = np.clip(srgb_encode(_color(frame)) * 255 + 0.5, 0, 255).astype(np.uint8)
+                picture = np.clip(srgb_encode(_color(frame, aspect)) * 255 + 0.5, 0, 255).astype(np.uint8)
                 Image.fromarray(picture).save(temporary / f"frame_{index:06d}.jpg", quality=_QUALITY, subsampling=0)
     return choice
 
@@ -170,8 +171,8 @@ def _container(path: Path) -> str | None:
     return {b"\x1a\x45\xdf\xa3": "matroska", b"\0\0\1\xba": "mpeg"}.get(start[:4])
 
 
-def _decoded(path: Path) -> Iterator[tuple[int, Any]]:
-    """Yield the number and the decoded frame, as PyAV has it, up to the end or the first damage."""
+def _decoded(path: Path) -> Iterator[tuple[int, Any, float]]:
+    """Yield number and decoded frame, as PyAV has it, and its pixels' width over height, up to the end or damage."""
     container = _container(path)
     if container is None:
         raise InputError(f"{path} is not a video (MP4, MOV, MKV, WebM, AVI or MPEG).")
@@ -186,7 +187,7 @@ def _decoded(path: Path) -> Iterator[tuple[int, Any]]:
                 raise InputError(f"{path} is coded in a way that is not read, or damaged; convert it to H.264.")
             check_pixels(path, stream.codec_context.width, stream.codec_context.height)
             for index, frame in enumerate(video.decode(stream)):
-                yield index, frame
+                yield index, frame, _aspect(stream)
     except library.error.FFmpegError as error:
         if index < 0:
             reason = str(error.strerror or error).rstrip(".")
@@ -209,11 +210,18 @@ def _small(frame: Any, side: int) -> np.ndarray:
     return frame.reformat(width=width, height=height, format="gray", interpolation="AREA").to_ndarray()
 
 
-def _color(frame: Any) -> np.ndarray:
-    """Return linear sRGB (H, W, 3) float32 of a frame, upright."""
+def _aspect(stream: Any) -> float:
+    """Return the width of a pixel over its height: DV, HDV and DVDs keep pictures narrower than they are shown."""
+    told = stream.sample_aspect_ratio
+    return float(told) if told and 1 / _ODDEST <= told <= _ODDEST else 1.0
+
+
+def _color(frame: Any, aspect: float) -> np.ndarray:
+    """Return linear sRGB (H, W, 3) float32 of a frame of pixels `aspect` times as wide as high, square and upright."""
     deep = frame.format.components[0].bits > 8
     matrix = _MATRICES.get(int(frame.colorspace), 1 if frame.height >= _HIGH_DEFINITION else 5)
-    samples = frame.reformat(format="rgb48le" if deep else "rgb24", src_colorspace=matrix).to_ndarray()
+    width = max(1, round(frame.width * aspect))
+    samples = frame.reformat(width, format="rgb48le" if deep else "rgb24", src_colorspace=matrix).to_ndarray()
     encoding = coded(int(frame.color_primaries), int(frame.color_trc))
     turned = upright(samples, _TURNS.get(int(frame.rotation), 1))
     return linear_srgb(turned, 65535 if deep else 255, encoding)

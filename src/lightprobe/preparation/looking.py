@@ -86,7 +86,7 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
         rows = np.concatenate([np.zeros((0, 2), np.uint32), *found.values()])
         return {"pairs": pairs, "rows": rows, "counts": np.array([len(each) for each in found.values()], np.int64)}
 
-    kept = cache.arrays("matches", key_of([photo.checksum for photo in photos]), make)
+    kept = cache.arrays("matches", key_of([[photo.checksum, photo.cutout] for photo in photos]), make)
     parts = np.split(kept["rows"], np.cumsum(kept["counts"])[:-1]) if len(kept["counts"]) else []
     return {(int(i), int(j)): part for (i, j), part in zip(kept["pairs"], parts, strict=True)}
 

@@ -105,7 +105,7 @@ def _solve(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Mapping
     """Return cameras and masks: a reconstruction, masks by it, and a second one within masks where the first failed."""
     features = [each.features for each in seen]
     given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
-    known = {**given, **{index: mask >= 0.5 for index, mask in hints.items()}}
+    known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
     inside = _region(features, matches, known)
     focal = [photo.focal_ratio for photo in photos]
     choice = kept_choice(

@@ -93,11 +93,11 @@ def write_images(photos: Mapping[str, tuple[SourcePhoto, Camera, float]], folder
 def _write_straight(photo: SourcePhoto, camera: Camera, k: float, folder: Path, name: str) -> Path:
     """Write one photo through a pinhole, no coarser than it is, and return the file.
 
-    Linear floats without a white as EXR; else PNG of 8 or 16 bits, with what EXIF says of the exposure.
+    As EXR where it shows more than white; else PNG of 8 or 16 bits, with what EXIF says of the exposure.
     """
     bent_photo, shape = PhotoFile(photo.path), (camera.height, camera.width, 3)
     strips = straight_strips(lambda *strip: bent_photo.rows(*strip)[0], camera, k, cubic=True)
-    if not bent_photo.has_white:
+    if bent_photo.shows_more_than_white:
         light = np.empty(shape, np.float32)
         for top, rows in strips:
             light[top : top + len(rows)] = np.maximum(rows, 0)  # cubic interpolation overshoots

@@ -4,7 +4,7 @@ import warnings
 from pathlib import Path
 
 from lightprobe.core.errors import LightprobeWarning
-from lightprobe.core.files import checksum, disk_errors
+from lightprobe.core.files import atomic_folder, checksum
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import extract_frames
 from lightprobe.preparation import HIDDEN, Prepared, PrepareOptions, check_output, prepare
@@ -37,8 +37,8 @@ def _frames_of(video: Path, output: Path) -> Path:
     check_output(output)  # before anything lies in it
     folder = output / HIDDEN / f"frames-{checksum(video)[:_NAMED]}"
     if not folder.is_dir():
-        with disk_errors(output):
-            extract_frames(video, folder, VIDEO_FRAMES)
+        with atomic_folder(folder) as temporary:  # once it is there, it is whole
+            extract_frames(video, temporary, VIDEO_FRAMES)
     return folder
 
 

@@ -124,7 +124,10 @@ def in_parallel(work: Callable[[Photo], T], photos: Iterable[Photo]) -> Iterator
 def unposed_images(reading: Reading) -> list[Path]:
     """Return the files of `images/` that no camera belongs to."""
     folder = reading.root / "images"
-    return [path for path in list_images(folder) if path not in reading.files] if folder.is_dir() else []
+    if not folder.is_dir():
+        return []
+    known = {path.resolve() for path in reading.files}  # `images` may be a link to elsewhere
+    return [path for path in list_images(folder) if path.resolve() not in known]
 
 
 def has_cameras(root: Path) -> bool:

@@ -60,8 +60,8 @@ class MaskFolder:
         return next((self._files[key] for key in keys if key in self._files), None)
 
     def _below(self, image: Path) -> Path:
-        """Return where a photo lies in `images/`, or else in the scene."""
-        for folder in (self._root / "images", self._root):
+        """Return where a photo lies in `images/`, which may be a link to elsewhere, or else in the scene."""
+        for folder in (self._root / "images", (self._root / "images").resolve(), self._root):
             if image.is_relative_to(folder):
                 return image.relative_to(folder)
         return Path(image.name)

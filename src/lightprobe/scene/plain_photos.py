@@ -143,6 +143,8 @@ def sharpness(grey: np.ndarray) -> float:
 
 def texture(grey: np.ndarray) -> float:
     """Return the share of cells of 16 x 16 pixels of a picture that hold a corner; grey (h, w), 0 to 255."""
+    if min(grey.shape) < 2:
+        return 0.0
     smooth = scipy.ndimage.gaussian_filter(grey.astype(np.float32), 1.0)
     down, across = np.gradient(smooth)
     a, b, c = (_cell_means(product) for product in (across * across, across * down, down * down))

@@ -1,0 +1,56 @@
+"""TIFF files of kinds that cameras do not write, and editing programs do."""
+
+import numpy as np
+import pytest
+import tifffile
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import read_ldr, srgb_decode
+
+RAMP = np.arange(4 * 6 * 3, dtype=np.uint16).reshape(4, 6, 3) * 800
+LINEAR = srgb_decode(RAMP / 65535)
+
+
+def read(path, values, **settings):
+    tifffile.imwrite(path, values, **settings)
+    return read_ldr(path)
+
+
+def test_channels_one_after_the_other(tmp_path):
+    planes = np.moveaxis(RAMP, 2, 0)
+    color, alpha = read(tmp_path / "a.tif", planes, photometric="rgb", planarconfig="separate")[:2]
+    assert alpha is None
+    np.testing.assert_allclose(color, LINEAR, atol=1e-5)
+    floats = (planes / 65535).astype(np.float32)
+    color = read(tmp_path / "b.tif", floats, photometric="rgb", planarconfig="separate")[0]
+    np.testing.assert_allclose(color, RAMP / 65535, atol=1e-6)
+
+
+def test_white_as_zero(tmp_path):
+    color = read(tmp_path / "a.tif", 65535 - RAMP[..., 0], photometric="miniswhite")[0]
+    np.testing.assert_allclose(color, LINEAR[..., :1].repeat(3, 2), atol=1e-5)
+
+
+def test_grey_with_alpha_and_channels_that_nobody_asked_for(tmp_path):
+    pair = np.stack([RAMP[..., 0], np.full((4, 6), 32768, np.uint16)], 2)
+    side_by_side = {"planarconfig": "contig"}
+    told = {"photometric": "minisblack", "extrasamples": ["unassalpha"], **side_by_side}
+    color, alpha = read(tmp_path / "a.tif", pair, **told)[:2]
+    np.testing.assert_allclose(color, LINEAR[..., :1].repeat(3, 2), atol=1e-5)
+    np.testing.assert_allclose(alpha, 0.5, atol=1e-4)
+    five = np.concatenate([RAMP, RAMP[..., :2]], 2)
+    told = {"photometric": "rgb", "extrasamples": ["unspecified"] * 2, **side_by_side}
+    color, alpha = read(tmp_path / "b.tif", five, **told)[:2]
+    assert alpha is None
+    np.testing.assert_allclose(color, LINEAR, atol=1e-5)
+
+
+def test_half_floats(tmp_path):
+    color = read(tmp_path / "a.tif", (RAMP / 4000).astype(np.float16), photometric="rgb")[0]
+    np.testing.assert_allclose(color, RAMP / 4000, rtol=1e-3)
+
+
+@pytest.mark.parametrize("dtype", [np.uint32, np.int16])
+def test_other_whole_numbers_are_one_sentence(tmp_path, dtype):
+    with pytest.raises(InputError, match=f"samples of type {np.dtype(dtype).name}"):
+        read(tmp_path / "a.tif", RAMP.astype(dtype), photometric="rgb")
