@@ -107,6 +107,15 @@ program()
     assert b"out\\udce9" in done.stdout
 
 
+def test_an_answer_is_json_in_any_encoding():
+    script = (
+        "from lightprobe.cli.answer import answering, say\nwith answering(as_object=True): say('', name='caf\\u00e9')"
+    )
+    told = {**os.environ, "PYTHONIOENCODING": "ascii:backslashreplace"}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, env=told, check=True)
+    assert json.loads(done.stdout) == {"name": "café"}
+
+
 def test_errors_of_the_program_come_as_sentence_and_object(tmp_path, capsys):
     assert main(["open", str(tmp_path), "--json"]) == 2
     printed = capsys.readouterr()

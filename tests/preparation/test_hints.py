@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.imaging import write_mask, write_png
 from lightprobe.preparation.hints import STORED, all_hints, read_hint, store_hint, stored_hint
 from lightprobe.preparation.photos import SourcePhoto
@@ -80,6 +80,14 @@ def test_a_box_that_was_drawn_counts_beside_the_option(photos, tmp_path, drawn, 
     store_hint(tmp_path, drawn, (1, 1, 5, 3))
     hints = all_hints("IMG_2.jpg=5,10,15,30", tmp_path, photos)
     assert {index: mask.sum() for index, mask in hints.items()} == areas
+
+
+def test_a_drawn_box_that_fits_no_photo_costs_no_other_hint(photos, tmp_path):
+    store_hint(tmp_path, "IMG_9", (1, 1, 5, 3))
+    with pytest.warns(LightprobeWarning, match=r"drawn in the scene is not used.*hint\.json.*IMG_9"):
+        assert list(all_hints("IMG_2.jpg=5,10,15,30", tmp_path, photos)) == [1]
+    with pytest.raises(ConfigError, match=r"hint\.json"):
+        all_hints(None, tmp_path, photos)
 
 
 @pytest.mark.parametrize(

@@ -261,6 +261,7 @@ def test_what_is_seen_of_a_run_goes_when_another_is_chosen(page, server):
     page.wait_for_selector("#stage-note >> text=no object yet")
     assert page.locator("#stage[data-run]").count() == 0
     assert page.input_value("#stand") == ""
+    assert page.locator("#wipe-photo:visible").count() == 0
     page.select_option("#run", "0")
     page.wait_for_selector("#stage[data-run='0']")
     assert page.locator("#messages .message").count() == 0

@@ -82,12 +82,19 @@ def answering(*, as_object: bool) -> Iterator[None]:
     finally:
         _collected.reset(token)
         if not isinstance(sys.exception(), SystemExit):  # of --help and of options that cannot be read
-            print(json.dumps(plain_values(kept), ensure_ascii=False, indent=1, allow_nan=False))
+            print(_json(plain_values(kept)))
 
 
 def print_error(sentence: str) -> None:
     """Print the object of --json for a process that ends at once, wherever standard output goes meanwhile."""
-    print(json.dumps({"error": sentence}, ensure_ascii=False, indent=1), file=sys.__stdout__, flush=True)
+    print(_json({"error": sentence}), file=sys.__stdout__, flush=True)
+
+
+def _json(value: Any) -> str:
+    """Return a JSON text that standard output can hold, whatever its encoding."""
+    encoding = getattr(sys.__stdout__, "encoding", None) or "ascii"
+    is_unicode = encoding.lower().replace("-", "") == "utf8"
+    return json.dumps(value, ensure_ascii=not is_unicode, indent=1, allow_nan=False)
 
 
 def plain_values(value: Any) -> Any:

@@ -89,6 +89,8 @@ def _watch(limit: int, done: threading.Event, on_end: Callable[[str], None]) -> 
                 f"This takes {in_gigabytes(held)} of memory by now, more than --max-memory {in_gigabytes(limit)}; give "
                 "it more, or use smaller photos or a smaller preset."
             )
-            print(f"lightprobe: {sentence}", file=sys.stderr, flush=True)
-            on_end(sentence)
-            os._exit(ResourceError.exit_code)
+            try:
+                print(f"lightprobe: {sentence}", file=sys.stderr, flush=True)
+                on_end(sentence)
+            finally:  # whoever was to hear it may have gone
+                os._exit(ResourceError.exit_code)

@@ -31,7 +31,8 @@ from lightprobe.imaging.tags import ORIENTATION, orientation, tiff_exif
 _PHOTOMETRIC, _PROFILE, _DNG_VERSION = 262, 34675, 50706
 _MOSAIC, _LINEAR_RAW = 32803, 34892  # photometric interpretations of camera raw (DNG 1.4)
 _MOST_PAGES = 8  # looked through for a mosaic; raw files hold a few previews beside it
-_WHITE_IS_ZERO, _BLACK_IS_ZERO = 0, 1  # photometric interpretations of grey
+_WHITE_IS_ZERO = 0  # photometric interpretation
+_COLORS = {_WHITE_IS_ZERO: 1, 1: 1, 2: 3}  # channels of grey and RGB, by photometric interpretation
 _PLANES = 2  # planar configuration: one channel after the other
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # extra samples that are alpha, of premultiplied and of straight colour
 _SILENT = logging.NullHandler()
@@ -82,9 +83,10 @@ def decode(path: Path) -> Samples:
         page = tiff.pages[0]
         check_pixels(path, int(page.imagewidth), int(page.imagelength))
         bits, kind, encoding = int(page.bitspersample), page.dtype.kind if page.dtype else "u", _encoding(page)
-        if bits > 8 and (kind not in "uf" or (kind == "u" and bits != 16)):
+        if bits > 8 and (kind not in "uf" or (kind == "u" and bits > 16)):
             raise InputError(f"{path} has samples of type {page.dtype}, which are not read; save it with 16 bits.")
-        values = _rare(page) if bits > 8 and _is_rare(page, bits, kind) else None
+        values = _rare(path, page) if bits > 8 and _is_rare(page, bits, kind) else None
+        is_inverted = bits > 8 and kind == "u" and _tag(page, _PHOTOMETRIC) == _WHITE_IS_ZERO
         premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
         turned = page.tags.get(ORIENTATION)
         unturned = None if turned is None else _with_short(path, turned.valueoffset, 1, tiff.byteorder)
@@ -96,6 +98,8 @@ def decode(path: Path) -> Samples:
     if values is None:
         data = np.fromfile(path, np.uint8) if unturned is None else np.frombuffer(unturned, np.uint8)
         values = _deep(path, data)
+    if is_inverted:
+        values = np.concatenate([65535 - values[..., :1], values[..., 1:]], axis=2)
     values = _straight(values) if premultiplied else values
     if kind == "f" or values.dtype.kind == "f":
         return Samples(values.astype(np.float32, copy=False), LINEAR)
@@ -120,25 +124,32 @@ def _with_short(path: Path, offset: int, value: int, byte_order: str) -> bytearr
 
 
 def _is_rare(page: Any, bits: int, kind: str) -> bool:
-    """Return whether a page is of a kind that OpenCV decodes wrongly, or not at all."""
-    channels, planes = int(page.samplesperpixel), int(page.planarconfig) == _PLANES
-    inverted = _tag(page, _PHOTOMETRIC) == _WHITE_IS_ZERO
-    return inverted or channels not in (1, 3, 4) or (planes and channels > 1) or (kind == "f" and bits == 16)
+    """Return whether a page, grey or RGB, is of a kind that OpenCV decodes wrongly, or not at all."""
+    channels, photometric = int(page.samplesperpixel), _tag(page, _PHOTOMETRIC)
+    if photometric not in _COLORS:
+        return False
+    in_planes = channels > 1 and int(page.planarconfig) == _PLANES
+    is_usual = channels == _COLORS[photometric] or (channels == 4 and _has_alpha(page))
+    return in_planes or not is_usual or (kind == "f" and bits == 16)
 
 
-def _rare(page: Any) -> np.ndarray:
-    """Return (H, W, 1..4) uint16 or floats of a page in planes, with white as zero, or with odd channels."""
-    values = np.asarray(page.asarray())
+def _has_alpha(page: Any) -> bool:
+    return any(int(extra) in (_ASSOCIATED, _UNASSOCIATED) for extra in page.extrasamples[:1])
+
+
+def _rare(path: Path, page: Any) -> np.ndarray:
+    """Return (H, W, 1..4) uint16 or floats of a page in planes, of half floats, or with odd channels."""
+    try:
+        values = np.asarray(page.asarray())
+    except ValueError as error:
+        if "imagecodecs" not in str(error):
+            raise
+        raise InputError(f"{path} is a TIFF of a rare kind, and compressed; save it without compression.") from error
     if values.ndim == 2:
         values = values[..., None]
     elif int(page.planarconfig) == _PLANES:
         values = np.moveaxis(values, 0, 2)
-    photometric = _tag(page, _PHOTOMETRIC)
-    if photometric == _WHITE_IS_ZERO and values.dtype.kind == "u":
-        values = np.concatenate([65535 - values[..., :1], values[..., 1:]], axis=2)
-    colors = 1 if photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO) else 3
-    has_alpha = any(int(extra) in (_ASSOCIATED, _UNASSOCIATED) for extra in page.extrasamples[:1])
-    values = values[..., : colors + has_alpha]
+    values = values[..., : _COLORS[_tag(page, _PHOTOMETRIC)] + _has_alpha(page)]
     return np.ascontiguousarray(values if values.dtype == np.uint16 else values.astype(np.float32))
 
 

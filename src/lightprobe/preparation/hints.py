@@ -1,12 +1,13 @@
 """What the user says about the object in one photo: a mask file or a box."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path, PurePath
 
 import numpy as np
 
-from lightprobe.core.errors import ConfigError, InputError, shown
+from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning, shown
 from lightprobe.core.files import read_json, write_json
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.photos import SourcePhoto
@@ -63,20 +64,20 @@ def find_photo(photos: Sequence[SourcePhoto], name: str, option: str) -> int:
     raise ConfigError(f"{option}: there is no photo '{shown(name)}'; give the name of a file, such as {example}.")
 
 
-def read_hint(text: str, photos: Sequence[SourcePhoto]) -> tuple[int, np.ndarray]:
+def read_hint(text: str, photos: Sequence[SourcePhoto], source: str = "--hint") -> tuple[int, np.ndarray]:
     """Return the index of a photo and the mask (H, W) float32, at its full size, that PHOTO=MASK or PHOTO=BOX means.
 
-    A box is x0,y0,x1,y1 in pixels of the photo turned upright. Raises `ConfigError` for text of another form or a box
-    outside of the photo, `InputError` for a mask that cannot be read or shows nothing.
+    A box is x0,y0,x1,y1 in pixels of the photo turned upright. source: where it was told. Raises `ConfigError` for text
+    of another form or a box outside of the photo, `InputError` for a mask that cannot be read or shows nothing.
     """
     name, equals, value = text.partition("=")
     if not equals:
-        raise ConfigError(f"--hint {shown(text)} says nothing; write PHOTO=MASK.png or PHOTO=x0,y0,x1,y1.")
-    index = find_photo(photos, name, "--hint")
+        raise ConfigError(f"{source} {shown(text)} says nothing; write PHOTO=MASK.png or PHOTO=x0,y0,x1,y1.")
+    index = find_photo(photos, name, source)
     photo = photos[index]
     box = _BOX.fullmatch(value)
     if box:
-        return index, _box_mask([float(number) for number in box.groups()], photo)
+        return index, _box_mask([float(number) for number in box.groups()], photo, source)
     turn = mask_turn(Path(value), photo.path, (photo.width, photo.height))
     mask = read_mask(Path(value), turn=turn)
     if not same_shape((mask.shape[1], mask.shape[0]), (photo.width, photo.height)):
@@ -92,17 +93,27 @@ def read_hint(text: str, photos: Sequence[SourcePhoto]) -> tuple[int, np.ndarray
 def all_hints(hint: str | None, scene: Path, photos: Sequence[SourcePhoto]) -> dict[int, np.ndarray]:
     """Return the masks (H, W) float32 of `read_hint`, by photo, of a `hint` and of the box that was drawn in a scene.
 
-    Of two in one photo the drawn one holds: it corrects what the first led to. Raises as `read_hint`, `stored_hint`.
+    Of two in one photo the drawn one holds: it corrects what the first led to. A drawn one that cannot be used beside a
+    `hint` is left out with a warning. Raises as `read_hint` and `stored_hint`.
     """
-    return dict(read_hint(told, photos) for told in (hint, stored_hint(scene)) if told is not None)
+    found = {} if hint is None else dict([read_hint(hint, photos)])
+    try:
+        drawn = stored_hint(scene)
+        if drawn is not None:
+            found |= dict([read_hint(drawn, photos, str(scene / STORED))])
+    except (ConfigError, InputError) as error:
+        if hint is None:
+            raise
+        warnings.warn(f"The box that was drawn in the scene is not used. {error}", LightprobeWarning, stacklevel=3)
+    return found
 
 
-def _box_mask(box: list[float], photo: SourcePhoto) -> np.ndarray:
+def _box_mask(box: list[float], photo: SourcePhoto, source: str) -> np.ndarray:
     """Return a box as mask (H, W) float32."""
     x0, y0, x1, y1 = (round(number) for number in box)
     if not (0 <= x0 < x1 <= photo.width and 0 <= y0 < y1 <= photo.height):
         raise ConfigError(
-            f"--hint: the box {x0},{y0},{x1},{y1} does not lie in {photo.path.name}, which is {photo.width} x "
+            f"{source}: the box {x0},{y0},{x1},{y1} does not lie in {photo.path.name}, which is {photo.width} x "
             f"{photo.height}; give left,top,right,bottom in its pixels."
         )
     mask = np.zeros((photo.height, photo.width), np.float32)

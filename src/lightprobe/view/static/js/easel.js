@@ -85,10 +85,6 @@ export class Easel {
     this.#draw();
   }
 
-  saved() {
-    this.changed = false;
-  }
-
   /** Return the mask as PNG, the object white. */
   async mask() {
     const { width, height } = this.layer;

@@ -8,12 +8,11 @@ export class FormingView {
     this.canvas = el("canvas", { tabIndex: 0, "aria-label": "The object as it forms. Drag or use the arrow keys to turn it." });
     this.note = el("p", { className: "stage-note", textContent: "It appears with the first checkpoint." });
     this.element = el("div", { className: "forming" }, this.canvas, this.note);
-    this.shown = null;
-    this.busy = false;
+    this.shown = this.asked = null;
   }
 
   clear() {
-    this.shown = null;
+    this.shown = this.asked = null;
     this.note.textContent = "It appears with the first checkpoint.";
     this.viewer?.clear();
   }
@@ -21,19 +20,18 @@ export class FormingView {
   /** Show the newest checkpoint's object, or the finished one, unless it is shown already. */
   async update(run, { begun, checkpoint, object }) {
     const newest = object ? `${run}:${begun}:object` : checkpoint === null ? null : `${run}:${begun}:${checkpoint}`;
-    if (this.busy || newest === null || newest === this.shown) return;
-    this.busy = true;
+    if (this.asked !== null || newest === null || newest === this.shown) return;
+    const asked = (this.asked = { run }); // another one, or none, once something else is to be shown
+    const isLate = () => asked !== this.asked;
     try {
       await this.#open();
-      if (object) await this.#finished(run);
-      else await this.#checkpoint(run);
-      this.shown = newest;
+      if (object) await this.#finished(run, isLate);
+      else await this.#checkpoint(run, isLate);
     } catch (error) {
-      this.shown = newest; // a checkpoint that cannot be shown is not tried again
-      this.note.textContent = error.message;
-    } finally {
-      this.busy = false;
+      if (!isLate()) this.note.textContent = error.message; // and it is not tried again
     }
+    if (isLate()) return;
+    [this.shown, this.asked] = [newest, null];
   }
 
   async #open() {
@@ -50,16 +48,19 @@ export class FormingView {
     this.viewer.scene.add(sky, lamp);
   }
 
-  async #finished(run) {
-    this.viewer.setObject(await this.viewer.read(`/api/runs/${run}/object.glb`));
+  async #finished(run, isLate) {
+    const object = await this.viewer.read(`/api/runs/${run}/object.glb`);
+    if (isLate()) return;
+    this.viewer.setObject(object);
     this.note.textContent = "The finished object.";
   }
 
-  async #checkpoint(run) {
+  async #checkpoint(run, isLate) {
     const job = await follow(await sendJson("POST", `/api/runs/${run}/forming`), (now) => {
-      if (!this.viewer.object) this.note.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Starting"}…`;
+      if (!isLate() && !this.viewer.object) this.note.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Starting"}…`;
     });
     const mesh = this.#mesh(await getBytes(jobFile(job, "forming.bin")));
+    if (isLate()) return;
     this.viewer.setObject(mesh, { keepView: Boolean(this.viewer.object) });
     this.note.textContent = `Step ${job.result.step} (${job.result.stage}), ${job.result.faces} triangles.`;
   }

@@ -102,8 +102,16 @@ async function saveMask() {
     say("Nothing has been painted yet.", { key: "mask", info: true, seconds: 4 });
     return;
   }
-  const answer = await sendBytes("PUT", `/api/scenes/${held.scene}/photos/${held.photo}/mask`, await page.easel.mask());
-  page.easel.saved();
+  const { opening } = page.easel;
+  const mask = await page.easel.mask();
+  page.easel.changed = false; // what is painted from here on is not in it
+  let answer;
+  try {
+    answer = await sendBytes("PUT", `/api/scenes/${held.scene}/photos/${held.photo}/mask`, mask);
+  } catch (error) {
+    if (opening === page.easel.opening) page.easel.changed = true;
+    throw error;
+  }
   next(`Saved as ${answer.file}. The same command as before takes it up, where PHOTOS is the folder or video it was made from:`, answer.command);
 }
 

@@ -37,6 +37,7 @@ async function openRun() {
   viewer.clear();
   delete $("stage").dataset.run;
   $("stand").value = "";
+  hideWipe(true);
   layout();
   note("Loading the object…");
   try {
@@ -48,7 +49,7 @@ async function openRun() {
       note("This run has no object yet: the page Training shows it as it forms.");
       return;
     }
-    const [object] = await Promise.all([viewer.read(`/api/runs/${run}/object.glb`), useLight()]);
+    const [object] = await Promise.all([viewer.read(`/api/runs/${run}/object.glb`), guarded(useLight)]);
     if (isLate()) return;
     viewer.setObject(object);
   } catch (error) {
@@ -174,10 +175,14 @@ function standing() {
   return value === "" ? null : state.about.get(state.run).photos[Number(value)];
 }
 
+function hideWipe(hidden) {
+  for (const id of ["wipe", "wipe-photo", "wipe-line"]) $(id).hidden = hidden;
+}
+
 function stand() {
   if (!viewer.object) return;
   const photo = standing();
-  for (const id of ["wipe", "wipe-photo", "wipe-line"]) $(id).hidden = !photo;
+  hideWipe(!photo);
   layout();
   if (!photo) {
     viewer.freeView();

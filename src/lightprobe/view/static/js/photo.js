@@ -18,7 +18,9 @@ export async function show(changed = false) {
     on("jobs", listRecent);
   }
   if (changed) clear();
-  const about = await aboutRun(state.run, true);
+  const run = state.run;
+  const about = await aboutRun(run, true);
+  if (run !== state.run) return; // another one was chosen meanwhile
   $("drop").hidden = !about.object;
   $("result").querySelector(".no-object")?.remove();
   if (!about.object) {
@@ -68,14 +70,15 @@ async function predict(file) {
   const bar = el("progress", { "aria-label": "Upload", max: 1, value: 0 });
   const words = el("p", { textContent: `Sending ${file.name}…` });
   $("result").replaceChildren(words, bar);
+  const run = state.run;
   let job;
   try {
-    job = await upload(`/api/runs/${state.run}/predictions`, file, state.session.limits.photo, (share) => (bar.value = share));
+    job = await upload(`/api/runs/${run}/predictions`, file, state.session.limits.photo, (share) => (bar.value = share));
   } catch (error) {
-    clear();
+    if (run === state.run) clear();
     throw error;
   }
-  await watch(job, words, bar);
+  if (run === state.run) await watch(job, words, bar);
 }
 
 async function watch(job, words, bar) {

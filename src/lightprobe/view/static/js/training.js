@@ -48,7 +48,9 @@ function build() {
 async function ask() {
   const mine = watched;
   try {
-    const answer = await getJson(`/api/runs/${mine.run}/training?after=${mine.next}`);
+    const training = (after) => getJson(`/api/runs/${mine.run}/training?after=${after}`);
+    let answer = await training(mine.next);
+    if (mine.state && mine.state.begun !== answer.begun) answer = await training(0); // started over meanwhile
     if (mine !== watched) return;
     if (answer.from === 0) mine.records = [];
     mine.records.push(...answer.records);
