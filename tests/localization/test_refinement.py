@@ -51,14 +51,13 @@ def test_an_object_behind_the_camera_is_nothing(known, camera, levels):
 
 def test_a_plain_smooth_object_could_lie_elsewhere_where_a_painted_one_could_not(known, camera, levels):
     points, textures = known.mesh.vertices[::20].double().numpy(), known.asset.textures
-    painted = leeway(known, levels, camera, points, diameter=120, focal=False)
-    assert leeway(known, levels, camera, points, diameter=120, focal=True) > painted
+    painted = leeway(known, levels, camera, points, diameter=120)
     grey = torch.full_like(textures.base_color, 0.5)
     plain = KnownObject(replace(known.asset, textures=replace(textures, base_color=grey)))
     photo = Levels(photo_of(plain.asset, camera, 20)[0])
-    assert leeway(plain, photo, camera, points, diameter=120, focal=False) > 2 * painted
+    assert leeway(plain, photo, camera, points, diameter=120) > 2 * painted
     behind = moved(camera, np.array([0, 0, 0, 0, 0, 2.0, 0]))
-    assert leeway(known, levels, behind, points, diameter=120, focal=False) == np.inf
+    assert leeway(known, levels, behind, points, diameter=120) == np.inf
 
 
 def test_the_light_is_the_ridge_regression():

@@ -87,7 +87,7 @@ class Locator:
         camera = best.camera.resized(width, height)
         if given is not None and self._is_inverted(given, camera):
             raise InputError(f"{mask or image} looks inverted; the object must be white or opaque.")
-        verdict = self._verdict(found, camera, self._finder.leeway(small, best.camera, focal))
+        verdict = self._verdict(found, camera, self._finder.leeway(small, best.camera))
         if verdict.status is PoseStatus.REFUSED:
             raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         restored = _restored(camera, self._decomposition.similarity)

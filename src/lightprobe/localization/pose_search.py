@@ -77,9 +77,9 @@ class PoseFinder:
             found = self._ordered(found + self._copied(levels, found[0], free))
         return self._compared(levels, found, free)
 
-    def leeway(self, color: np.ndarray, camera: Camera, focal: float | None) -> float:
-        """Return `refinement.leeway` of a pose that `find` returned for the same photo (H, W, 3) and focal length."""
-        return leeway(self._known, Levels(color), camera, self._points, diameter=_FINEST, focal=focal is None)
+    def leeway(self, color: np.ndarray, camera: Camera) -> float:
+        """Return `refinement.leeway` of a pose that `find` returned for the same photo (H, W, 3)."""
+        return leeway(self._known, Levels(color), camera, self._points, diameter=_FINEST)
 
     def _matched(self, levels: Levels, focal: float, free: bool) -> list[Candidate]:
         """Return poses that matched features agree about, refined."""

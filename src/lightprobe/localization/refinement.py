@@ -67,20 +67,18 @@ def refine(
     return best if best is not None else (camera, Fit(0.0, 0.0))
 
 
-def leeway(
-    known: KnownObject, levels: Levels, camera: Camera, points: np.ndarray, *, diameter: float, focal: bool
-) -> float:
+def leeway(known: KnownObject, levels: Levels, camera: Camera, points: np.ndarray, *, diameter: float) -> float:
     """Return how far the object could move in the photo and hardly be explained worse, in its sphere's diameters.
 
     The pose's covariance is the inverse of the matrix of its steps (Laplace's approximation), times the mean square of
     what stays unexplained: as if all pixels of a channel had one error in common, and so all of the outline. What is
-    returned is the root mean square motion of `points` (N, 3) on the object under it; infinite where the object is not
-    in the photo. The rest as in `refine`.
+    returned is the root mean square motion of `points` (N, 3) on the object under it, with the focal length as it is;
+    infinite where the object is not in the photo. The rest as in `refine`.
     """
     seen = _Seen.of(known, levels, camera, diameter, 0)
     if seen is None:
         return float("inf")
-    matrix, _ = seen.system(focal)
+    matrix, _ = seen.system(focal=False)
     moves = motion(camera, points)[..., : len(matrix)]
     product = np.einsum("nxk,nxl->kl", moves, moves) / len(moves)
     spread = np.trace(np.linalg.solve(matrix + _LEAST_TOLD * np.eye(len(matrix)), product))
