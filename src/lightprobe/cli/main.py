@@ -139,7 +139,7 @@ def _run(name: str, arguments: list[str]) -> None:
     with contextlib.ExitStack() as during:
         during.enter_context(answer.answering(as_object=as_object))
         given, limit = limit_among(name, words)
-        during.enter_context(memory_limit(limit, answer.print_error if as_object else lambda sentence: None))
+        during.enter_context(memory_limit(limit, answer.print_error if as_object else None))
         command, description = command_function(name, given)
         if not gc.isenabled():
             gc.freeze()

@@ -47,7 +47,7 @@ def memory_left() -> int | None:
 
 
 @contextlib.contextmanager
-def memory_limit(limit: int | None, on_end: Callable[[str], None] = lambda sentence: None) -> Iterator[None]:
+def memory_limit(limit: int | None, on_end: Callable[[str], None] | None = None) -> Iterator[None]:
     """Hold this process to `limit` bytes meanwhile, None for no limit; it ends where it takes more.
 
     on_end: called from another thread with the sentence that is said then, before the process ends.
@@ -81,7 +81,7 @@ def _held() -> int:
     return now if now is not None else int((peak_memory() or 0) * 2**30)
 
 
-def _watch(limit: int, done: threading.Event, on_end: Callable[[str], None]) -> None:
+def _watch(limit: int, done: threading.Event, on_end: Callable[[str], None] | None) -> None:
     """End the process when it holds more than `limit` bytes, until `done`."""
     while not done.wait(_PAUSE):
         if (held := _held()) > limit:
@@ -91,6 +91,7 @@ def _watch(limit: int, done: threading.Event, on_end: Callable[[str], None]) -> 
             )
             try:
                 print(f"lightprobe: {sentence}", file=sys.stderr, flush=True)
-                on_end(sentence)
+                if on_end is not None:
+                    on_end(sentence)
             finally:  # whoever was to hear it may have gone
                 os._exit(ResourceError.exit_code)

@@ -79,21 +79,21 @@ class Locator:
         small = shrink_area(seen, _SIDE)
         if min(small.shape[:2]) < _NARROWEST:
             raise InputError(f"{image} has {width} x {height} pixels, too narrow a strip to find the object in.")
-        focal = None if focal is None else focal * max(small.shape[:2]) / max(width, height)
-        found = self._finder.find(small, focal)
+        levels, scale = Levels(small), max(small.shape[:2]) / max(width, height)
+        found = self._finder.find(levels, None if focal is None else focal * scale)
         if not found:
             raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
         best = found[0]
         camera = best.camera.resized(width, height)
         if given is not None and self._is_inverted(given, camera):
             raise InputError(f"{mask or image} looks inverted; the object must be white or opaque.")
-        verdict = self._verdict(found, camera, self._finder.leeway(small, best.camera))
+        verdict = self._verdict(found, camera, self._finder.leeway(levels, best.camera))
         if verdict.status is PoseStatus.REFUSED:
             raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         restored = _restored(camera, self._decomposition.similarity)
         if given is None:
             cover = silhouette(self._decomposition.asset, camera.resized(color.shape[1], color.shape[0]))
-            given = cover * (1 - magnified(hidden_share(self._known, Levels(small), best.camera), cover.shape))
+            given = cover * (1 - magnified(hidden_share(self._known, levels, best.camera), cover.shape))
         return Located(restored, given, verdict, color, clipped, time.perf_counter() - begin)
 
     def _is_inverted(self, mask: np.ndarray, camera: Camera) -> bool:

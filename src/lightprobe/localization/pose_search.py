@@ -61,12 +61,12 @@ class PoseFinder:
         self._points = vertices[:: max(1, len(vertices) // _POINTS)]
         self._turns = symmetric_turns(known.mesh)
 
-    def find(self, color: np.ndarray, focal: float | None) -> list[Candidate]:
+    def find(self, levels: Levels, focal: float | None) -> list[Candidate]:
         """Return the distinct poses that were followed to the end, best first; none where nothing was found.
 
-        color: linear photo (H, W, 3). focal: in pixels; if None it is found as well.
+        levels: of the photo. focal: in its pixels; if None it is found as well.
         """
-        levels, free = Levels(color), focal is None
+        free = focal is None
         usual = focal or self._views.focal * max(levels.size)
         found = self._matched(levels, usual, free)
         if not _settled(found):
@@ -77,9 +77,9 @@ class PoseFinder:
             found = self._ordered(found + self._copied(levels, found[0], free))
         return self._compared(levels, found, free)
 
-    def leeway(self, color: np.ndarray, camera: Camera) -> float:
-        """Return `refinement.leeway` of a pose that `find` returned for the same photo (H, W, 3)."""
-        return leeway(self._known, Levels(color), camera, self._points, diameter=_FINEST)
+    def leeway(self, levels: Levels, camera: Camera) -> float:
+        """Return `refinement.leeway` of a pose that `find` returned for the same photo."""
+        return leeway(self._known, levels, camera, self._points, diameter=_FINEST)
 
     def _matched(self, levels: Levels, focal: float, free: bool) -> list[Candidate]:
         """Return poses that matched features agree about, refined."""
