@@ -152,6 +152,9 @@ def test_png_gamma_chromaticities_and_code_points(tmp_path):
     profile = b"x\0\0" + zlib.compress(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     both = png_with(tmp_path / "e.png", samples, (b"cICP", bytes([12, 13, 0, 1])), (b"iCCP", profile))
     np.testing.assert_allclose(read_ldr(both)[0], expected, atol=1e-5)
+    broken = b"x\0\0" + zlib.compress(b"nonsense" * 40)
+    short = png_with(tmp_path / "f.png", samples, (b"cICP", bytes([12, 13, 0])), (b"iCCP", broken))
+    assert foreign_encoding(short) == "ICC profile that cannot be read"  # so the profile counts
 
 
 def test_cmyk_with_a_broken_profile_is_still_read(tmp_path):

@@ -19,6 +19,8 @@ _MODES = {"1": "L", "L": "L", "LA": "LA", "RGB": "RGB", "RGBA": "RGBA"}
 # Bytes for each pixel that decoders hold beside what is kept of it
 _BESIDE = {"WEBP": 8.0, "AVIF": 8.0}
 
+_CODE_POINTS = 4  # bytes of a cICP chunk: primaries, transfer function, matrix and range
+
 _SPACES = {b"CMYK": "CMYK", b"Lab ": "LAB"}  # colour space of a profile -> Pillow's mode of it, that is not RGB or grey
 
 
@@ -78,6 +80,8 @@ def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
 
 def _encoding(path: Path, image: Image.Image) -> Encoding:
     points = png16.find_chunk(path, b"cICP") if image.format == "PNG" else None
+    if points is not None and len(points) != _CODE_POINTS:  # a damaged chunk tells nothing
+        points = None
     if points is None and (profile := image.info.get("icc_profile")):
         return icc_encoding(profile)
     if image.format == "AVIF":

@@ -53,10 +53,10 @@ def to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
 def png_encoding(info: dict, code_points: bytes | None) -> Encoding:
     """Return the encoding of a PNG without an ICC profile, or with code points.
 
-    `info`: Pillow's, with `gamma`, `srgb` and `chromaticity`; `code_points`: content of its cICP chunk, which counts
-    before the others (PNG, third edition, 4.3).
+    `info`: Pillow's, with `gamma`, `srgb` and `chromaticity`; `code_points`: the four bytes of its cICP chunk,
+    which count before the others (PNG, third edition, 4.3).
     """
-    if code_points and len(code_points) == 4:
+    if code_points is not None:
         return coded(code_points[0], code_points[1])
     gamma = info.get("gamma")
     if gamma is None or "srgb" in info or not gamma > 0:
