@@ -157,6 +157,30 @@ def test_png_gamma_chromaticities_and_code_points(tmp_path):
     assert foreign_encoding(short) == "ICC profile that cannot be read"  # so the profile counts
 
 
+def test_adobe_rgb_that_a_camera_declares_by_exif_alone(tmp_path):
+    picture, exif = Image.new("RGB", (32, 32), (200, 120, 60)), Image.Exif()
+    exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    picture.save(tmp_path / "a.jpg", quality=100, subsampling=0, exif=exif)
+    assert foreign_encoding(tmp_path / "a.jpg") == "Adobe RGB"
+    np.testing.assert_allclose(read_ldr(tmp_path / "a.jpg")[0][5, 5], (0.7436, 0.1906, 0.0351), atol=5e-3)
+    exif.get_ifd(0x8769)[0xA005] = {1: "R98"}
+    picture.save(tmp_path / "b.jpg", exif=exif)
+    assert foreign_encoding(tmp_path / "b.jpg") is None
+
+
+@pytest.mark.parametrize("bits", [2, 4])
+def test_the_transparent_value_of_a_grey_png_of_few_bits(tmp_path, bits):
+    """Samples 0 1 2 3, of which 1 is transparent."""
+    packed = bytes([0b00011011]) if bits == 2 else bytes([0x01, 0x23])
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", 4, 1, bits, 0, 0, 0, 0)), (b"tRNS", b"\0\1"),
+              (b"IDAT", zlib.compress(b"\0" + packed)), (b"IEND", b"")]  # fmt: skip
+    data = b"".join(struct.pack(">I", len(c)) + k + c + struct.pack(">I", zlib.crc32(k + c)) for k, c in chunks)
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + data)
+    color, alpha = read_ldr(tmp_path / "a.png", srgb=False)[:2]
+    np.testing.assert_allclose(color[0, :, 0], np.arange(4) / (2**bits - 1), atol=1e-6)
+    np.testing.assert_array_equal(alpha[0], [1, 0, 1, 1])
+
+
 def test_cmyk_with_a_broken_profile_is_still_read(tmp_path):
     Image.new("CMYK", (8, 8), (0, 0, 0, 0)).save(tmp_path / "a.jpg", icc_profile=b"nonsense" * 40)
     np.testing.assert_allclose(read_ldr(tmp_path / "a.jpg")[0], 1, atol=0.01)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr, write_exr, write_radiance
+from lightprobe.imaging.hdr import stored_bytes
 
 RNG = np.random.default_rng(5)
 
@@ -26,6 +27,32 @@ def test_exr_round_trip(tmp_path, shape, half):
     read = read_hdr(tmp_path / "a.exr")
     assert read.dtype == np.float32
     np.testing.assert_allclose(read, array.reshape(9, 13, -1), rtol=5e-4 if half else 0)
+
+
+def test_colors_of_other_primaries_are_converted(tmp_path):
+    """ACEScg's, by the standard attribute; those of sRGB change no bit."""
+    planes = {name: np.full((3, 4), value, np.float32) for name, value in zip("RGB", (1.0, 0.5, 0.1), strict=True)}
+    wide = exr(tmp_path / "a.exr", planes, chromaticities=(0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767))
+    np.testing.assert_allclose(read_hdr(wide)[1, 2], (1.3858, 0.4391, 0.0268), atol=1e-3)
+    usual = exr(tmp_path / "b.exr", planes, chromaticities=(0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290))
+    np.testing.assert_array_equal(read_hdr(usual)[1, 2], np.float32((1.0, 0.5, 0.1)))
+
+
+def test_channels_beside_the_colors_count_for_memory(tmp_path, monkeypatch):
+    """All of them are decoded, those of other parts as well."""
+    planes = {name: np.zeros((30, 40), np.float32) for name in (*"RGB", *(f"more{k}" for k in range(37)))}
+    many = exr(tmp_path / "a.exr", planes)
+    assert stored_bytes(many) == pytest.approx(40 * 4)
+    shown, parts = (np.int32((0, 0)), np.int32((3, 2))), []
+    for rows, columns in ((3, 4), (300, 400)):
+        header = {"displayWindow": shown, "dataWindow": (np.int32((0, 0)), np.int32((columns - 1, rows - 1)))}
+        pixels = np.zeros((rows, columns), np.float32)
+        parts.append(OpenEXR.Part(header, dict.fromkeys("RGB", pixels), f"of {rows} rows"))
+    OpenEXR.File(parts).write(str(tmp_path / "b.exr"))
+    assert stored_bytes(tmp_path / "b.exr") == pytest.approx(12 * (1 + 1e4))
+    monkeypatch.setattr("lightprobe.imaging.hdr._MOST_BYTES", 30 * 40 * 16)
+    with pytest.raises(InputError, match="40 channels"):
+        read_hdr(many)
 
 
 def test_half_clips_instead_of_overflowing(tmp_path):

@@ -70,6 +70,22 @@ def test_half_floats(tmp_path):
     np.testing.assert_allclose(color, RAMP / 4000, rtol=1e-3)
 
 
+def test_far_more_samples_than_a_picture_has_are_refused(tmp_path):
+    many = np.zeros((4, 6, 40), np.uint16)
+    with pytest.raises(InputError, match="40 samples per pixel"):
+        read(tmp_path / "a.tif", many, photometric="rgb", planarconfig="contig")
+    with pytest.raises(InputError, match="3 layers"):
+        read(tmp_path / "b.tif", np.zeros((3, 32, 32, 3), np.uint16), photometric="rgb", volumetric=True)
+
+
+def test_premultiplied_grey_of_eight_bits(tmp_path):
+    pair = np.stack([np.full((4, 6), 50, np.uint8), np.full((4, 6), 100, np.uint8)], 2)
+    told = {"photometric": "minisblack", "extrasamples": ["assocalpha"], "planarconfig": "contig"}
+    color, alpha = read(tmp_path / "a.tif", pair, **told)[:2]
+    np.testing.assert_allclose(color, srgb_decode(np.float32(50 / 100)), atol=4e-3)
+    np.testing.assert_allclose(alpha, 100 / 255, atol=1e-6)
+
+
 @pytest.mark.parametrize("dtype", [np.uint32, np.int16])
 def test_other_whole_numbers_are_one_sentence(tmp_path, dtype):
     with pytest.raises(InputError, match=f"samples of type {np.dtype(dtype).name}"):

@@ -8,6 +8,7 @@ import torch
 
 from lightprobe.core.errors import InputError
 from lightprobe.light import cubemap, equirect
+from lightprobe.light.sources import LightSource
 
 
 def test_directions_of_the_smallest_map_worked_out_by_hand() -> None:
@@ -33,11 +34,11 @@ MAP = torch.tensor([[1.0, 2.0, 4.0, 8.0], [16.0, 32.0, 64.0, 128.0]], dtype=torc
     [
         (135, 45, 1), (45, 45, 2), (-45, 45, 4), (-135, 45, 8), (45, 135, 32), (-135, 135, 128),
         (0, 45, 3), (90, 45, 1.5), (67.5, 45, 1.75), (180, 45, 4.5), (-180, 45, 4.5), (157.5, 135, 44),
-        (-157.5, 135, 100), (45, 90, 17), (45, 67.5, 9.5), (45, 10, 2), (45, 44, 2), (45, 140, 32), (0, 0, 3),
-        (0, 180, 48), (22.5, 90, 21.25),
+        (-157.5, 135, 100), (45, 90, 17), (45, 67.5, 9.5), (45, 10, 4 + 1 / 3), (45, 44, 2 + 1 / 15),
+        (45, 140, 37 + 1 / 3), (0, 0, 3.75), (0, 180, 60), (22.5, 90, 21.25),
     ],
 )  # fmt: skip
-def test_between_centres_a_map_is_bilinear_around_the_seam_and_constant_at_the_poles(
+def test_between_centres_a_map_is_bilinear_around_the_seam_and_across_the_poles(
     azimuth: float, polar: float, value: float
 ) -> None:
     phi, theta = math.radians(azimuth), math.radians(polar)
@@ -91,6 +92,17 @@ def test_a_coarser_map_is_a_mean_of_what_the_cubemap_has_there(resolution: int, 
         assert map.shape == (height, 2 * height, 1)
         flux = 100 * float(cubemap.solid_angles(resolution)[face, row, column])
         assert float((map[..., 0] * equirect.solid_angles(height)).sum()) == pytest.approx(flux, rel=0.1)
+
+
+@pytest.mark.parametrize("elevation", [90, 87, 80])
+def test_a_lamp_overhead_keeps_its_flux_in_a_map_and_back(elevation: int) -> None:
+    towards = (math.cos(math.radians(elevation)), 0.0, math.sin(math.radians(elevation)))
+    lamp = LightSource(towards, math.radians(3), (1.0, 1.0, 1.0)).texels(32)
+    flux = float((lamp[..., 0] * cubemap.solid_angles(32)).sum())
+    map = equirect.from_cubemap(lamp, 64)
+    assert float((map[..., 0] * equirect.solid_angles(64)).sum()) == pytest.approx(flux, rel=0.025)
+    again = equirect.to_cubemap(map, 32)
+    assert float((again[..., 0] * cubemap.solid_angles(32)).sum()) == pytest.approx(flux, rel=0.065)
 
 
 def test_a_map_of_a_cubemap_can_be_differentiated() -> None:

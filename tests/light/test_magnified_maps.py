@@ -6,7 +6,7 @@ from numpy.polynomial import polynomial
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import resize_area
-from lightprobe.light import upsampling
+from lightprobe.light import equirect, upsampling
 from lightprobe.light.upsampling import HEIGHTS, map_height, resized_map
 
 
@@ -70,12 +70,14 @@ def test_a_map_whose_rows_do_not_divide_goes_through_the_next_finer_one(rows: in
     assert np.array_equal(resized_map(image, height), expected)
 
 
-def test_a_map_of_the_size_that_is_wanted_is_that_map_and_a_smaller_one_is_its_means() -> None:
+def test_a_map_of_the_size_that_is_wanted_is_that_map_and_a_smaller_one_is_its_means_by_solid_angle() -> None:
     image = some_map(4).astype(np.float64)
     same = resized_map(image, 4)
     assert same.dtype == np.float32
     assert np.array_equal(same, image.astype(np.float32))
-    assert resized_map(image, 2) == pytest.approx(image.reshape(2, 2, 4, 2, 3).mean((1, 3)), rel=1e-6)
+    angle = np.broadcast_to(equirect.solid_angles(4).double().numpy()[..., None], image.shape)
+    flux, whole = (part.reshape(2, 2, 4, 2, 3).sum((1, 3)) for part in (image * angle, angle))
+    assert resized_map(image, 2) == pytest.approx(flux / whole, rel=1e-6)
     assert resized_map(image, 3).shape == (3, 6, 3)
 
 

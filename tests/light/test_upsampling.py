@@ -77,10 +77,19 @@ def test_a_sun_is_smooth_and_darkens_only_its_neighbours():
     assert steps.max() < 1.5  # 7 e-folds are crossed within a texel of 16 rows
 
 
-def test_smaller_maps_are_means():
-    image = lit_map(256)
-    assert np.allclose(resized_map(image, 64), block_means(image, 64), rtol=1e-5)
+def test_smaller_maps_are_means_by_solid_angle():
+    image, angle = lit_map(256), equirect.solid_angles(256).double().numpy()[..., None].repeat(3, 2)
+    expected = block_means(image * angle, 64) / block_means(angle, 64)
+    assert np.allclose(resized_map(image, 64), expected, rtol=1e-5)
     assert np.array_equal(resized_map(image, 256), image)
+
+
+@pytest.mark.parametrize("row", [0, 3, 40])
+def test_a_sun_keeps_its_flux_in_a_smaller_map(row):
+    image = np.zeros((256, 512, 3), np.float32)
+    image[row, 17] = 1000.0
+    flux = [(part[..., 0] * equirect.solid_angles(len(part)).numpy()).sum() for part in (image, resized_map(image, 64))]
+    assert flux[1] == pytest.approx(flux[0], rel=1e-3)
 
 
 def test_a_map_of_an_odd_size_keeps_its_mean():

@@ -3,19 +3,17 @@
 import threading
 from pathlib import Path
 
-import numpy as np
-
 from lightprobe.core.memory_limit import memory_left
 from lightprobe.imaging import heif, pillow_file, raw, tiff
 from lightprobe.imaging.encodings import LINEAR
-from lightprobe.imaging.hdr import hdr_size, read_hdr
+from lightprobe.imaging.hdr import hdr_size, read_hdr, stored_bytes
 from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.limits import say_reduced, too_large
 from lightprobe.imaging.opening import PILLOW_KINDS, FileKind, file_kind
+from lightprobe.imaging.premultiplied import straight
 
 _DECIDING = threading.Lock()  # one thread after the other: what is left is told only once a photo is decoded
-_HDR_ROOM = Room(16.0, 24.0)  # four floats, and the file's own halves or bytes
-_LEAST_ALPHA = 1e-6  # below it, premultiplied colour says nothing
+_HDR_SAMPLES = 16.0  # bytes of a pixel that are kept: four floats
 
 
 def read_header(path: Path) -> Header:
@@ -30,7 +28,8 @@ def read_header(path: Path) -> Header:
     if kind is FileKind.HEIF:
         return heif.read_header(path)
     if kind in (FileKind.EXR, FileKind.RADIANCE):
-        return Header(hdr_size(path), encoding=LINEAR, room=_HDR_ROOM)
+        room = Room(_HDR_SAMPLES, _HDR_SAMPLES + stored_bytes(path))
+        return Header(hdr_size(path), encoding=LINEAR, room=room)
     return raw.read_header(path) if _is_raw(path, kind) else tiff.read_header(path)
 
 
@@ -61,20 +60,12 @@ def _decoded(path: Path, shrink: int) -> Samples:
     if kind is FileKind.HEIF:
         return heif.decode(path)
     if kind in (FileKind.EXR, FileKind.RADIANCE):
-        return Samples(_straight(read_hdr(path)), LINEAR)
+        return Samples(straight(read_hdr(path)), LINEAR)
     return raw.decode(path) if _is_raw(path, kind) else tiff.decode(path)
 
 
 def _is_raw(path: Path, kind: FileKind) -> bool:
     return kind is FileKind.RAW or tiff.is_raw(path)
-
-
-def _straight(values: np.ndarray) -> np.ndarray:
-    """Return HDR values (H, W, C) with colour divided by alpha, with which OpenEXR stores it multiplied."""
-    if values.shape[2] != 4:
-        return values
-    values[..., :3] /= np.maximum(values[..., 3:], _LEAST_ALPHA)
-    return values
 
 
 def affordable_shrink(path: Path) -> int:

@@ -21,10 +21,10 @@ _HLG_WHITE = 0.75  # encoded reference white of HLG (BT.2408)
 _D65 = (0.3127, 0.3290)  # x, y of sRGB's white
 _D50_XYZ = np.array([0.9642, 1.0, 0.8249])  # white of ICC's connection space (ICC.1, 7.2.16)
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-_SRGB_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), _D65)
+SRGB_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), _D65)  # x, y of red, green, blue and white
 # Chromaticities of red, green, blue and white by H.273's number of colour primaries
 _PRIMARIES = {
-    1: _SRGB_XY,
+    1: SRGB_XY,
     5: ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06), _D65),
     6: ((0.630, 0.340), (0.310, 0.595), (0.155, 0.070), _D65),
     9: ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), _D65),
@@ -100,7 +100,7 @@ def primaries_matrix(red: tuple, green: tuple, blue: tuple, white: tuple) -> np.
 
 def from_d50(to_d50: np.ndarray) -> np.ndarray:
     """Return M (3, 3) for `to_d50` (3, 3), which takes linear values to XYZ adapted to D50, as ICC profiles store."""
-    return np.linalg.solve(_to_d50(_D65) @ _to_xyz(*_SRGB_XY), to_d50)
+    return np.linalg.solve(_to_d50(_D65) @ _to_xyz(*SRGB_XY), to_d50)
 
 
 def camera_matrix(from_xyz: np.ndarray) -> np.ndarray:
@@ -108,7 +108,7 @@ def camera_matrix(from_xyz: np.ndarray) -> np.ndarray:
 
     As the camera's balance has made white (1, 1, 1) already, rows are scaled to keep it there.
     """
-    from_srgb = np.asarray(from_xyz, np.float64) @ _to_xyz(*_SRGB_XY)
+    from_srgb = np.asarray(from_xyz, np.float64) @ _to_xyz(*SRGB_XY)
     return np.linalg.inv(from_srgb / from_srgb.sum(axis=1, keepdims=True))
 
 
@@ -127,3 +127,7 @@ def _to_d50(white: tuple) -> np.ndarray:
     """Return Bradford's adaptation (3, 3) of XYZ under `white` to D50."""
     ratio = (_BRADFORD @ _D50_XYZ) / (_BRADFORD @ _xyz(white))
     return np.linalg.solve(_BRADFORD, ratio[:, None] * _BRADFORD)
+
+
+# Adobe RGB (1998), as cameras declare it by EXIF alone
+ADOBE_RGB = Encoding("Adobe RGB", (power(563 / 256),), primaries_matrix((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), _D65))

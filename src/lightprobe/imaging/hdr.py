@@ -9,12 +9,17 @@ import OpenEXR
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
 from lightprobe.core.muted import muted
-from lightprobe.imaging.limits import check_pixels
+from lightprobe.imaging.encodings import SRGB_XY, primaries_matrix
+from lightprobe.imaging.limits import MAX_PIXELS, check_pixels
 from lightprobe.imaging.opening import signature
 from lightprobe.imaging.radiance import radiance_size, read_radiance
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _CHANNEL_SETS = ("RGBA", "RGB", "XYZ", "Y")  # the first one the file holds is read
+_BYTES = 4.0  # of a sample at most
+_MOST_BYTES = 4 * _BYTES * MAX_PIXELS  # that are decoded of a file: every channel of all its parts is
+_SAME = 0.002  # chromaticities' largest difference, by which primaries count as those of sRGB
+_DAMAGED = (RuntimeError, ValueError, KeyError, TypeError)
 _LARGEST_HALF = 65504.0  # largest finite 16-bit float
 
 
@@ -22,7 +27,8 @@ def read_hdr(path: Path) -> np.ndarray:
     """Read an OpenEXR or Radiance file, told apart by content.
 
     Returns (H, W, C) float32, linear: C = 3 for channels R, G, B or X, Y, Z (in that order), 4 with A (values as
-    stored, by convention premultiplied), 1 for a single Y. Raises `InputError` naming the file when it is missing, too
+    stored, by convention premultiplied), 1 for a single Y. Colour of an OpenEXR file that names other primaries than
+    sRGB's (`chromaticities`) is converted, and cut at 0. Raises `InputError` naming the file when it is missing, too
     large, damaged, or holds other channels.
     """
     path = Path(path)
@@ -34,12 +40,24 @@ def read_hdr(path: Path) -> np.ndarray:
     raise InputError(f"{path} is neither an OpenEXR nor a Radiance HDR image.")
 
 
+def stored_bytes(path: Path) -> float:
+    """Return what an OpenEXR or Radiance file holds for each pixel, in bytes; raises `InputError` as `read_hdr`.
+
+    Of OpenEXR all channels of all parts are decoded, whichever are read.
+    """
+    path = Path(path)
+    if not signature(path).startswith(_EXR_MAGIC):
+        return _BYTES
+    width, height = hdr_size(path)
+    return _decoded_bytes(_exr_headers(path)) / (width * height)
+
+
 def hdr_size(path: Path) -> tuple[int, int]:
     """Return (width, height) of an OpenEXR or Radiance file from its header; raises `InputError` as `read_hdr`."""
     path = Path(path)
     if not signature(path).startswith(_EXR_MAGIC):
         return radiance_size(path)
-    header = _exr_header(path)
+    header = _exr_headers(path)[0]
     low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
     width, height = (int(extent) for extent in high - low + 1)
     return width, height
@@ -64,28 +82,60 @@ def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
 
 
 def _read_exr(path: Path) -> np.ndarray:
-    """Read the first part of an OpenEXR file; its header is checked first, because decoding trusts any size."""
+    """Read the first part of an OpenEXR file; its headers are checked first, because decoding trusts any size."""
     try:
-        names = _check_header(path, _exr_header(path))
+        header = _exr_headers(path)[0]
+        names = _check_header(path, header)
         with muted():
             channels = OpenEXR.File(str(path), separate_channels=True).channels()
         values = np.empty((*channels[names[0]].pixels.shape, len(names)), np.float32)
         for place, name in enumerate(names):  # each goes once it is copied
             values[..., place] = channels.pop(name).pixels
-        return values
-    except (RuntimeError, ValueError, KeyError, TypeError) as error:
+    except _DAMAGED as error:
         raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
+    matrix = _to_srgb(header) if names.startswith("RGB") else None
+    if matrix is not None:
+        values[..., :3] = np.maximum(values[..., :3] @ matrix.T.astype(np.float32), 0)
+    return values
 
 
-def _exr_header(path: Path) -> dict:
-    """Return the header of an OpenEXR file, checked."""
+def _exr_headers(path: Path) -> list[dict]:
+    """Return the headers of an OpenEXR file's parts, checked."""
     try:
         with muted():
-            header = OpenEXR.File(str(path), header_only=True).header()
-        _check_header(path, header)
-    except (RuntimeError, ValueError, KeyError, TypeError) as error:
+            headers = [part.header for part in OpenEXR.File(str(path), header_only=True).parts]
+        _check_header(path, headers[0])
+        needed = _decoded_bytes(headers)
+    except (*_DAMAGED, IndexError) as error:
         raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
-    return header
+    if needed > _MOST_BYTES:
+        raise InputError(
+            f"{path} holds {sum(len(header['channels']) for header in headers)} channels, {needed / 1e9:.1f} GB once "
+            "decoded; save one layer with R, G, B (and A) alone."
+        )
+    return headers
+
+
+def _decoded_bytes(headers: list[dict]) -> float:
+    """Return what all channels of all parts take, at most."""
+    total = 0.0
+    for header in headers:
+        low, high = (np.asarray(corner, np.float64) for corner in header["dataWindow"])
+        total += float((high - low + 1).prod()) * len(header["channels"]) * _BYTES
+    return total
+
+
+def _to_srgb(header: dict) -> np.ndarray | None:
+    """Return the matrix (3, 3) to sRGB's primaries, None where the file has these or names none that are colours."""
+    named = np.ravel(header.get("chromaticities", ())).astype(np.float64)
+    if named.size != 8 or not np.isfinite(named).all() or np.abs(named - np.ravel(SRGB_XY)).max() < _SAME:
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            matrix = primaries_matrix(*named.reshape(4, 2))
+    except np.linalg.LinAlgError:
+        return None
+    return matrix if np.isfinite(matrix).all() else None
 
 
 def _check_header(path: Path, header: dict) -> str:

@@ -14,10 +14,12 @@ from lightprobe.imaging.encodings import Encoding, coded
 from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import decode_errors
+from lightprobe.imaging.premultiplied import straight
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
 from lightprobe.imaging.tags import loaded_exif
 
 _COPIES = 4.0  # of the samples that libheif and its wrapper hold at once
+_PREMULTIPLIED = ("RGBa", "La")  # names of modes begin so
 _STORED_BITS = 16  # that pillow-heif moves deeper samples up to
 
 
@@ -39,6 +41,8 @@ def decode(path: Path) -> Samples:
         if values.dtype == np.uint16:
             bits = min(int(image.info.get("bit_depth", _STORED_BITS)), _STORED_BITS)
             values, levels = values >> (_STORED_BITS - bits), 2**bits - 1
+        if image.mode.startswith(_PREMULTIPLIED):
+            values = straight(values, levels)
         return samples_to_srgb(values, levels, encoding)
 
 

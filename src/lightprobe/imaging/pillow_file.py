@@ -8,16 +8,18 @@ from PIL import Image, JpegImagePlugin
 
 from lightprobe.imaging import png16
 from lightprobe.imaging.avif import avif_encoding
-from lightprobe.imaging.encodings import SRGB, Encoding
+from lightprobe.imaging.encodings import ADOBE_RGB, SRGB, Encoding
 from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.opening import decode_errors, open_image
 from lightprobe.imaging.profiles import icc_encoding, png_encoding, samples_to_srgb, to_srgb
-from lightprobe.imaging.tags import loaded_exif, orientation
+from lightprobe.imaging.tags import is_adobe_rgb, loaded_exif, orientation
 
 _MODES = {"1": "L", "L": "L", "LA": "LA", "RGB": "RGB", "RGBA": "RGBA"}
 
 # Bytes for each pixel that decoders hold beside what is kept of it
 _BESIDE = {"WEBP": 8.0, "AVIF": 8.0}
+
+_FEW_BITS = {"L;2": 3, "L;4": 15}  # how Pillow names grey of few bits -> largest value
 
 _CODE_POINTS = 4  # bytes of a cICP chunk: primaries, transfer function, matrix and range
 
@@ -61,12 +63,15 @@ def decode(path: Path, shrink: int = 1) -> Samples:
             return replace(eight_bits(image, encoding), shrink=shrink)
         if image.format == "PNG" and png16.is_sixteen_bit(path):
             return samples_to_srgb(png16.decode(path), 65535, encoding)
+        if image.format == "PNG":
+            _spread_key(image)
         return eight_bits(image, encoding)
 
 
 def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
     """Return the samples of an open image of 8 bits per sample, as grey or RGB, with alpha where it has some."""
-    transparent = "transparency" in image.info or image.mode in ("LA", "PA", "La", "RGBa")
+    image = image.convert("LA") if image.mode == "La" else image
+    transparent = "transparency" in image.info or image.mode in ("LA", "PA", "RGBa")
     mode = "RGBA" if transparent and image.mode != "LA" else _MODES.get(image.mode, "RGB")
     image.load()
     if encoding.profile is not None and _SPACES.get(encoding.profile[16:20]) == image.mode:
@@ -78,6 +83,14 @@ def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
     return samples_to_srgb(values.reshape(*values.shape[:2], -1), 255, encoding)
 
 
+def _spread_key(image: Image.Image) -> None:
+    """Multiply the transparent value of a grey PNG as Pillow multiplies its samples: those of 2 and 4 bits up to 8."""
+    key, tiles = image.info.get("transparency"), getattr(image, "tile", ())
+    largest = _FEW_BITS.get(tiles[0].args) if tiles and isinstance(tiles[0].args, str) else None
+    if largest is not None and isinstance(key, int):
+        image.info["transparency"] = key * (255 // largest)
+
+
 def _encoding(path: Path, image: Image.Image) -> Encoding:
     points = png16.find_chunk(path, b"cICP") if image.format == "PNG" else None
     if points is not None and len(points) != _CODE_POINTS:  # a damaged chunk tells nothing
@@ -86,4 +99,6 @@ def _encoding(path: Path, image: Image.Image) -> Encoding:
         return icc_encoding(profile)
     if image.format == "AVIF":
         return avif_encoding(path)
-    return png_encoding(image.info, points) if image.format == "PNG" else SRGB
+    if image.format == "PNG":
+        return png_encoding(image.info, points)
+    return ADOBE_RGB if is_adobe_rgb(loaded_exif(image.info.get("exif"))) else SRGB

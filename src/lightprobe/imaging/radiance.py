@@ -86,7 +86,7 @@ def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
     found = re.search(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n", text)
     if found is None:
         raise InputError(f"{path} is not a Radiance HDR stored from top left, row by row (-Y height +X width).")
-    lines = text[: found.start()].split(b"\n")
+    lines = [line.strip() for line in text[: found.start()].split(b"\n")]
     if b"FORMAT=32-bit_rle_xyze" in lines:
         raise InputError(f"{path} is a Radiance HDR in XYZ colour; convert it to RGB.")
     exposure = 1.0

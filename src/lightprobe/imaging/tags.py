@@ -7,6 +7,8 @@ from PIL import Image
 
 ORIENTATION = 0x0112  # numbers of EXIF tags
 EXIF_FOLDER = 0x8769  # where camera settings stand
+_INTEROPERABILITY_FOLDER, _INDEX = 0xA005, 1  # where a camera names its rule of interoperability, and under what tag
+_ADOBE_RGB = "R03"  # that of files with Adobe RGB (DCF 2.0)
 _BROKEN = (SyntaxError, ValueError, KeyError, TypeError, OSError, OverflowError, IndexError, struct.error)
 
 
@@ -46,3 +48,12 @@ def orientation(exif: Image.Exif) -> int | None:
     """Return the EXIF orientation 1..8, or None when there is no such tag."""
     value = exif.get(ORIENTATION)
     return value if isinstance(value, int) and 1 <= value <= 8 else None
+
+
+def is_adobe_rgb(exif: Image.Exif) -> bool:
+    """Return whether a camera says by EXIF that the samples are Adobe RGB, as those do that embed no profile."""
+    try:
+        index = exif.get_ifd(_INTEROPERABILITY_FOLDER).get(_INDEX)
+    except _BROKEN:
+        return False
+    return isinstance(index, str) and index.strip("\0 ") == _ADOBE_RGB

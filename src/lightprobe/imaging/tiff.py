@@ -24,6 +24,7 @@ from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import decode_errors
 from lightprobe.imaging.pillow_file import eight_bits
+from lightprobe.imaging.premultiplied import straight
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
 from lightprobe.imaging.tags import ORIENTATION, orientation, tiff_exif
 
@@ -33,6 +34,7 @@ _MOSAIC, _LINEAR_RAW = 32803, 34892  # photometric interpretations of camera raw
 _MOST_PAGES = 8  # looked through for a mosaic; raw files hold a few previews beside it
 _WHITE_IS_ZERO = 0  # photometric interpretation
 _COLORS = {_WHITE_IS_ZERO: 1, 1: 1, 2: 3}  # channels of grey and RGB, by photometric interpretation
+_MOST_SAMPLES = 8  # of a pixel: colour, alpha and some that are left aside
 _PLANES = 2  # planar configuration: one channel after the other
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # extra samples that are alpha, of premultiplied and of straight colour
 _SILENT = logging.NullHandler()
@@ -58,6 +60,7 @@ def read_header(path: Path) -> Header:
     with _opened(path) as tiff, decode_errors(path):
         page = tiff.pages[0]
         size = (int(page.imagewidth), int(page.imagelength))
+        _check_samples(path, page)
         encoding, room = _encoding(page), _room(page)
     check_pixels(path, *size)
     return Header(size, exif, orientation(exif), encoding, room)
@@ -82,6 +85,7 @@ def decode(path: Path) -> Samples:
     with _opened(path) as tiff, decode_errors(path):
         page = tiff.pages[0]
         check_pixels(path, int(page.imagewidth), int(page.imagelength))
+        _check_samples(path, page)
         bits, kind, encoding = int(page.bitspersample), page.dtype.kind if page.dtype else "u", _encoding(page)
         if bits > 8 and (kind not in "uf" or (kind == "u" and bits > 16)):
             raise InputError(f"{path} has samples of type {page.dtype}, which are not read; save it with 16 bits.")
@@ -100,10 +104,18 @@ def decode(path: Path) -> Samples:
         values = _deep(path, data)
     if is_inverted:
         values = np.concatenate([65535 - values[..., :1], values[..., 1:]], axis=2)
-    values = _straight(values) if premultiplied else values
+    values = straight(values, 65535 if values.dtype == np.uint16 else 1.0) if premultiplied else values
     if kind == "f" or values.dtype.kind == "f":
         return Samples(values.astype(np.float32, copy=False), LINEAR)
     return samples_to_srgb(values, 65535, encoding)
+
+
+def _check_samples(path: Path, page: Any) -> None:
+    """Raise `InputError` when a page has far more samples than a picture; all of them would be decoded."""
+    samples, depth = int(page.samplesperpixel), int(page.imagedepth)
+    if samples > _MOST_SAMPLES or depth > 1:
+        layers = f"{samples} samples per pixel" if depth == 1 else f"{depth} layers"
+        raise InputError(f"{path} is a TIFF with {layers}; save a flat picture of grey or RGB, with alpha or without.")
 
 
 def _opened(path: Path) -> Any:
@@ -165,16 +177,6 @@ def _deep(path: Path, data: np.ndarray) -> np.ndarray:
             raise ValueError("samples that are not read")
     values = values.reshape(*values.shape[:2], -1)
     return values[..., [2, 1, 0, 3][: values.shape[2]]] if values.shape[2] >= 3 else values
-
-
-def _straight(values: np.ndarray) -> np.ndarray:
-    """Return (H, W, C) uint16 or floats with premultiplied alpha, if they have one, as those with straight alpha."""
-    if values.shape[2] not in (2, 4):
-        return values
-    white = 65535 if values.dtype == np.uint16 else 1.0
-    color = values[..., :-1] * (white / np.maximum(values[..., -1:].astype(np.float64), 1e-6))
-    color = np.minimum(color, white) if values.dtype == np.uint16 else color
-    return np.concatenate([color.astype(values.dtype), values[..., -1:]], axis=2)
 
 
 def _encoding(page: Any) -> Encoding:

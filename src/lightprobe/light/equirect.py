@@ -5,7 +5,7 @@ A map has H rows and 2H columns; row 0 is the top. With u and v in [0, 1] from t
     u = 0.5 - atan2(d_y, d_x) / 2 pi,   v = acos(d_z) / pi
 
 so the centre column looks along +x, the left quarter along +y, the top row along +z. Between texel centres a map is
-bilinear; columns wrap, and beyond the first and last row centre it is constant.
+bilinear; columns wrap, and the row beyond a pole is the row on this side, half a turn away.
 """
 
 import math
@@ -36,14 +36,17 @@ def solid_angles(height: int, device: torch.device | str = "cpu") -> Tensor:
 def from_cubemap(cube: Tensor, height: int) -> Tensor:
     """Return the map (H, 2H, C) of a cubemap (6, R, R, C), differentiable in the cubemap.
 
-    Bilinear; where the map is coarser than the cubemap, a texel is the mean of several look-ups.
+    Bilinear; where the map is coarser than the cubemap, a texel is the mean of several look-ups by solid angle.
     """
     resolution = cube.shape[1]
     split = max(1, math.ceil(4 * resolution / height))
     values = cube.reshape(-1, cube.shape[-1])
     sample = _directions(height, split, cube.device).to(cube.dtype).reshape(-1, 3)
     looked_up = weighted_gather(values, *cubemap.bilinear_taps(sample, resolution))
-    return looked_up.reshape(height, split, 2 * height, split, -1).mean((1, 3))
+    rows = solid_angles(height * split, cube.device)[:, 0].to(cube.dtype).reshape(height, split)
+    share = rows / rows.sum(1, keepdim=True)  # of a texel's rows: at a pole they differ
+    looked_up = looked_up.reshape(height, split, 2 * height, split, -1).mean(3)
+    return (looked_up * share[:, :, None, None]).sum(1)
 
 
 def to_cubemap(map: Tensor, resolution: int) -> Tensor:
@@ -93,13 +96,15 @@ def _bilinear_taps(direction: Tensor, height: int, dtype: torch.dtype) -> tuple[
     """Return index (N, 4) into the flattened map and weight (N, 4) of directions (N, 3) float64."""
     unit_z = direction[:, 2] / direction.norm(dim=-1)
     x = (0.5 - torch.atan2(direction[:, 1], direction[:, 0]) / (2.0 * math.pi)) * (2 * height) - 0.5
-    y = (torch.acos(unit_z.clamp(-1.0, 1.0)) / math.pi * height - 0.5).clamp(0.0, height - 1.0)
+    y = torch.acos(unit_z.clamp(-1.0, 1.0)) / math.pi * height - 0.5
     x0, y0 = x.floor(), y.floor()
     fx, fy = x - x0, y - y0
-    left, right = x0.long() % (2 * height), (x0.long() + 1) % (2 * height)
-    above = y0.long() * (2 * height)
-    below = (y0.long() + 1).clamp(max=height - 1) * (2 * height)
-    index = torch.stack([above + left, above + right, below + left, below + right], dim=-1)
+    rows = []
+    for row in (y0.long(), y0.long() + 1):
+        turn = torch.where((row < 0) | (row >= height), height, 0)  # half of a row: beyond a pole
+        left, right = (x0.long() + turn) % (2 * height), (x0.long() + 1 + turn) % (2 * height)
+        rows += [row.clamp(0, height - 1) * (2 * height) + column for column in (left, right)]
+    index = torch.stack(rows, dim=-1)
     weight = torch.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], dim=-1)
     return index, weight.to(dtype)
 

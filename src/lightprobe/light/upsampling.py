@@ -10,7 +10,8 @@ darker on their far sides, as some of it reaches into them and their means stay.
 fixed point c <- c + ln(f / mean of F), which starts at ln f: the means answer to c with positive weights that sum to 1,
 so that errors shrink. Columns wrap; a row beyond a pole is the row on this side, half a turn away.
 
-Means are over the texel's area of the picture, as everywhere in the project's equirectangular maps.
+These means are over the texel's area of the picture: within a texel solid angle hardly changes but beside the poles. A
+coarser map takes means by solid angle, as a lamp at the zenith lies in the narrowest of rows.
 """
 
 import re
@@ -46,12 +47,12 @@ def map_height(size: str) -> int:
 def resized_map(image: np.ndarray, height: int) -> np.ndarray:
     """Return a map (H, 2H, C) >= 0 with `height` rows, (height, 2 height, C) float32 >= 0.
 
-    Coarser: means over areas. Finer: smooth, and averages back to the map; a map whose rows do not divide `height`
+    Coarser: means by solid angle. Finer: smooth, and averages back to the map; a map whose rows do not divide `height`
     goes through the next finer one that do, by areas.
     """
     rows = image.shape[0]
     if height <= rows:
-        return image.astype(np.float32) if height == rows else resize_area(image, height, 2 * height)
+        return image.astype(np.float32) if height == rows else reduced_map(image, height)
     factor = height // rows
     if rows * factor != height:
         between = height
@@ -59,6 +60,13 @@ def resized_map(image: np.ndarray, height: int) -> np.ndarray:
             between //= 2
         return resized_map(resize_area(image, between, 2 * between), height)
     return _magnified(image, factor)
+
+
+def reduced_map(image: np.ndarray, height: int) -> np.ndarray:
+    """Return the means by solid angle of a map (H, 2H, C) over texels of one with fewer rows, (height, 2 height, C)."""
+    edges = np.cos(np.linspace(0, np.pi, image.shape[0] + 1))
+    weight = ((edges[:-1] - edges[1:]) * (image.shape[0] / 2))[:, None, None]  # of a row, 1 in the mean
+    return resize_area(image * weight, height, 2 * height) / resize_area(weight, height, 1)
 
 
 def _magnified(image: np.ndarray, factor: int) -> np.ndarray:

@@ -63,9 +63,10 @@ def environment_rows(radiance: np.ndarray) -> np.ndarray:
     """Resample (H, W, 3) to 2H + 1 rows, (2H + 1, W, 3), so that Mitsuba's bilinear look-up is that of `equirect`.
 
     Mitsuba puts its first and last row on the poles. With rows at multiples of half a texel every texel centre of ours
-    is a row of its, those between are midpoints, and the poles repeat the nearest row.
+    is a row of its, those between are midpoints, also at the poles, beyond which a row goes on half a turn away.
     """
-    padded = np.concatenate([radiance[:1], radiance, radiance[-1:]])
+    half = radiance.shape[1] // 2
+    padded = np.concatenate([np.roll(radiance[:1], half, 1), radiance, np.roll(radiance[-1:], half, 1)])
     rows = np.empty((2 * len(radiance) + 1, *radiance.shape[1:]), np.float32)
     rows[1::2] = radiance
     rows[0::2] = (padded[:-1] + padded[1:]) / 2

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import resize_area
 from lightprobe.light.environment import read_map
+from lightprobe.light.upsampling import reduced_map
 
 _ROWS = 512  # of the largest map that is sent; a scene cannot show more
 _MOST = 60_000.0  # radiance; half floats end at 65504
@@ -42,7 +42,7 @@ def light_texels(path: Path) -> LightTexels:
     """Return a map, reduced to at most 512 rows; raise `InputError` as `read_map`."""
     image = read_map(path)
     if image.shape[0] > _ROWS:
-        image = resize_area(image, _ROWS, 2 * _ROWS)
+        image = reduced_map(image, _ROWS)
     scale = max(float(image.max(initial=0.0)) / _MOST, 1.0)
     height = image.shape[0]
     texels = np.ones((height, 2 * height, 4), np.float16)
