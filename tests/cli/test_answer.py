@@ -66,6 +66,15 @@ def test_whatever_goes_wrong_leaves_a_sentence(raised, sentence, capsys):
     assert json.loads(capsys.readouterr().out)["error"].startswith(sentence)
 
 
+@pytest.mark.parametrize(("code", "printed"), [(0, ""), (2, "cannot be understood")])
+def test_help_is_no_answer_and_a_command_line_that_cannot_be_read_is_one(code, printed, capsys):
+    with pytest.raises(SystemExit), answering(as_object=True):
+        raise SystemExit(code)
+    out = capsys.readouterr().out
+    assert printed in (json.loads(out)["error"] if code else out + printed)
+    assert bool(out) == bool(code)
+
+
 def test_a_command_within_a_command_does_not_mix_with_it(capsys):
     with answering(as_object=True):
         with answering(as_object=False):

@@ -161,6 +161,14 @@ def test_export_before_fit_says_so(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_what_an_evaluation_cannot_use_is_told_before_it_begins(tmp_path, capsys):
+    run = RunFolder.create(tmp_path / "run")
+    (tmp_path / "folder.json").mkdir()
+    for output in ("numbers.txt", "folder.json"):
+        fails(["eval", run.path, "-o", tmp_path / output], capsys, [output, "ends in .json"])
+    fails(["eval", run.path, "--slow-photos", "-1"], capsys, ["--slow-photos cannot be -1"])
+
+
 def test_a_prediction_needs_a_photo_and_its_mask(tmp_path, capsys):
     run = RunFolder.create(tmp_path / "run")
     fails(["predict", run.path], capsys, ["No photo is named"])

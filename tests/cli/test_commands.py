@@ -91,6 +91,8 @@ def test_commands_of_two_words_are_listed_and_a_wrong_one_is_told(capsys):
     assert "fleet predict" in capsys.readouterr().out
     assert main(["fleet", "pridect"]) == 2
     assert "no command 'fleet pridect'" in capsys.readouterr().err
+    assert main(["fleet", "pridect", "--json"]) == 2
+    assert "no command 'fleet pridect'" in json.loads(capsys.readouterr().out)["error"]
     assert main(["fleet"]) == 2
 
 

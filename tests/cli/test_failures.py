@@ -27,7 +27,7 @@ def test_a_defect_of_the_program_names_the_log_with_its_traceback(scene, tmp_pat
 
 @pytest.mark.slow
 def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch):
-    def stop(*arguments):
+    def stop(*arguments, **options):
         raise KeyboardInterrupt
 
     def exhaust(*arguments):
@@ -36,6 +36,8 @@ def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch)
     monkeypatch.setattr("lightprobe.runs.stages.decompose", stop)
     arguments = ["fit", scene, "-o", tmp_path / "run", "--device", "cpu"]
     assert fails(arguments, capsys, ["interrupted", "same command"]) == 130
+    monkeypatch.setattr("lightprobe.cli.using.export_run", stop)
+    assert fails(["export", tmp_path / "run", "-o", tmp_path / "out"], capsys, ["interrupted."]) == 130
     monkeypatch.setattr("lightprobe.runs.stages.decompose", exhaust)
     assert fails(arguments, capsys, ["Out of memory"]) == 4
 

@@ -56,6 +56,12 @@ def test_the_layers_make_the_picture(studio, beside, tmp_path):
     ]  # fmt: skip
     rgba = read_hdr(tmp_path / "out.beauty.exr")
     assert np.array_equal(rgba[..., 3], beside.mask)
+    before = [path.read_bytes() for path in sorted(tmp_path.iterdir())]
+    with pytest.raises((AttributeError, ValueError)):  # while the last of them is written
+        dataclasses.replace(beside, color=np.zeros(3), mask=np.zeros_like(beside.mask)).write(
+            LayerFiles.of(tmp_path / "out.png")
+        )
+    assert [path.read_bytes() for path in sorted(tmp_path.iterdir())] == before
     shown = read_ldr(tmp_path / "out.png")[0]
     assert np.abs(shown - beside.color.clip(0, 1)).max() < 0.01
 

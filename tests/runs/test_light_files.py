@@ -121,6 +121,11 @@ def test_lamps_of_a_light_file_are_those_found_in_its_map(tmp_path):
     write_sources(tmp_path / "light.exr", 128, (nowhere, fitted), Sun.INSIDE)
     lamps = scene_light(tmp_path / "light.exr", Sun.SEPARATE).lamps
     assert sorted(lamp.irradiance[0] for lamp in lamps) == [2.0, pytest.approx(4.0, rel=0.05)]
+    within = scene_light(tmp_path / "light.exr", Sun.INSIDE)
+    assert not within.lamps
+    assert [source.irradiance[0] for source in within.inside] == [9.0, 2.0]
+    (tmp_path / "light.light.json").unlink()
+    assert len(scene_light(tmp_path / "light.exr", Sun.INSIDE).inside) == 2
 
 
 def test_a_lamp_that_is_found_as_two_comes_once(tmp_path):

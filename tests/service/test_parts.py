@@ -106,6 +106,8 @@ def test_objects_come_and_go_and_are_listed_in_pages(tmp_path):
         objects.find("d")
     with pytest.raises(InputError, match="no folder of runs"):
         Objects(tmp_path / "missing")
+    with pytest.raises(InputError, match=f"is a run itself; .*: {runs}$"):
+        Objects(runs / "a")
 
 
 def test_the_rest_of_a_refused_body_is_taken_before_the_end(monkeypatch):

@@ -79,9 +79,13 @@ def answering(*, as_object: bool) -> Iterator[None]:
     except KeyboardInterrupt:
         kept["error"] = "Interrupted."
         raise
+    except SystemExit as ended:
+        if ended.code:  # tyro has said on standard error what is wrong
+            kept["error"] = "The command line cannot be understood; see standard error, and --help."
+        raise
     finally:
         _collected.reset(token)
-        if not isinstance(sys.exception(), SystemExit):  # of --help and of options that cannot be read
+        if "error" in kept or not isinstance(sys.exception(), SystemExit):  # of --help, whose answer is a text
             print(_json(plain_values(kept)))
 
 

@@ -9,9 +9,9 @@ from tyro.conf import FlagCreatePairsOff
 
 from lightprobe.cli import main
 from lightprobe.cli.answer import keep, say
-from lightprobe.cli.failures import INTERRUPTED
 from lightprobe.cli.options import option
 from lightprobe.core.config import Preset
+from lightprobe.core.errors import INTERRUPTED
 from lightprobe.report.records import read_records
 from lightprobe.runs.bench import BenchOptions, Step, run_bench, write_pages
 

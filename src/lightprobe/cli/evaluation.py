@@ -12,6 +12,7 @@ from lightprobe.cli.answer import is_for_programs, keep, say
 from lightprobe.cli.options import Device, MovedScene, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import UNCHANGED, Method
+from lightprobe.core.errors import ConfigError
 from lightprobe.runs.evaluation import (
     EvaluatedRun,
     Evaluation,
@@ -53,6 +54,8 @@ def eval(  # the name of the command
       lightprobe eval runs/cup --methods probe-mlp constant -o numbers.json
       lightprobe eval runs/chair --oracle-asset
     """
+    if slow_photos < 0:
+        raise ConfigError(f"--slow-photos cannot be {slow_photos}; 0 scores no photo with slow methods.")
     protocols = Protocols(unseen=unseen, slow_photos=slow_photos)
     asked = EvaluationOptions(methods, protocols, oracle_asset, slow, settings)
     with Meter() as meter:

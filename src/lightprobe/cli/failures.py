@@ -10,8 +10,6 @@ from typing import TextIO
 from lightprobe.core.ending import started_together
 from lightprobe.core.errors import LightprobeWarning
 
-INTERRUPTED = 130  # what shells report for a program ended by Ctrl-C
-
 
 @contextlib.contextmanager
 def own_warnings() -> Iterator[None]:

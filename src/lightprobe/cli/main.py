@@ -4,12 +4,13 @@ import contextlib
 import gc
 import importlib
 import io
+import json
 import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 
-from lightprobe.core.errors import LightprobeError
+from lightprobe.core.errors import INTERRUPTED, LightprobeError
 
 # command -> (module, what it does); only the module of the command in use is imported
 COMMANDS = {
@@ -41,6 +42,7 @@ COMMANDS = {
 GROUPS = {"fleet": ("Scenes and photos as tasks of a Ray cluster", ("train", "predict"))}
 # command -> its function, where Python or a module has another use for the name
 _FUNCTIONS = {"open": "open_report", "fleet train": "fleet_train", "fleet predict": "fleet_predict"}
+_RESUMED = ("demo", "fit", "distill", "train", "bench", "fleet train", "fleet predict")  # go on where they stopped
 _WITH_PRESETS = ("training", "fleet")  # modules of commands that train
 
 _EXAMPLES = """\
@@ -65,6 +67,9 @@ def program() -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be of the terminal's characters
     try:
         return main(sys.argv[1:])
+    except KeyboardInterrupt:  # while libraries are imported; later `_guarded` tells
+        print("lightprobe: interrupted.", file=sys.stderr)
+        return INTERRUPTED
     finally:
         gc.freeze()
 
@@ -83,7 +88,10 @@ def main(given: Sequence[str]) -> int:
     if name in (f"{given[0]} {word}" for word in ("-h", "--help", "help")):
         print(usage(given[0]))
         return 0
-    print(f"lightprobe: there is no command '{name}'; see lightprobe --help.", file=sys.stderr)
+    sentence = f"There is no command '{name}'; see lightprobe --help."
+    if "--json" in given:
+        print(json.dumps({"error": sentence}))
+    print(f"lightprobe: {sentence[0].lower()}{sentence[1:]}", file=sys.stderr)
     return 2
 
 
@@ -108,7 +116,7 @@ def usage(group: str = "") -> str:
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import INTERRUPTED, only_first_answers, own_warnings
+    from lightprobe.cli.failures import only_first_answers, own_warnings
     from lightprobe.core.ending import end
     from lightprobe.core.failures import reporting_errors
 
@@ -118,7 +126,8 @@ def _guarded(name: str, arguments: list[str]) -> int:
     except LightprobeError as error:
         return end(f"lightprobe: {error}", error.exit_code)
     except KeyboardInterrupt:
-        return end("lightprobe: interrupted; training goes on with the same command.", INTERRUPTED)
+        goes_on = "; the same command goes on from here" if name in _RESUMED else ""
+        return end(f"lightprobe: interrupted{goes_on}.", INTERRUPTED)
     except BrokenPipeError:  # the reader of our output has gone, as with `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0

@@ -5,6 +5,8 @@ A message says what is wrong, where (file, key, photo), and what to do about it.
 
 import reprlib
 
+INTERRUPTED = 130  # exit code, what shells report for a program ended by Ctrl-C
+
 _LONGEST = 120  # characters of a value that a message quotes
 _SHORT = reprlib.Repr()
 # Characters and levels of a value that a sentence quotes

@@ -25,10 +25,11 @@ from lightprobe.scene.camera import Similarity
 
 @dataclass(frozen=True)
 class SceneLight:
-    """A light that the object is exported under: a map, and the lamps that are not in it."""
+    """A light that the object is exported under: a map, the lamps that are not in it, and those that are."""
 
     image: np.ndarray  # (H, 2H, 3) float32 >= 0, equirectangular
     lamps: tuple[LightSource, ...]
+    inside: tuple[LightSource, ...] = ()
 
 
 def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> tuple[GltfMesh, GltfPictures]:
@@ -74,7 +75,7 @@ def export(
         for name in ("light.exr", "light.hdr"):
             write_map(folder / name, image)
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
-        write_sources(folder / "light.exr", len(image), light.lamps, sun, copies=["light.hdr"])
+        write_sources(folder / "light.exr", len(image), light.lamps or light.inside, sun, copies=["light.hdr"])
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
         written += [folder / name for name in ("light.exr", "light.hdr", "light.light.json", "scene.glb")]
     if usd:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightprobe.core.files import filled_folder
 from lightprobe.imaging import write_exr, write_png
 
 
@@ -45,8 +46,9 @@ class Insertion:
     warnings: tuple[str, ...]
 
     def write(self, files: LayerFiles) -> None:
-        """Write the layers, then the picture; each file appears whole or not at all."""
-        write_exr(files.beauty, np.dstack([self.beauty, self.mask]))
-        write_exr(files.shadow, self.shadow)
-        write_exr(files.mask, self.mask)
-        write_png(files.picture, self.color, self.alpha)
+        """Write the layers and the picture: all of them appear, or none; one folder holds them."""
+        with filled_folder(files.picture.parent) as folder:
+            write_exr(folder / files.beauty.name, np.dstack([self.beauty, self.mask]))
+            write_exr(folder / files.shadow.name, self.shadow)
+            write_exr(folder / files.mask.name, self.mask)
+            write_png(folder / files.picture.name, self.color, self.alpha)

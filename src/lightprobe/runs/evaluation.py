@@ -10,7 +10,7 @@ import torch
 
 from lightprobe.core.config.prediction import UNCHANGED, PredictConfig, PredictionOptions
 from lightprobe.core.device import resolve_device
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.failures import writing
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
@@ -74,17 +74,19 @@ def evaluate_run(
     """Evaluate a run on its test photos and write numbers, predictions and the report into its folder.
 
     scene_folder: where the run's scene is now, if it has moved. output: another file for the numbers, beside the run's.
-    Raises `InputError` for a run or scene that cannot be used or has no usable test photo, `ResourceError` when another
+    Raises `ConfigError` for another suffix of it, `InputError` for a run or scene that cannot be used or has no usable
+    test photo, `ResourceError` when another
     process writes the run or disk or memory run out.
     """
+    if output is not None and (output.suffix.lower() != ".json" or output.is_dir()):  # told now, not when all is done
+        raise ConfigError(f"Cannot write the numbers as '{output}': name a file that ends in .json.")
     run, where, given = RunFolder.open(Path(run_folder)), resolve_device(device), options or EvaluationOptions()
     with writing(run):
         subject = _Subject.load(run, given, scene_folder, where)
         numbers, page = destination(subject.out, subject.methods, subject.default)
         result, pictures = subject.evaluate(given, on_progress)
         metrics = result.to_json()
-        for path in {numbers, output or numbers}:
-            write_json(path, metrics)
+        write_json(numbers, metrics)
         phases = read_phases(run)
         again = eval_command(given)
         report = Report(
@@ -96,6 +98,8 @@ def evaluate_run(
         )  # fmt: skip
         write_report(page, report)
         store_report(page, report)
+        if output is not None:
+            write_json(output, metrics)
     return EvaluatedRun(result, numbers, page, subject.out.metrics_file, subject.default)
 
 

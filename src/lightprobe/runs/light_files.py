@@ -55,19 +55,20 @@ def tell_of_scale(path: Path, calibration: Calibration | None) -> None:
 def scene_light(path: Path, sun: Sun) -> SceneLight:
     """Return a map's light; its lamps are those that are found in it, as bright as its .light.json says if it has them.
 
-    sun: with `Sun.INSIDE` the map keeps them and there are no lamps. A map that was written without its lamps stays so,
-    and they come from its .light.json either way. Raises `InputError` for a map or .light.json that cannot be used.
+    sun: with `Sun.INSIDE` the map keeps them, they are only listed, and there are no lamps. A map that was written
+    without its lamps stays so, and they come from its .light.json either way. Raises `InputError` for a map or
+    .light.json that cannot be used.
     """
     image = read_map(path)
     known = read_sources(path)
     if known is not None and known[1] is Sun.SEPARATE:
         return SceneLight(image, known[0])
-    if sun is Sun.INSIDE:
-        return SceneLight(image, ())
+    if sun is Sun.INSIDE and known is not None:
+        return SceneLight(image, (), known[0])
     environment = Environment.from_panorama(image, _RESOLUTION)
     split = split_light(environment)
-    if not split.sources:
-        return SceneLight(image, ())
+    if sun is Sun.INSIDE or not split.sources:
+        return SceneLight(image, (), tuple(split.sources))
     lamps = _as_known(split.sources, () if known is None else known[0])
     return SceneLight(_without_sources(image, environment, split.rest), lamps)
 

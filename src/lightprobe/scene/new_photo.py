@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.errors import InputError, LightprobeWarning, shown
-from lightprobe.core.files import read_json, resolved
+from lightprobe.core.files import checksum, read_json, resolved
 from lightprobe.imaging import foreign_encoding, image_size
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.encoding import encoding_sentences
@@ -85,25 +85,48 @@ def _text(value: object, key: str, path: Path) -> str:
 
 
 def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: Path) -> _Entry:
-    """Return the only one of (file, name, entry), or the one whose file or name is `image`'s; the file comes first."""
+    """Return that of (file, name, entry) whose file, content or name is `image`'s, in this order; or the only one."""
     if not entries:
         raise InputError(f"{source} holds no camera of a photo; give a file with the camera of the photo.")
-    if len(entries) == 1:
+    if image is None and len(entries) == 1:
         return entries[0][2]
     if image is not None:
         names, whole = {image.name, image.stem}, {image.resolve(), image.resolve().with_suffix("")}
+        named = [entry for file, name, entry in entries if name in names or file.name in names]
         for same in (
             [entry for file, _, entry in entries if resolved(file) in whole],
-            [entry for file, name, entry in entries if name in names or file.name in names],
+            _of_content([entry for _, _, entry in entries], image) if len(named) != 1 else [],
+            named,
         ):
             if len(same) == 1:
                 return same[0]
+        if len(entries) == 1:
+            return _only(entries[0], image, source)
     wanted = f"not exactly one for {image}" if image else "this command takes one"
     some = ", ".join(shown(name) for _, name, _ in entries[:3])
     raise InputError(
         f"{source} holds {len(entries)} cameras ({some}, ...), {wanted}; give a file with the one camera, or name one "
         "of them where there is an option --frame."
     )
+
+
+def _of_content(entries: list[_Entry], image: Path) -> list[_Entry]:
+    """Return the entries of the photo whose file has the bytes of `image`; none where that is only a name."""
+    known = [entry for entry in entries if isinstance(entry.get("image_checksum"), str)]
+    if not known or not image.is_file():
+        return []
+    digest = checksum(image)
+    return [entry for entry in known if entry["image_checksum"] == digest][:1]
+
+
+def _only(entry: tuple[Path, str, _Entry], image: Path, source: Path) -> _Entry:
+    """Return the only camera of a file for a photo of another name, with a warning; no photo, no camera."""
+    _, name, found = entry
+    if not image.is_file():
+        raise InputError(f"{source} holds no camera of '{shown(str(image))}', only that of '{shown(name)}'.")
+    warnings.warn(f"{source} holds the camera of '{shown(name)}', which is taken for {image}.", LightprobeWarning,
+                  stacklevel=2)  # fmt: skip
+    return found
 
 
 def _written_size(settings: _Entry, path: Path) -> tuple[int, int]:

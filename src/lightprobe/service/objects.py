@@ -40,6 +40,8 @@ class Objects:
         self._folder = folder.resolve()
         if not self._folder.is_dir():
             raise InputError(f"{folder} is no folder of runs; name the folder that holds them, as runs of runs/cup.")
+        if RunFolder(self._folder).config_file.is_file():
+            raise InputError(f"{folder} is a run itself; name the folder that holds it: {self._folder.parent}")
         self._lock = threading.Lock()
         self._listed: tuple[float, dict[str, Path]] = (-_FRESH, {})
 
