@@ -105,19 +105,35 @@ def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch,
     assert (best is not None) == changed
     if best is not None:
         assert float(best[0].material.mean_color) == pytest.approx(0.08)
-    anew = best_new(samples, lights, material_of(0.32), 0)  # from .5, the first of equally good ones
+    anew = best_new(samples, lights, material_of(0.32), 0)
     assert anew is not None
-    assert float(anew[0].material.mean_color) == pytest.approx(0.08 if changed else 0.5)
+    assert float(anew[0].material.mean_color) == pytest.approx(0.08 if changed else 0.2)  # the usual one
 
 
-@pytest.mark.parametrize(("surprises", "best", "by"), [
-    ([0.0, 0.0, 0.0], 0, [1.0, 1.05, 1.1]),
-    ([1.9, 0.0, 0.0], 0, [1.0, 1.05, 1.1]),  # no evidence, and none for the lowest point of the parabola either
-    ([9.0, 0.0, 0.0], 1, [1.27, 1.05, 1.1]),
-    ([9.0, 8.0, 0.0], 2, [1.27, 1.29, 1.1]),
+@pytest.mark.parametrize(("disagreements", "surprises", "best"), [
+    ([1.0, 1.0, 1.0, 1.0], [0, 0, 0, 0], 1),  # what is usual decides where nothing else does
+    ([1.0, 1.01, 1.1, 1.3], [0.5, 0, 0.5, 3], 1),  # or next to nothing
+    ([1.0, 1.3, 1.5, 1.9], [0.5, 0, 0.5, 3], 0),  # a bright object whose parts tell
+    ([1.9, 1.3, 1.15, 1.0], [0, 0, 0, 0], 3),  # a dark one
+    ([1.0, 1.02, 1.08, 1.14], [8.6, 2.7, 0.0, 0.2], 2),  # a dark one whose lights tell
+    ([1.02, 1.0, 1.05, 1.15], [0.1, 1.4, 4.1, 6.9], 1),  # lights that tell nothing
+    ([1.0, 1.3, 1.5, 1.9], [9.0, 0, 0, 0], 1),
 ])  # fmt: skip
-def test_lights_decide_only_where_those_of_the_best_are_too_unlikely(surprises, best, by):
-    assert material_trials._least([1.0, 1.05, 1.1], surprises) == (best, pytest.approx(by))
+def test_what_parts_disagree_by_how_likely_lights_are_and_what_is_usual_decide_together(disagreements, surprises, best):
+    spread = 1 + 0.1 * torch.linspace(-1, 1, 8, dtype=torch.float64)[:, None]
+    found = [0.03 * value * spread.expand(8, 2) for value in disagreements]
+    scores = [material_trials._score(errors) for errors in found]
+    assert material_trials._likeliest(found, scores, surprises, STARTS) == best
+
+
+def test_doubt_is_that_of_the_photos_that_both_judge():
+    least = torch.full((8, 2), 0.03, dtype=torch.float64)
+    assert material_trials._doubt(least, least) == 0
+    steady, scattered = least * 1.2, least * (1.2 + torch.linspace(-0.6, 0.6, 8, dtype=torch.float64)[:, None])
+    assert material_trials._doubt(steady, least) > 2 * material_trials._doubt(scattered, least) > 0
+    unjudged = torch.full((8, 2), torch.nan, dtype=torch.float64)
+    assert material_trials._doubt(unjudged, least) == 0
+    assert material_trials._doubt(torch.cat([steady[:1], unjudged[1:]]), least) > 0
 
 
 def test_lights_of_eight_photos_are_judged():

@@ -9,7 +9,8 @@ needs to be clearly better: errors of shape, as between a chair's bars, favour a
 
 Parts of an object whose reflections all take the surface's colour agree at any brightness. Then the lights of all
 photos tell: they must not know where the camera stands (`reconstruction.front_bias`), and be about as bright as what
-photos show around the object (`reconstruction.surroundings`).
+photos show around the object (`reconstruction.surroundings`). What these leave open is decided by what is usual: the
+mean base colours of most objects lie within a factor of e of .2 (docs/decisions/brightness-in-doubt.md).
 
 A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a material
 fitted to the same pixels turns into a mirror. So each step solves the light from one half of a photo's pixels, drawn at
@@ -46,7 +47,7 @@ _JUDGES = 8  # of the photos, or up to twice as many where their number is no mu
 _ALIKE = 1.3  # a brightness within this factor of the present one is no reason to start over
 _CLEAR = 0.03  # share by which parts must agree better before a nearly finished material changes its brightness
 _SURE = 2.0  # standard errors over the photos that this gain must have as well
-_SURPRISE = 0.03  # share by which parts must agree better for a light that is less likely by one in ln probability
+_USUAL, _SPREAD = 0.2, 1.0  # mean linear base colour of objects, and the standard deviation of its logarithm
 _UNLIKELY = 2.0  # in ln probability: lights that are less likely than others by less are no evidence
 
 
@@ -185,12 +186,13 @@ def _best(
         trials.append(trial)
         found.append(trial.errors())
         surprises.append(trial.surprise())
-    best, scores = _least([_score(each) for each in found], surprises)
+    scores = [_score(errors) for errors in found]
+    best = _likeliest(found, scores, surprises, starts)
     if rival is not None:
         defended = surprises[rival] - surprises[best] <= _UNLIKELY
         if defended and not _clearly_less(found[best], found[rival]):
             return None
-    factor = _vertex(starts, scores, best)
+    factor = _vertex(starts, scores, best) if scores[best] == min(scores) else 1.0
     ratio = starts[best] * factor / mean
     return None if 1 / _ALIKE <= ratio <= _ALIKE else (trials[best], factor)
 
@@ -200,24 +202,50 @@ def _score(errors: Tensor) -> float:
     return float(errors.nansum(0).clamp(min=1e-9).log().mean())
 
 
-def _least(scores: list[float], surprises: Sequence[float]) -> tuple[int, list[float]]:
-    """Return which trial is best, and the scores by which it is.
+def _likeliest(found: Sequence[Tensor], scores: Sequence[float], surprises: Sequence[float], starts: Sequence[float]
+               ) -> int:  # fmt: skip
+    """Return which trial is most probable, by what parts disagree by, how unlikely its lights are, and what is usual.
 
-    The one whose parts agree best; another one only where the lights of that one are too unlikely beside its own.
+    found: the disagreement (J, SPLITS) of each, scores: its `_score`; starts: its mean base colour. Lights that are
+    unlikelier than others by less than `_UNLIKELY` are no evidence.
     """
-    agreeing = min(range(len(scores)), key=scores.__getitem__)
-    summed = [score + _SURPRISE * surprise for score, surprise in zip(scores, surprises, strict=True)]
-    likely = min(range(len(scores)), key=summed.__getitem__)
-    return (likely, summed) if surprises[agreeing] - surprises[likely] > _UNLIKELY else (agreeing, scores)
+    least = found[min(range(len(scores)), key=scores.__getitem__)]
+    excess = [surprise - min(surprises) for surprise in surprises]
+    costs = [
+        _doubt(errors, least) + (more if more > _UNLIKELY else 0.0) + 0.5 * (math.log(start / _USUAL) / _SPREAD) ** 2
+        for errors, more, start in zip(found, excess, starts, strict=True)
+    ]
+    return min(range(len(costs)), key=costs.__getitem__)
+
+
+def _doubt(errors: Tensor, least: Tensor) -> float:
+    """Return how unlikely it is, in ln probability, that parts disagree by (J, SPLITS) where the `least` is right.
+
+    That of Student's t over the photos, to whose chance an error comes that all photos share, as of a wrong shape.
+    """
+    gain = _gains(least, errors)
+    uncertainty = math.hypot(_CLEAR, standard_error(gain)) if len(gain) > 1 else _CLEAR
+    if len(gain) == 0:
+        return 0.0
+    t = max(float(gain.mean()), 0.0) / uncertainty
+    return 0.5 * len(gain) * math.log1p(t**2 / max(len(gain) - 1, 1))
 
 
 def _clearly_less(errors: Tensor, rival: Tensor) -> bool:
     """Return whether disagreements (J, SPLITS) are less than the rival's by more than chance and a wrong shape make."""
-    judged = ~(rival.isnan() | errors.isnan()).any(1)
-    errors, rival = errors[judged], rival[judged]
-    gain = (rival - errors).sum(1) / rival.sum(1).mean().clamp(min=1e-9)
+    gain = _gains(errors, rival)
     uncertainty = standard_error(gain) if len(gain) > 1 else 0.0
     return float(gain.mean()) > max(_CLEAR, _SURE * uncertainty)
+
+
+def _gains(errors: Tensor, rival: Tensor) -> Tensor:
+    """Return how much less than the rival's disagreements (J, SPLITS) are, (K,), as shares of its mean over K photos.
+
+    The K are those that both judge.
+    """
+    judged = ~(rival.isnan() | errors.isnan()).any(1)
+    errors, rival = errors[judged], rival[judged]
+    return (rival - errors).sum(1) / rival.sum(1).mean().clamp(min=1e-9)
 
 
 def standard_error(values: Tensor) -> float:
