@@ -1,6 +1,7 @@
 """predict, locate: from new photos of a known object to the light around it, and to their cameras."""
 
 import sys
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ from tyro.conf import FlagCreatePairsOff, Positional
 from lightprobe.cli.answer import say, say_one
 from lightprobe.cli.options import Device, Prediction, RunArg, SizeArg, SunArg, option
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import shell_word
 from lightprobe.imaging import is_video
 from lightprobe.light.upsampling import map_height
@@ -115,6 +116,7 @@ def predict(
         _tell_untrained(predictions.trained, run, method)
         for predicted in predictions:
             _tell(predicted)
+            _tell_known(predicted, located)
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,17 @@ def _wanted(camera: Path | None, files: LocationFiles) -> LocationFiles:
             "--save-camera, --save-mask and --save-overlay write what is found, and --camera gives that; leave it out."
         )
     return files
+
+
+def _tell_known(predicted: PredictedPhoto, files: LocationFiles) -> None:
+    """Warn where files of what is found are named for a photo in which nothing had to be looked for."""
+    if predicted.location is None and any(files.chosen()):
+        warnings.warn(
+            f"{predicted.image} is a photo of the run's scene, whose camera is known: nothing was looked for, and "
+            "--save-camera, --save-mask and --save-overlay write no file.",
+            LightprobeWarning,
+            stacklevel=2,
+        )
 
 
 def _tell_untrained(trained: bool, run: Path, method: Method | None) -> None:
