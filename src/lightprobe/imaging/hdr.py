@@ -1,6 +1,7 @@
 """OpenEXR files, and reading of any HDR file by its content; linear float32 in memory."""
 
 import io
+import math
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +49,9 @@ def stored_bytes(path: Path) -> float:
     path = Path(path)
     if not signature(path).startswith(_EXR_MAGIC):
         return _BYTES
-    width, height = hdr_size(path)
-    return _decoded_bytes(_exr_headers(path)) / (width * height)
+    headers = _exr_headers(path)
+    width, height = _extent(headers[0])
+    return _decoded_bytes(headers) / (width * height)
 
 
 def hdr_size(path: Path) -> tuple[int, int]:
@@ -57,10 +59,7 @@ def hdr_size(path: Path) -> tuple[int, int]:
     path = Path(path)
     if not signature(path).startswith(_EXR_MAGIC):
         return radiance_size(path)
-    header = _exr_headers(path)[0]
-    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
-    width, height = (int(extent) for extent in high - low + 1)
-    return width, height
+    return _extent(_exr_headers(path)[0])
 
 
 def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
@@ -118,11 +117,14 @@ def _exr_headers(path: Path) -> list[dict]:
 
 def _decoded_bytes(headers: list[dict]) -> float:
     """Return what all channels of all parts take, at most."""
-    total = 0.0
-    for header in headers:
-        low, high = (np.asarray(corner, np.float64) for corner in header["dataWindow"])
-        total += float((high - low + 1).prod()) * len(header["channels"]) * _BYTES
-    return total
+    return sum(math.prod(_extent(header)) * len(header["channels"]) * _BYTES for header in headers)
+
+
+def _extent(header: dict) -> tuple[int, int]:
+    """Return the (width, height) of a part's pixels."""
+    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
+    width, height = (int(extent) for extent in high - low + 1)
+    return width, height
 
 
 def _to_srgb(header: dict) -> np.ndarray | None:
@@ -140,9 +142,9 @@ def _to_srgb(header: dict) -> np.ndarray | None:
 
 def _check_header(path: Path, header: dict) -> str:
     """Return the names of the channels to read; raise `InputError` on a size, crop or channels we do not read."""
-    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
-    check_pixels(path, *(int(extent) for extent in high - low + 1))
-    if any((np.asarray(a) != np.asarray(b)).any() for a, b in zip((low, high), header["displayWindow"], strict=True)):
+    check_pixels(path, *_extent(header))
+    windows = zip(header["dataWindow"], header["displayWindow"], strict=True)
+    if any((np.asarray(a) != np.asarray(b)).any() for a, b in windows):
         raise InputError(f"{path} is a cropped EXR (data window and display window differ); save the whole image.")
     if header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage):
         raise InputError(f"{path} is a deep EXR; save a flat image.")

@@ -20,6 +20,7 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import resize_area
+from lightprobe.light.equirect import solid_angles
 
 HEIGHTS = (64, 128, 256, 512, 1024, 2048)  # rows of the maps that may be asked for
 _SIZE = re.compile(r"(\d{1,5})(?:x(\d{1,5}))?")
@@ -64,8 +65,7 @@ def resized_map(image: np.ndarray, height: int) -> np.ndarray:
 
 def reduced_map(image: np.ndarray, height: int) -> np.ndarray:
     """Return the means by solid angle of a map (H, 2H, C) over texels of one with fewer rows, (height, 2 height, C)."""
-    edges = np.cos(np.linspace(0, np.pi, image.shape[0] + 1))
-    weight = ((edges[:-1] - edges[1:]) * (image.shape[0] / 2))[:, None, None]  # of a row, 1 in the mean
+    weight = solid_angles(image.shape[0])[:, :1, None].numpy()  # of a row's texels
     return resize_area(image * weight, height, 2 * height) / resize_area(weight, height, 1)
 
 

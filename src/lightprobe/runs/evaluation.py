@@ -75,8 +75,7 @@ def evaluate_run(
 
     scene_folder: where the run's scene is now, if it has moved. output: another file for the numbers, beside the run's.
     Raises `ConfigError` for another suffix of it, `InputError` for a run or scene that cannot be used or has no usable
-    test photo, `ResourceError` when another
-    process writes the run or disk or memory run out.
+    test photo, `ResourceError` when another process writes the run or disk or memory run out.
     """
     if output is not None and (output.suffix.lower() != ".json" or output.is_dir()):  # told now, not when all is done
         raise ConfigError(f"Cannot write the numbers as '{output}': name a file that ends in .json.")
