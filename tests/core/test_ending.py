@@ -66,3 +66,18 @@ def test_a_process_that_is_told_to_end_says_so_whatever_it_waits_for(monkeypatch
     assert codes == [143]
     assert ending.LOST in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_one_that_failed_is_told_to_end_before_it_has_said_why(monkeypatch, capsys):
+    ended, before = threading.Event(), signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(os, "_exit", lambda code: ended.set())
+    with pytest.raises(EndedError), ending.ending_with_torchrun():
+        raise EndedError
+    try:
+        assert callable(signal.getsignal(signal.SIGTERM))  # else the next line ends the tests
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert ended.wait(10)
+    finally:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGTERM, before)
+    assert ending.LOST in capsys.readouterr().err

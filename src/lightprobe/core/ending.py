@@ -56,13 +56,11 @@ def ending_with_torchrun() -> Iterator[None]:
     before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     watcher = threading.Thread(target=_watch, args=(reading,), daemon=True)
     watcher.start()
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(before)
-        signal.signal(signal.SIGTERM, handler)
-        os.close(writing)
-        watcher.join()
+    yield
+    signal.set_wakeup_fd(before)
+    signal.signal(signal.SIGTERM, handler)
+    os.close(writing)
+    watcher.join()
 
 
 def _watch(reading: int) -> None:
