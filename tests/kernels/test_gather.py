@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
-from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather, weighted_scatter
+from lightprobe.kernels import gather_rows, scatter_rows, values_at, weighted_gather, weighted_scatter
 from lightprobe.kernels.reference import gather as reference
 from tests.threads import torch_threads
 
@@ -68,6 +68,15 @@ def test_gather_rows_is_indexing_of_any_shape(body, shape):
     (found,) = torch.autograd.grad(out, values, grad)
     (expected,) = torch.autograd.grad(values[index], values, grad)
     torch.testing.assert_close(found, expected)
+
+
+@pytest.mark.parametrize("dtype", [torch.bool, torch.uint8, torch.int64, torch.float32])
+def test_values_at_is_indexing_of_any_shape_and_type(dtype):
+    values = torch.arange(300).remainder(7).to(dtype)
+    index = torch.randint(0, 300, (5, 2, 3), generator=torch.Generator().manual_seed(0))
+    assert torch.equal(values_at(values, index), values[index])
+    assert torch.equal(values_at(values, index.int()), values[index])
+    assert values_at(values, index[:0]).shape == (0, 2, 3)
 
 
 def test_scatter_rows_is_the_transpose_of_gather_rows(body):

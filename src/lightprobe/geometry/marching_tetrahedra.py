@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.geometry.tet_lattice import TET_EDGES, TetLattice
-from lightprobe.kernels import gather_rows
+from lightprobe.kernels import gather_rows, values_at
 
 
 def _case_table() -> Tensor:
@@ -59,10 +59,10 @@ class Crossing:
         inside = distance.detach() < 0
         tets = _mixed_tetrahedra(lattice, inside)
         named = torch.zeros(len(lattice.edges), dtype=torch.bool, device=inside.device)
-        named[lattice.tet_edges.index_select(0, tets).reshape(-1)] = True
+        named.index_fill_(0, lattice.tet_edges.index_select(0, tets).reshape(-1), True)
         candidates = named.nonzero()[:, 0]
         low, high = lattice.edges.index_select(0, candidates).unbind(1)
-        return Crossing(inside, tets, candidates[inside[low] != inside[high]])
+        return Crossing(inside, tets, candidates[inside.index_select(0, low) != inside.index_select(0, high)])
 
 
 def _mixed_tetrahedra(lattice: TetLattice, inside: Tensor) -> Tensor:
@@ -86,17 +86,19 @@ def marching_tetrahedra(
     """
     number = torch.empty(len(lattice.edges), dtype=torch.long, device=distance.device)
     number[crossing.edges] = torch.arange(len(crossing.edges), device=distance.device)
-    ends = lattice.edges[crossing.edges]
+    ends = lattice.edges.index_select(0, crossing.edges)
     p = gather_rows(positions, ends)  # (N, 2, 3)
     s = gather_rows(distance[:, None], ends)  # (N, 2, 1)
     vertices = (p[:, 0] * s[:, 1] - p[:, 1] * s[:, 0]) / (s[:, 1] - s[:, 0])
 
     bits = torch.tensor([1, 2, 4, 8], device=distance.device)
-    code = (crossing.inside[lattice.tets.index_select(0, crossing.tets)] * bits).sum(1)
-    triangles = CASES.to(distance.device)[code]  # (A, 2, 3) edge numbers within the tetrahedron
+    corners = lattice.tets.index_select(0, crossing.tets)
+    code = (values_at(crossing.inside, corners) * bits).sum(1)
+    triangles = CASES.to(distance.device).index_select(0, code)  # (A, 2, 3) edge numbers within the tetrahedron
     edges = lattice.tet_edges.index_select(0, crossing.tets)[:, None, :].expand(-1, 2, -1)
-    faces = number[torch.gather(edges, 2, triangles.clamp(min=0))]
-    return vertices, faces[triangles[..., 0] >= 0].to(torch.int32)
+    faces = values_at(number, torch.gather(edges, 2, triangles.clamp(min=0)))
+    real = (triangles[..., 0] >= 0).reshape(-1).nonzero()[:, 0]
+    return vertices, faces.reshape(-1, 3).index_select(0, real).to(torch.int32)
 
 
 def sign_change_loss(lattice: TetLattice, crossing: Crossing, distance: Tensor) -> Tensor:
@@ -105,6 +107,7 @@ def sign_change_loss(lattice: TetLattice, crossing: Crossing, distance: Tensor) 
     It pulls the distances (V,) of a crossed edge towards one common sign and so removes floaters and inner shells
     (Munkberg et al. 2022, section 3.1). Distances enter in units of a lattice cell.
     """
-    ends = gather_rows(distance[:, None], lattice.edges[crossing.edges])[..., 0] / lattice.cell  # (N, 2)
+    pairs = lattice.edges.index_select(0, crossing.edges)
+    ends = gather_rows(distance[:, None], pairs)[..., 0] / lattice.cell  # (N, 2)
     target = (ends.detach() > 0).to(ends.dtype).flip(1)
     return torch.nn.functional.binary_cross_entropy_with_logits(ends, target)

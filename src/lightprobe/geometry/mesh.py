@@ -53,8 +53,13 @@ def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
 
 
 def _average_normals(normals: Tensor, index: Tensor, count: int) -> Tensor:
-    summed = scatter_rows(normals.repeat_interleave(3, 0), index.reshape(-1), count)
+    summed = scatter_rows(_to_corners(normals), index.reshape(-1), count)
     return torch.nn.functional.normalize(summed, dim=1, eps=1e-20)
+
+
+def _to_corners(values: Tensor) -> Tensor:
+    """Return a value of each face (F, C) for each of its corners, (3 F, C)."""
+    return values[:, None].expand(-1, 3, -1).reshape(-1, values.shape[1])
 
 
 def uv_tangents(mesh: Mesh) -> Tensor:
@@ -68,7 +73,7 @@ def uv_tangents(mesh: Mesh) -> Tensor:
     (u1, v1), (u2, v2) = (t[:, 1] - t[:, 0]).unbind(1), (t[:, 2] - t[:, 0]).unbind(1)
     sign = torch.sign(u1 * v2 - u2 * v1)[:, None]
     tangent = sign * (e1 * v2[:, None] - e2 * v1[:, None])
-    summed = scatter_rows(tangent.repeat_interleave(3, 0), mesh.uv_faces.reshape(-1), mesh.uvs.shape[0])
+    summed = scatter_rows(_to_corners(tangent), mesh.uv_faces.reshape(-1), mesh.uvs.shape[0])
     length = summed.norm(dim=1, keepdim=True)
     axis = torch.tensor([1.0, 0.0, 0.0], device=summed.device)
     return torch.where(length > 1e-12, summed / length.clamp(min=1e-12), axis)
@@ -88,9 +93,12 @@ def edge_faces(faces: Tensor, chosen: Tensor | None = None) -> EdgeFaces:
     chosen: (V,) bool, by default all; an edge counts whose two vertices do.
     """
     f = faces.long()
-    a, b = f.T.reshape(-1), f[:, [1, 2, 0]].T.reshape(-1)
-    rows = torch.arange(len(a), device=a.device) if chosen is None else (chosen[a] & chosen[b]).nonzero()[:, 0]
-    a, b = a[rows], b[rows]
+    a, b = f.T.reshape(-1), torch.cat([f[:, 1], f[:, 2], f[:, 0]])
+    if chosen is None:
+        rows = torch.arange(len(a), device=a.device)
+    else:
+        rows = (chosen.index_select(0, a) & chosen.index_select(0, b)).nonzero()[:, 0]
+        a, b = a.index_select(0, rows), b.index_select(0, rows)
     size = int(f.max()) + 1 if len(f) else 1
     key, order = torch.sort(torch.minimum(a, b) * size + torch.maximum(a, b), stable=True)
     face = rows[order] % max(len(f), 1)

@@ -2,7 +2,7 @@
 
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
 from lightprobe.kernels.culled_stacking import stack_probes_culled
-from lightprobe.kernels.gather import gather_rows, scatter_rows, weighted_gather, weighted_scatter
+from lightprobe.kernels.gather import gather_rows, scatter_rows, values_at, weighted_gather, weighted_scatter
 from lightprobe.kernels.hash_grid import hash_encode
 from lightprobe.kernels.lobe_rows import lobe_rows
 from lightprobe.kernels.occlusion import occluded_light, occluded_light_adjoint
@@ -29,6 +29,7 @@ __all__ = [
     "sparse_product_transposed",
     "stack_probes",
     "stack_probes_culled",
+    "values_at",
     "vote_on_voxels",
     "weighted_gather",
     "weighted_scatter",

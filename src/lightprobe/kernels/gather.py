@@ -40,6 +40,14 @@ def gather_rows(values: Tensor, index: Tensor) -> Tensor:
     return _GatherRows.apply(values, index.reshape(-1)).reshape(*index.shape, values.shape[1])
 
 
+def values_at(values: Tensor, index: Tensor) -> Tensor:
+    """Return `values[index]`, in the shape of the index, of values (M,) of any dtype; not meant to be differentiated.
+
+    index: int32 or int64 of any shape, in [0, M). PyTorch takes two to four times as long for `values[index]`.
+    """
+    return values.index_select(0, index.reshape(-1)).reshape(index.shape)
+
+
 def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
     """Return (rows, C): `values` (N, C) summed into the rows named by `index` (N,); the transpose of `gather_rows`.
 

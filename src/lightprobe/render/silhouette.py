@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.geometry.mesh import EdgeFaces
-from lightprobe.kernels import gather_rows
+from lightprobe.kernels import gather_rows, values_at
 from lightprobe.render.surface import View
 
 
@@ -45,7 +45,7 @@ def outline_vertices(screen: Tensor, faces: Tensor) -> Tensor:
 def _facing(screen: Tensor, faces: Tensor) -> Tensor:
     """Return (F,) bool, whether a triangle looks at the camera."""
     corners = faces.T.long()
-    x, y = (screen.detach()[:, axis].contiguous()[corners] for axis in (0, 1))
+    x, y = (values_at(screen.detach()[:, axis].contiguous(), corners) for axis in (0, 1))
     return (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]) < 0
 
 
@@ -53,8 +53,9 @@ def _outline_edges(screen: Tensor, faces: Tensor, edges: EdgeFaces) -> Tensor:
     """Return (S, 2) vertex pairs of edges between a front- and a back-facing triangle, or on the mesh border."""
     front = _facing(screen, faces)
     one, two = edges.faces.unbind(1)
-    ahead = (screen.detach()[edges.vertices][..., 2] > 1e-6).all(1)
-    return edges.vertices[((front[one] != front[two]) | (one == two)) & ahead]
+    ahead = (values_at(screen.detach()[:, 2].contiguous(), edges.vertices) > 1e-6).all(1)
+    sides_differ = values_at(front, one) != values_at(front, two)
+    return edges.vertices[(sides_differ | (one == two)) & ahead]
 
 
 def _axis_crossings(ends: Tensor, covered: Tensor, along: int) -> tuple[Tensor, Tensor, Tensor]:

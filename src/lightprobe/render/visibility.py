@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.kernels import occluded_light, occluded_light_adjoint, weighted_gather
+from lightprobe.kernels import occluded_light, occluded_light_adjoint, values_at, weighted_gather
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS
 
@@ -88,7 +88,7 @@ class PointVisibility:
         texel, share = cubemap.bilinear_taps(direction.detach(), BLOCKS)
         rows = self.index.long()[:, :, None] * table.shape[1] + texel.long()[:, None, :]
         weight = self.weight[:, :, None] * share[:, None, :] / 255
-        return (table.reshape(-1)[rows] * weight).sum((1, 2))
+        return (values_at(table.reshape(-1), rows) * weight).sum((1, 2))
 
 
 def ambient_occlusion(vertices: VertexVisibility, normals: Tensor) -> Tensor:
