@@ -166,7 +166,7 @@ def test_what_an_evaluation_cannot_use_is_told_before_it_begins(tmp_path, capsys
     (tmp_path / "folder.json").mkdir()
     for output in ("numbers.txt", "folder.json"):
         fails(["eval", run.path, "-o", tmp_path / output], capsys, [output, "ends in .json"])
-    fails(["eval", run.path, "--slow-photos", "-1"], capsys, ["--slow-photos cannot be -1"])
+    fails(["eval", run.path, "--slow-photos", "0"], capsys, ["--slow-photos cannot be 0"])
 
 
 def test_a_prediction_needs_a_photo_and_its_mask(tmp_path, capsys):

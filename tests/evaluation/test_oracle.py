@@ -171,14 +171,17 @@ def write_maps(folder: Path, normal: list[list[float]]) -> Truth:
 def test_maps_are_read_in_the_order_of_textures_and_known_where_there_is_a_normal(tmp_path: Path) -> None:
     """Normals of length .5 are of half a pixel of the object, and not believed."""
     truth = write_maps(tmp_path, [[0.0, 0.9, 1.2, 1.0], [0.3, 0.0, 0.4, 1.0], [0.0, -0.51, 0.0, 1.0]])
-    maps, known = oracle_module._maps(Photo("a", FLAT, tmp_path / "a.png", truth=truth))
+    camera = dataclasses.replace(FLAT, width=3, height=1)
+    maps, known = oracle_module._maps(Photo("a", camera, tmp_path / "a.png", truth=truth))
     assert known[..., 0].tolist() == [[1, 0, 1]]
     material = [0.2, 0.5, 0.05, 0.4, 0.75]
     assert maps[0, 0].tolist() == pytest.approx([*material, 0, 0.6, 0.8], abs=1e-3)
     assert maps[0, 2].tolist() == pytest.approx([*material, 0, -1, 0], abs=1e-3)
     for missing in ("base_color", "orm", "normal"):
         with pytest.raises(ValueError, match="photo-b"):
-            oracle_module._maps(Photo("photo-b", FLAT, tmp_path, truth=dataclasses.replace(truth, **{missing: None})))
+            oracle_module._maps(Photo("photo-b", camera, tmp_path, truth=dataclasses.replace(truth, **{missing: None})))
+    with pytest.raises(InputError, match=r"color\.png has 3 x 1 pixels, but its photo 6 x 4"):
+        oracle_module._maps(Photo("a", FLAT, tmp_path / "a.png", truth=truth))
 
 
 def test_a_scene_brings_its_object_as_a_mesh_and_three_maps_of_a_test_photo(tmp_path: Path) -> None:

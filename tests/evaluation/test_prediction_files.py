@@ -8,6 +8,7 @@ from lightprobe.core.config.prediction import Sun
 from lightprobe.evaluation.prediction_files import write_prediction
 from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.light.environment import Environment
+from lightprobe.light.files import light_file
 from lightprobe.light.sources import SplitLight
 from lightprobe.prediction import Prediction, Verdict
 
@@ -43,6 +44,12 @@ def test_a_map_has_its_picture_and_its_confidence_beside_it(
     factor = -np.log(1 - picture[-1, 0]) / light[-1, 0]  # 1 - exp(-factor radiance), one factor for all
     assert factor == pytest.approx(np.full(3, factor.mean()), rel=0.03)
     assert picture[0, 0] == pytest.approx(1 - np.exp(-factor.mean() * light[0, 0]), abs=0.02)
+
+
+def test_what_was_told_of_an_older_map_goes(tmp_path: Path) -> None:
+    light_file(tmp_path / "a.exr").write_text('{"map": {"sun": "separate"}}')
+    write_prediction(prediction(), tmp_path / "a.exr")
+    assert not light_file(tmp_path / "a.exr").exists()
 
 
 def test_a_map_can_be_written_as_radiance(tmp_path: Path) -> None:

@@ -131,6 +131,19 @@ def test_normals_are_compared_where_the_truth_has_one(tmp_path: Path, length: fl
     assert scores.result() == pytest.approx({"normal_degrees": degrees}, abs=1e-3)
 
 
+def test_a_photo_without_a_true_normal_has_no_angle(tmp_path: Path) -> None:
+    write_exr(tmp_path / "normal.exr", np.zeros((HEIGHT, WIDTH, 3), np.float32))
+    scores = MaterialScores()
+    scores.add(seen(Truth(normal=tmp_path / "normal.exr"), normal=np.ones((4, 3))))
+    assert scores.result() == {}
+
+
+def test_a_map_of_one_channel_is_refused(tmp_path: Path) -> None:
+    write_exr(tmp_path / "normal.exr", np.ones((HEIGHT, WIDTH, 1), np.float32))
+    with pytest.raises(InputError, match=r"normal\.exr has 1 channel"):
+        MaterialScores().add(seen(Truth(normal=tmp_path / "normal.exr"), normal=np.ones((4, 3))))
+
+
 def test_what_has_no_truth_has_no_scores() -> None:
     scores = MaterialScores()
     scores.add(seen(Truth()))
@@ -218,6 +231,14 @@ def test_a_render_without_coverage_or_of_another_size_is_one_sentence(relit: Rel
     for true, told in ((even(0.2, 0.4, 0.1), "fourth channel"), (even(0.2, 0.4, 0.1, 1)[:6], "has 12 x 6 pixels")):
         with pytest.raises(InputError, match=told):
             relit([even(0.2, 0.4, 0.1)], [true])
+
+
+def test_a_render_that_shows_nothing_costs_no_other_score(relit: Relit) -> None:
+    one = [even(0.2, 0.4, 0.1)], [even(0.2, 0.5, 0.1, 1.0)]
+    with pytest.warns(LightprobeWarning, match=r"1\.exr shows nothing of the object"):
+        assert relit(one[0] * 2, [*one[1], even(0.2, 0.5, 0.1, 0.0)]) == relit(*one)
+    with pytest.warns(LightprobeWarning):
+        assert relit(one[0], [even(0.2, 0.5, 0.1, 0.0)]) == {}
 
 
 def test_relit_pictures_are_scored_photo_by_photo_and_scaled_by_one_factor_for_all(relit: Relit) -> None:

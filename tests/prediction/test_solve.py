@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
@@ -49,6 +50,14 @@ def test_clipped_pixels_do_not_hold_a_lamp_down(observation):
     seen, unseen = (float(solve(o, LIGHT).max()) for o in (cut, blind))
     assert seen > 0.97 * float(LIGHT.max())
     assert unseen < seen
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e-4])
+def test_the_unit_of_radiance_does_not_matter(observation, unit):
+    asset, prior = glossy_sphere(), torch.where(LIGHT[..., :1] > 2, 0.4 * LIGHT, LIGHT)
+    pixels = photograph(asset, CAMERA, LIGHT)
+    other = observe(asset, replace(pixels, color=pixels.color * np.float32(unit)), CAMERA, CPU, 65_536)
+    torch.testing.assert_close(solve(other, unit * prior) / unit, solve(observation, prior), rtol=1e-3, atol=1e-4)
 
 
 def test_factors_are_smooth_bounded_and_multiply():

@@ -63,6 +63,15 @@ def test_without_a_true_light_the_confidence_stands_in_its_place(tmp_path):
     assert text.index('alt="confidence"') < text.index("<details open")
 
 
+def test_doubts_and_photos_that_are_not_scored_are_told(tmp_path):
+    assert "Verdicts" not in page(tmp_path)
+    verdicts = {"photos": {"<a>": {"sentences": ["The mask is another's."]}, "b": {"sentences": []}}}
+    text = page(tmp_path, metrics=METRICS | {"verdicts": verdicts, "skipped": {"c": "c.png is gone."}})
+    assert "Doubtful: 1 of 2 photos." in text
+    assert "<li><b>&lt;a&gt;</b>: The mask is another&#x27;s.</li>" in text
+    assert "<li><b>c</b>: c.png is gone.</li>" in text
+
+
 def test_names_are_escaped_and_numbers_shown(tmp_path):
     text = page(tmp_path, commands=["lightprobe <x>"])
     assert "&lt;cup&gt; &amp; saucer" in text

@@ -12,7 +12,8 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.report.records import Record
 from lightprobe.runs.bench import BenchOptions, Step, find_scene, run_bench, write_pages
-from lightprobe.runs.benchmark import LESSONS, LOSSES, paper_options, share_phase_one
+from lightprobe.runs.bench_runs import paper_options, share_phase_one
+from lightprobe.runs.benchmark import LESSONS, LOSSES
 from tests.runs.program import Program
 
 
@@ -31,11 +32,12 @@ def calls(program):
 def ask(tmp_path, program):
     def make(
         *, seeds=(0,), scenes=("chair", "cup", "gone"), hdri=None, preset=Preset.QUICK,
-        steps=(Step.RUN, Step.LESSONS), paper_iterations=(),
+        steps=(Step.RUN, Step.LESSONS), paper_iterations=(), slow_photos=2,
     ) -> None:  # fmt: skip
         options = BenchOptions(
             scenes=scenes, data=tmp_path / "data", output=tmp_path / "out", seeds=seeds, results=tmp_path / "R.md",
             records=tmp_path / "records", preset=preset, hdri=hdri, steps=steps, paper_iterations=paper_iterations,
+            slow_photos=slow_photos,
         )  # fmt: skip
         run_bench(options, program)
 
@@ -199,9 +201,42 @@ def test_other_seeds_train_the_default_alone_in_runs_of_their_own(data, tmp_path
     assert "| chair | 0, 1, 2 | 24." in (tmp_path / "R.md").read_text()  # 22, 24 and 26
 
 
-def test_seeds_wait_for_the_run_that_names_the_default(data, tmp_path, calls, ask):
+def test_seeds_wait_for_the_run_that_names_the_default(data, tmp_path, calls, capsys, ask):
     ask(seeds=(0, 1), scenes=("chair",), steps=(Step.SEEDS,))
     assert calls == []
+    assert "SKIPPED chair, seed 1: the scene's run has no numbers yet" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("step", [Step.LESSONS, Step.LOSSES])
+def test_other_second_phases_wait_for_the_first(data, calls, capsys, ask, step):
+    ask(scenes=("chair",), steps=(step,))
+    assert calls == []
+    assert "SKIPPED chair" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"steps": (Step.LOSSES,), "scenes": ("cup",)}, {"steps": (Step.SEEDS,), "seeds": (0,)},
+        {"steps": (Step.LESSONS,), "preset": Preset.PAPER},
+    ],
+)  # fmt: skip
+def test_a_benchmark_of_nothing_is_refused(data, tmp_path, asked, ask):
+    with pytest.raises(ConfigError, match="has nothing to do"):
+        ask(**asked)
+    assert not (tmp_path / "R.md").exists()
+
+
+def test_a_true_object_is_scored_anew_with_its_run(data, tmp_path, program, calls, ask):
+    program.true_objects.add("chair")
+    ask(scenes=("chair",), steps=(Step.RUN,))
+    records = tmp_path / "records"
+    older = replace(Record.read(records / "chair.oracle.json"), trained="another")
+    older.write(records)
+    calls.clear()
+    ask(scenes=("chair",), steps=(Step.RUN,))
+    assert ["--oracle-asset" in words for words in calls] == [True]
+    assert Record.read(records / "chair.oracle.json").trained == Record.read(records / "chair.json").trained
 
 
 def test_the_paper_s_settings_get_a_run_of_their_own_that_says_how_long_it_was(data, tmp_path, calls, ask):
@@ -235,7 +270,8 @@ def test_the_paper_s_options_are_its_own_where_nothing_is_cut():
 def test_records_of_other_settings_are_not_taken_for_these(data, tmp_path, calls, ask):
     ask(scenes=("chair",), steps=(Step.RUN,))
     with pytest.raises(ConfigError, match=r"chair\.json was made with seed 0, not 5"):
-        ask(seeds=(5,), scenes=("chair",), steps=(Step.RUN,))
+        ask(seeds=(5,), scenes=("cup", "chair"), steps=(Step.RUN,))
+    assert len(calls) == 2  # and the cup was not begun
 
 
 def test_finished_runs_of_other_settings_are_not_scored_as_these(data, tmp_path, calls, ask):
@@ -277,15 +313,18 @@ def test_the_pages_are_written_from_records_alone(data, tmp_path, calls, ask):
     assert calls == []
     assert page.read_text() == before
     assert (tmp_path / "again" / "paper-tables.md").is_file()
-    with pytest.raises(ConfigError, match="--records"):
-        write_pages(BenchOptions(records=tmp_path / "no", results=page))
+    (tmp_path / "empty").mkdir()
+    for folder in ("no", "empty"):
+        with pytest.raises(ConfigError, match="--records"):
+            write_pages(BenchOptions(records=tmp_path / folder, results=page))
+    assert page.read_text() == before
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
         {"seeds": ()}, {"seeds": (1, 1)}, {"seeds": (-1,)}, {"paper_iterations": (5,)}, {"paper_iterations": (0, 5)},
-        {"steps": (Step.PAPER,)}, {"preset": Preset.PAPER, "paper_iterations": (5, 5)},
+        {"steps": (Step.PAPER,)}, {"preset": Preset.PAPER, "paper_iterations": (5, 5)}, {"slow_photos": 0},
     ],
 )  # fmt: skip
 def test_options_that_make_no_sense_are_refused_before_any_training(data, tmp_path, calls, wrong, ask):

@@ -13,9 +13,10 @@ from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
-from lightprobe.export.light_file import candela_per_unit, light_file, write_sources
+from lightprobe.export.light_file import candela_per_unit, write_sources
 from lightprobe.imaging import read_ldr, write_exr, write_png
 from lightprobe.light.environment import Environment
+from lightprobe.light.files import light_file
 from lightprobe.models import Decomposition
 from lightprobe.models.calibration import Calibration
 from lightprobe.prediction import Predictor

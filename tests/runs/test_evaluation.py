@@ -1,11 +1,15 @@
 """Where the numbers of an evaluation go and how its command reads; `tests.cli` evaluates a trained run."""
 
+from types import SimpleNamespace
+
 import pytest
 
+from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Protocols
 from lightprobe.prediction import Method
+from lightprobe.runs import evaluation
 from lightprobe.runs.evaluation import EvaluationOptions, default_first, destination, eval_command
 
 OWN, OTHER = Method.PROBE_NET_OPTIMIZE, Method.CONSTANT
@@ -38,3 +42,15 @@ def test_the_command_of_an_evaluation_says_what_was_asked_for():
     asked = eval_command(EvaluationOptions((OTHER, OWN), protocols, oracle=True, slow=True))
     methods = "--methods constant probe-net+optimize"
     assert asked == f"lightprobe eval RUN {methods} --no-unseen --oracle-asset --slow --slow-photos 2"
+
+
+def test_a_true_object_that_cannot_be_used_costs_no_score_unless_it_is_asked_for(run, monkeypatch):
+    def refuse(*_):
+        raise InputError("mesh.obj cannot be read.")
+
+    monkeypatch.setattr(evaluation, "can_be_oracle", lambda scene: True)
+    monkeypatch.setattr(evaluation, "oracle_decomposition", refuse)
+    with pytest.warns(LightprobeWarning, match=r"Not all of the object is scored\. mesh\.obj cannot be read"):
+        assert evaluation._true_object(run, SimpleNamespace(), SimpleNamespace(), needed=False) is None
+    with pytest.raises(InputError, match="cannot be read"):
+        evaluation._true_object(run, SimpleNamespace(), SimpleNamespace(), needed=True)

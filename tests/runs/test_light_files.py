@@ -9,10 +9,10 @@ import torch
 
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import InputError
-from lightprobe.export.light_file import light_file, other_map, write_sources
+from lightprobe.export.light_file import other_map, write_sources
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import write_map
+from lightprobe.light.files import light_file, write_map
 from lightprobe.light.sources import LightSource
 from lightprobe.models.calibration import Calibration
 from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light

@@ -54,8 +54,8 @@ def eval(  # the name of the command
       lightprobe eval runs/cup --methods probe-mlp constant -o numbers.json
       lightprobe eval runs/chair --oracle-asset
     """
-    if slow_photos < 0:
-        raise ConfigError(f"--slow-photos cannot be {slow_photos}; 0 scores no photo with slow methods.")
+    if slow_photos < 1:
+        raise ConfigError(f"--slow-photos cannot be {slow_photos}; what is slow is known after one photo.")
     protocols = Protocols(unseen=unseen, slow_photos=slow_photos)
     asked = EvaluationOptions(methods, protocols, oracle_asset, slow, settings)
     with Meter() as meter:

@@ -1,5 +1,6 @@
 """open, compare, gallery: pages about runs that were evaluated."""
 
+import math
 import os
 import sys
 import webbrowser
@@ -59,7 +60,9 @@ def _print_differences(found: Comparison) -> None:
     table = Table("score", *found.names, "difference")
     for key, difference in found.differences().items():
         heading = SCORES[key]
-        change = f"{difference.value:+.{heading.decimals}f} ± {heading.text(difference.margin)}"
+        change = f"{difference.value:+.{heading.decimals}f}"
+        if math.isfinite(difference.margin):
+            change += f" ± {heading.text(difference.margin)}"
         table.add_row(heading.name, heading.text(difference.first), heading.text(difference.second), change)
     Console().print(table)
 

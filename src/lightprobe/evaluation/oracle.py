@@ -18,11 +18,10 @@ from torch import Tensor
 from torch.nn import functional
 
 from lightprobe.core.errors import InputError
-from lightprobe.evaluation.truth import read_true_mesh
+from lightprobe.evaluation.truth import material_maps, read_true_mesh
 from lightprobe.geometry.atlas import triangle_atlas, triangle_atlas_size
 from lightprobe.geometry.mesh import Mesh, crease_normals, decimate, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
-from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.kernels import rasterize
 from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
@@ -49,7 +48,7 @@ def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path
     """Return the decomposition with the true object in place of its own; lights and frame stay.
 
     It is kept in the file `saved` and read from there the next time. Raises `InputError` when the scene does not bring
-    its object.
+    its object, or brings a mesh or maps that cannot be used.
     """
     if not can_be_oracle(scene):
         raise InputError(f"{scene.root} has no mesh.obj with material maps of test photos, so there is no true object.")
@@ -144,13 +143,10 @@ def _seen_by(photo: Photo, view: View, inverse: Tensor, position: Tensor, normal
 
 
 def _maps(photo: Photo) -> tuple[Tensor, Tensor]:
-    """Return a photo's truth maps (H, W, 8) and where they are known (H, W, 1)."""
-    truth = photo.truth
-    if truth.base_color is None or truth.orm is None or truth.normal is None:
+    """Return a photo's truth maps (H, W, 8) and where they are known (H, W, 1); errors as in `material_maps`."""
+    base, orm, normal = material_maps(photo.truth, (photo.camera.height, photo.camera.width))
+    if base is None or orm is None or normal is None:
         raise ValueError(photo.name)
-    base = read_ldr(truth.base_color)[0]
-    orm = read_ldr(truth.orm, srgb=False)[0]
-    normal = np.ascontiguousarray(read_hdr(truth.normal)[..., :3], np.float32)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     maps = np.concatenate([base, orm[..., 1:], normal / np.maximum(length, 1e-6)], -1)
     return torch.from_numpy(maps), torch.from_numpy((length > 0.5).astype(np.float32))

@@ -27,7 +27,7 @@ from lightprobe.evaluation.views import TestView
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
-from lightprobe.scene.photo import Photo, Scene
+from lightprobe.scene.photo import Photo, Scene, Truth
 
 Scores = dict[str, float]
 _DARKEST = 3e-4  # linear base colour of the darkest grey that 8 bits of sRGB tell from black
@@ -97,14 +97,8 @@ class MaterialScores:
         size = view.gbuffer.height, view.gbuffer.width
         chosen = view.mask.reshape(-1)[view.gbuffer.pixel]
         pixel = view.gbuffer.pixel[chosen].cpu().numpy()
-        truth = view.photo.truth
         color, orm, normal = (
-            None if path is None else _sized(read(path), size, path)[..., :3].reshape(-1, 3)[pixel]
-            for path, read in (
-                (truth.base_color, lambda path: read_ldr(path)[0]),
-                (truth.orm, lambda path: read_ldr(path, srgb=False)[0]),
-                (truth.normal, read_hdr),
-            )
+            None if values is None else values.reshape(-1, 3)[pixel] for values in material_maps(view.photo.truth, size)
         )
         if color is not None:
             self._colors.append((view.gbuffer.base_color[chosen].cpu(), torch.from_numpy(color)))
@@ -114,7 +108,8 @@ class MaterialScores:
                 self._errors[name].append(np.abs(values - orm[:, channel]))
         if normal is not None:
             known = np.linalg.norm(normal, axis=1) > 0.5
-            self._normals.append((view.gbuffer.normal[chosen].cpu().numpy()[known], normal[known]))
+            if known.any():
+                self._normals.append((view.gbuffer.normal[chosen].cpu().numpy()[known], normal[known]))
 
     def result(self) -> Scores:
         """Return base colour PSNR (sRGB; raw, and with one linear factor per channel), ratio, errors, normal angle."""
@@ -131,6 +126,28 @@ class MaterialScores:
             mine_normals, true_normals = (np.concatenate(parts) for parts in zip(*self._normals, strict=True))
             scores["normal_degrees"] = mean_angle(mine_normals, true_normals)
         return scores
+
+
+def material_maps(
+    truth: Truth, size: tuple[int, int]
+) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+    """Return linear base colour, ORM and world normals of a photo of `size` (H, W), (H, W, 3) float32 each, if known.
+
+    Raises `InputError` where one cannot be read, has another size or less than three channels.
+    """
+    files = (
+        (truth.base_color, lambda path: read_ldr(path)[0]),
+        (truth.orm, lambda path: read_ldr(path, srgb=False)[0]),
+        (truth.normal, read_hdr),
+    )
+    base_color, orm, normal = (None if path is None else _in_colors(read(path), size, path) for path, read in files)
+    return base_color, orm, normal
+
+
+def _in_colors(image: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarray:
+    if image.shape[2] < 3:
+        raise InputError(f"{path} has {image.shape[2]} channel(s), and the truth of a material three.")
+    return np.ascontiguousarray(_sized(image, size, path)[..., :3], np.float32)
 
 
 def _sized(image: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarray:
@@ -176,7 +193,10 @@ def relight_scores(
 def _relit_pairs(
     relighter: Relighter, photos: Iterable[Photo], device: torch.device
 ) -> Iterable[tuple[Tensor, Tensor, Tensor]]:
-    """Yield (render, truth, mask): linear premultiplied (H, W, 3) twice and the true object's pixels (H, W)."""
+    """Yield (render, truth, mask): linear premultiplied (H, W, 3) twice and the true object's pixels (H, W).
+
+    Warns of renders that show nothing of it, and leaves them out.
+    """
     for photo in photos:
         if photo.truth.environment is None or photo.truth.linear is None:
             continue
@@ -185,6 +205,9 @@ def _relit_pairs(
         if render.shape[2] != 4:
             raise InputError(f"{photo.truth.linear} needs a fourth channel, the object's coverage.")
         true = torch.from_numpy(np.ascontiguousarray(render, np.float32)).to(device)
+        if not bool((true[..., 3] > 0.5).any()):
+            tell_unscored(InputError(f"{photo.truth.linear} shows nothing of the object."))
+            continue
         image, _ = relighter.picture(Environment.load(photo.truth.environment, device), photo.camera)
         yield image, true[..., :3], true[..., 3] > 0.5
 

@@ -10,6 +10,7 @@ from lightprobe.imaging import write_exr, write_radiance
 from lightprobe.light import equirect
 
 _SUFFIXES = (".exr", ".hdr")
+_FACTS = ".light.json"
 
 
 def environment_files(folder: Path) -> list[Path]:
@@ -20,6 +21,11 @@ def environment_files(folder: Path) -> list[Path]:
     if not paths:
         raise InputError(f"{folder} has no .exr or .hdr environment map.")
     return paths
+
+
+def light_file(map_path: Path) -> Path:
+    """Return where the JSON of a map is, which tells of its sources and whether they are in it."""
+    return map_path.with_name(map_path.stem + _FACTS)
 
 
 def panorama(cube: Tensor) -> np.ndarray:

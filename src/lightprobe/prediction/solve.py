@@ -37,6 +37,7 @@ _TILE = 12  # pixels; neighbours look alike, so held-out pixels come in tiles
 _COLOR = 10.0  # how much more a change of colour costs than one of brightness
 _AS_GOOD = 1.1  # a held-out error within this factor of the best is no reason to leave the prior
 _DARK = 1e-3  # relative to the light level: a black prior can be raised, too
+_NOTHING = 1e-30  # below any gain of a photo: a channel that no pixel tells of has a solution, too
 _LARGEST_FACTOR = 10.0  # on the prior's radiance, up or down
 
 
@@ -89,10 +90,10 @@ class Correction:
         angle = cubemap.solid_angles(BLOCKS, weight.device).reshape(-1) / (4 * math.pi)
         normal = (weight * self.matrix).transpose(1, 2) @ self.matrix  # (3, 384, 384)
         right = self.matrix.transpose(1, 2) @ (weight * missing.T[..., None])  # (3, 384, 1)
-        gain = (weight[..., 0] * self.matrix.sum(2).square()).sum(1)  # (3,)
+        gain = (weight[..., 0] * self.matrix.sum(2).square()).sum(1).clamp(min=_NOTHING)  # (3,)
         found = []
         for strength in strengths:
-            ridge = torch.diag_embed(strength * gain[:, None] * angle + 1e-12)
+            ridge = torch.diag_embed(strength * gain[:, None] * angle)
             common = _solve_positive(normal.sum(0) + ridge.sum(0), right.sum(0))
             colored = _solve_positive(normal + _COLOR * ridge, right - normal @ common)
             found.append((common + colored)[..., 0].T)

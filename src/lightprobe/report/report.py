@@ -59,6 +59,7 @@ def report_page(report: Report, folder: Path) -> str:
             *_object_scores(metrics),
             '<h2 id="every-photo">Every photo</h2>',
             table("photo", metrics["photos"], IMAGES | LIGHTS | MAPS, anchors=_anchors(report)),
+            *_verdicts(metrics),
         ],
     )
 
@@ -92,6 +93,24 @@ def _photos(report: Report, folder: Path) -> list[str]:
 
 def _anchors(report: Report) -> dict[str, str]:
     return {name: anchor(place) for place, name in enumerate(report.pictures)}
+
+
+def _verdicts(metrics: dict[str, Any]) -> list[str]:
+    """Return what is wrong with photos: those that no light explains well, and those that are not scored."""
+    doubts = {name: verdict["sentences"] for name, verdict in metrics.get("verdicts", {}).get("photos", {}).items()}
+    doubtful = {name: " ".join(sentences) for name, sentences in doubts.items() if sentences}
+    parts = []
+    if doubts:
+        parts += ['<h2 id="verdicts">Verdicts</h2>', f"<p>Doubtful: {len(doubtful)} of {len(doubts)} photos.</p>"]
+        parts.append(_sentences(doubtful))
+    if skipped := metrics.get("skipped", {}):
+        parts += ["<h2>Not scored</h2>", _sentences(skipped)]
+    return parts
+
+
+def _sentences(by_photo: dict[str, str]) -> str:
+    items = (f"<li><b>{html.escape(name)}</b>: {html.escape(text)}</li>" for name, text in by_photo.items())
+    return f"<ul>{''.join(items)}</ul>" if by_photo else ""
 
 
 def _object_scores(metrics: dict[str, Any]) -> list[str]:

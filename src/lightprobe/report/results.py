@@ -82,8 +82,8 @@ _LIGHT_NOTE = (
     "light, PSNR of its pixels, raw and after one factor per channel. Diffuse, matte, mirror: three-sphere si-RMSE and "
     "mean angle. Log-RMSE of radiance by solid angle, raw, after one factor, after one per channel; brightest: over "
     "the brightest percent of the true light's solid angle alone, raw and after the whole map's one factor. *True "
-    "object*: the scene's own mesh and material in place of the reconstructed ones; the learned methods keep the run's "
-    "model."
+    "object*: the scene's own mesh and material in place of the reconstructed ones; the learned methods keep the model "
+    "of the training that the last table names for these rows, which can be an earlier one than the run's."
 )
 _PUBLISHED_NOTE = (
     "The three spheres (si-RMSE and mean angle) in the mean of all scenes whose true lights are known, beside "

@@ -44,7 +44,7 @@ def summary_tables(metrics: dict[str, Any]) -> list[SummaryTable]:
 def summary_lines(evaluation: Evaluation) -> list[str]:
     """Return the scores of the asset, the count of doubtful photos and the check of the confidence."""
     metrics = evaluation.to_json()
-    found = {heading: evaluation.truth[name] for name, heading in OBJECT.items() if name in evaluation.truth}
+    found = {heading: metrics["mean"][name] for name, heading in OBJECT.items() if name in metrics["mean"]}
     lines = ["The object against ground truth; relighting is under known novel lights:"] if found else []
     lines += [f"  {heading.name}: {heading.text(value)}" for heading, value in found.items()]
     lines.append(f"Photos whose verdict is doubtful: {metrics['verdicts']['doubtful']} of {len(metrics['photos'])}")

@@ -32,7 +32,14 @@ def run_bench(options: BenchOptions, run_command: RunCommand, say: Say = print) 
     _check(options)
     benchmark = Benchmark(options, pages.records, run_command, say)
     found = _found(options.scenes, options.data, say)
-    for piece in _pieces(benchmark, found, options.steps, options.paper_iterations):
+    pieces = _pieces(benchmark, found, options.steps, options.paper_iterations)
+    if not pieces:
+        raise ConfigError(
+            f"--steps {' '.join(options.steps)} has nothing to do: seeds need a second one of --seeds, losses the "
+            f"scene {LOSSES_SCENE}, lessons another preset than paper."
+        )
+    benchmark.check(tuple(found), options.steps, options.paper_iterations)
+    for piece in pieces:
         piece()
         pages.write(options.scenes)
     pages.name()
@@ -44,8 +51,8 @@ def run_bench(options: BenchOptions, run_command: RunCommand, say: Say = print) 
 def write_pages(options: BenchOptions, say: Say = print) -> "Pages":
     """Write the pages from the records alone and return them; raise `ConfigError` where there are none."""
     pages = Pages(options, say)
-    if not pages.records.is_dir():
-        raise ConfigError(f"There is no folder {pages.records}; tell where the records are with --records DIR.")
+    if not pages.records.is_dir() or not read_records(pages.records):
+        raise ConfigError(f"There is no record in {pages.records}; tell where the records are with --records DIR.")
     pages.write(())
     pages.name()
     return pages
@@ -126,10 +133,13 @@ def _check(options: BenchOptions) -> None:
         raise ConfigError("--seeds must be one number or more, none negative and none twice.")
     if counts and (len(counts) != 2 or min(counts) < 1):
         raise ConfigError("--paper-iterations must be two numbers of 1 or more: steps of Phase I and of Phase II.")
-    if Step.PAPER in steps and set(steps) != set(Step) and not counts:
-        raise ConfigError("--steps paper needs --paper-iterations I II; the paper's own are 40000 30000.")
-    if options.preset is Preset.PAPER and (options.hdri is not None or counts):
-        given = "--hdri" if options.hdri is not None else "--paper-iterations"
+    if options.slow_photos < 1:
+        raise ConfigError(f"--slow-photos cannot be {options.slow_photos}; what is slow is known after one photo.")
+    own_paper = Step.PAPER in steps and set(steps) != set(Step)
+    if options.preset is Preset.PAPER and (options.hdri is not None or counts or own_paper):
+        given = "--hdri" if options.hdri is not None else "--paper-iterations" if counts else "--steps paper"
         raise ConfigError(f"{given} changes nothing with --preset paper, all of whose runs are the paper's.")
+    if own_paper and not counts:
+        raise ConfigError("--steps paper needs --paper-iterations I II; the paper's own are 40000 30000.")
     if options.hdri is not None:
         environment_files(options.hdri)

@@ -3,24 +3,22 @@
 A piece is the words of a command, as a record tells them and a person could type them. Who runs them is told.
 """
 
-import re
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from lightprobe.core.config import Preset, settings
+from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.files import read_json, write_json
+from lightprobe.core.files import read_json, remove, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
 from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
 from lightprobe.report.records import Kind, Record
-from lightprobe.report.run_info import fitted_preset, read_phases
-from lightprobe.runs.stages import TRAINED, is_learnt
+from lightprobe.runs.bench_runs import check_trained, is_finished, paper_options, share_phase_one
+from lightprobe.runs.stages import TRAINED
 
 LOSSES_SCENE = "chair"
 PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II on photos alone, without the network
@@ -100,30 +98,28 @@ class Benchmark:
 
     def scene(self, name: str, folder: Path) -> None:
         """Train a scene, unless its run is finished, and evaluate it with its own and the true object."""
-        record, run = self._record(name, Kind.RUN), RunFolder(self.runs / name)
-        if not self._train(record, run, folder, ("--preset", self.preset.value)):
+        record, run, options = self._own(name)
+        if not self._train(record, run, folder, options):
             return
         score = ("eval", str(run.path), "--scene", str(folder), "--slow", "--slow-photos", str(self.slow_photos))
         self._score(record, score, run, run.metrics_file)
         if run.oracle.asset_file.is_file():  # the evaluation has found the true object
             oracle = self._record(name, Kind.ORACLE)
+            self._forget_other_model(oracle, self._kept(record))
             self._score(oracle, (*score, "--oracle-asset"), run, run.oracle.metrics_file)
 
     def seed(self, name: str, folder: Path, seed: int) -> None:
         """Train a scene once more with another seed and evaluate the default method."""
-        own, record = self._kept(self._record(name, Kind.RUN)), self._record(name, Kind.SEED, seed=seed)
+        own, (record, run, options) = self._scored(name, f"seed {seed}"), self._seeded(name, seed)
         if own is None or self._done(record):  # whose default method it is
             return
-        run = RunFolder(self.runs / f"{name}.seed{seed}")
-        if self._train(record, run, folder, ("--preset", self.preset.value)):
+        if self._train(record, run, folder, options):
             score = ("eval", str(run.path), "--scene", str(folder), "--methods", own.metrics["default_method"])
             self._score(record, score, run, run.metrics_file)
 
     def paper(self, name: str, folder: Path, first: int, second: int) -> None:
         """Train a scene with the paper's settings and so many of its iterations, and evaluate the paper's method."""
-        options, iterations = paper_options(first, second)
-        record = self._record(name, Kind.PAPER, preset=Preset.PAPER, iterations=iterations)
-        run = RunFolder(self.runs / f"{name}.paper")
+        record, run, options = self._by_the_paper(name, first, second)
         if not self._done(record) and self._train(record, run, folder, options):
             score = ("eval", str(run.path), "--scene", str(folder), "--methods", PAPER_METHOD)
             self._score(record, score, run, run.metrics_file)
@@ -131,7 +127,7 @@ class Benchmark:
     def lessons(self, kind: str, name: str, folder: Path) -> None:
         """Train another Phase II on a scene's Phase I, with the lessons `kind`, and evaluate what depends on it."""
         record, where = self._record(name, Kind.LESSONS, label=kind), ("--scene", str(folder))
-        if self._kept(self._record(name, Kind.RUN)) is None:  # it has the rows to compare with
+        if self._scored(name, f"lessons {kind}") is None:  # it has the rows to compare with
             return
         run = self._variant(record, (*where, *self.all_lessons[kind]))
         if run is not None:
@@ -145,6 +141,46 @@ class Benchmark:
         if run is not None:
             score = ("eval", str(run.path), *where, "--methods", PAPER_METHOD, "--no-unseen")
             self._score(record, score, run, run.metrics_file)
+
+    def check(self, names: Sequence[str], steps: Sequence[Step], paper_iterations: tuple[int, ...]) -> None:
+        """Raise `ConfigError` for records and finished runs of the scenes `names` that were made otherwise."""
+        planned = []
+        for name in names:
+            planned += [self._own(name)] if Step.RUN in steps else []
+            planned += [self._by_the_paper(name, *paper_iterations)] if Step.PAPER in steps and paper_iterations else []
+            planned += [self._seeded(name, seed) for seed in self.seeds[1:]] if Step.SEEDS in steps else []
+        for record, run, options in planned:
+            if self._kept(record) is None and is_finished(run):
+                check_trained(run, (*options, "--seed", str(record.seed)))
+
+    def _own(self, name: str) -> tuple[Record, RunFolder, tuple[str, ...]]:
+        """Return the record of a scene's run that is still to be made, the run, and the options of its training."""
+        return self._record(name, Kind.RUN), RunFolder(self.runs / name), ("--preset", self.preset.value)
+
+    def _seeded(self, name: str, seed: int) -> tuple[Record, RunFolder, tuple[str, ...]]:
+        """Return the same of its run with another seed."""
+        run = RunFolder(self.runs / f"{name}.seed{seed}")
+        return self._record(name, Kind.SEED, seed=seed), run, ("--preset", self.preset.value)
+
+    def _by_the_paper(self, name: str, first: int, second: int) -> tuple[Record, RunFolder, tuple[str, ...]]:
+        """Return the same of its run with the paper's settings."""
+        options, iterations = paper_options(first, second)
+        record = self._record(name, Kind.PAPER, preset=Preset.PAPER, iterations=iterations)
+        return record, RunFolder(self.runs / f"{name}.paper"), options
+
+    def _scored(self, name: str, piece: str) -> Record | None:
+        """Return the record of a scene's own run, without which the piece is left out, and that is said."""
+        own = self._kept(self._record(name, Kind.RUN))
+        if own is None:
+            self._say(f"SKIPPED {name}, {piece}: the scene's run has no numbers yet; add run to --steps.")
+        return own
+
+    def _forget_other_model(self, oracle: Record, own: Record | None) -> None:
+        """Delete the record of the true object where its maps are those of another training than the run's."""
+        kept = self._kept(oracle)
+        if kept is not None and own is not None and kept.trained != own.trained:
+            self._say(f"{kept.name} is of the training at {kept.trained}, not {own.trained}, and is made anew.")
+            remove(self.records / f"{kept.name}.json")
 
     def _record(
         self, scene: str, kind: Kind, *, label: str = "", seed: int | None = None, preset: Preset | None = None,
@@ -184,15 +220,18 @@ class Benchmark:
         options = (*options, "--seed", str(record.seed))
         if self._kept(record):
             return True
-        if run.asset_file.is_file() and is_learnt(run):
-            _check_trained(run, options)
+        if is_finished(run):
+            check_trained(run, options)
             return True
         return self._learn(record, run, ("train", str(folder), "-o", str(run.path), *options))
 
     def _variant(self, record: Record, options: Sequence[str]) -> RunFolder | None:
         """Train Phase II anew on a scene's Phase I; return the run, or None if there is nothing to score."""
         source, run = RunFolder(self.runs / record.scene), RunFolder(self.folder / "variants" / record.name)
-        if self._done(record) or not source.asset_file.is_file():
+        if self._done(record):
+            return None
+        if not source.asset_file.is_file():
+            self._say(f"SKIPPED {record.name}: {source.path} has no Phase I; add run to --steps.")
             return None
         share_phase_one(source, run)
         chosen = ("--preset", self.preset.value, "--seed", str(record.seed))
@@ -229,53 +268,3 @@ class Benchmark:
     def _unplaced(self, command: str) -> str:
         places = {"DATA": self.data, "RUNS": self.runs, "FOLDER": self.folder}
         return without_places(command, places if self.hdri is None else {**places, "HDRI": self.hdri})
-
-
-def _check_trained(run: RunFolder, options: Sequence[str]) -> None:
-    """Raise `ConfigError` unless a finished run was trained with the `options`, names and values in turn, alone.
-
-    Of a run whose settings this version cannot read, the preset is not known, and other settings are not seen.
-    """
-    given = dict(zip(options[::2], options[1::2], strict=True))
-    remedy = "remove it, or choose another with -o or --runs"
-    for option, wanted in given.items():
-        section, _, key = option.removeprefix("--").replace("-", "_").rpartition(".")
-        if key == "preset":
-            found = {fitted_preset(run).value}
-        else:
-            found = {str(run.config(name).get(key)) for name in ([section] if section else ("decompose", "distill"))}
-        if found != {wanted}:
-            told = " and ".join(sorted(found))
-            raise ConfigError(f"{run.path} was trained with {option} {told}, not {wanted}; {remedy}.")
-    asked = {f"{option} {value}" for option, value in given.items()}
-    for phase in read_phases(run):
-        for changed in phase.options(given["--preset"]):
-            if changed not in asked:
-                raise ConfigError(f"{run.path} was trained with {changed} as well; {remedy}.")
-
-
-def paper_options(first: int, second: int) -> tuple[tuple[str, ...], str]:
-    """Return the options of a training with the paper's settings and at most so many iterations, and these in words.
-
-    first: of each pass that Phase I has with these settings; second: of Phase II. More than the paper's are cut to its.
-    """
-    paper = settings(Preset.PAPER)
-    passes = {f"pass{i}_iterations": getattr(paper.decompose, f"pass{i}_iterations") for i in (1, 2, 3)}
-    used = {name: (min(first, most), most) for name, most in passes.items() if most}
-    steps = paper.distill.steps
-    options = ["--preset", Preset.PAPER.value]
-    for name, (count, _) in used.items():
-        options += [f"--decompose.{name.replace('_', '-')}", str(count)]
-    options += ["--distill.steps", str(min(second, steps))]
-    phases = [*dict.fromkeys(used.values()), (min(second, steps), steps)]
-    words = [f"{count} of {most}" if count < most else str(most) for count, most in phases]
-    return tuple(options), re.sub(r"(?<=\d\d)(?=\d{3}\b)", " ", " + ".join(words))
-
-
-def share_phase_one(source: RunFolder, run: RunFolder) -> None:
-    """Make `run` a run with the finished Phase I of `source` and no Phase II; an existing one is left alone."""
-    if run.config_file.is_file():
-        return
-    shutil.copytree(source.mesh_folder, run.mesh_folder, dirs_exist_ok=True)
-    shutil.copyfile(source.scene_file, run.scene_file)
-    write_json(run.config_file, {"decompose": source.config("decompose")})

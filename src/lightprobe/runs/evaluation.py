@@ -22,6 +22,7 @@ from lightprobe.evaluation import (
     can_be_oracle,
     evaluate,
     oracle_decomposition,
+    tell_unscored,
 )
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.prediction import Method, methods_for, recorded_config
@@ -153,7 +154,7 @@ class _Subject:
 
     def facts(self) -> dict[str, str]:
         """Return what the report says of the scene and the object, by heading."""
-        verdict = self.decomposition.verdict
+        verdict, calibration = self.decomposition.verdict, self.decomposition.calibration
         return {
             "training photos": str(len(self.scene.train)),
             "test photos": str(len(self.scene.test)),
@@ -161,6 +162,7 @@ class _Subject:
             "textures": f"{self.decomposition.asset.textures.size}²",
             **({} if verdict is None else {"object": verdict.sentence.removeprefix("The object is ")}),
             **({} if self.accuracy is None else {"light": self.accuracy.sentence}),
+            **({} if calibration is None else {"brightness": f"calibrated, {calibration.source}"}),
         }
 
 
@@ -198,10 +200,19 @@ def eval_command(given: EvaluationOptions) -> str:
 
 
 def _true_object(run: RunFolder, decomposition: Decomposition, scene: Scene, *, needed: bool) -> Decomposition | None:
-    """Return the scene's true object, made once and kept in the run, or None where the scene does not bring it."""
+    """Return the scene's true object, made once and kept in the run, or None where the scene does not bring it.
+
+    One that cannot be used costs a warning, unless it is `needed`.
+    """
     if not needed and not can_be_oracle(scene):
         return None
-    return oracle_decomposition(decomposition, scene, run.oracle.asset_file)
+    try:
+        return oracle_decomposition(decomposition, scene, run.oracle.asset_file)
+    except InputError as error:
+        if needed:
+            raise
+        tell_unscored(error)
+        return None
 
 
 def _made() -> dict[str, str]:

@@ -8,8 +8,9 @@ from lightprobe.core.config.prediction import Method, Sun
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import read_json, write_bytes
 from lightprobe.core.run import RunFolder
-from lightprobe.export.light_file import PhotoFacts, light_file, write_light_file
+from lightprobe.export.light_file import PhotoFacts, write_light_file
 from lightprobe.imaging import image_size, write_mask
+from lightprobe.light.files import light_file
 from lightprobe.prediction import Prediction, methods_for
 from lightprobe.runs.loaded import LoadedRun, LoadedRuns
 from lightprobe.runs.locations import LocationFiles
