@@ -166,6 +166,9 @@ def test_what_an_evaluation_cannot_use_is_told_before_it_begins(tmp_path, capsys
     (tmp_path / "folder.json").mkdir()
     for output in ("numbers.txt", "folder.json"):
         fails(["eval", run.path, "-o", tmp_path / output], capsys, [output, "ends in .json"])
+    kept = run.config_file.read_bytes()
+    fails(["eval", run.path, "-o", run.config_file], capsys, ["is a file of the run"])
+    assert run.config_file.read_bytes() == kept
     fails(["eval", run.path, "--slow-photos", "0"], capsys, ["--slow-photos cannot be 0"])
 
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from lightprobe.cli.main import COMMANDS, main
+from lightprobe.cli.main import COMMANDS, chosen_preset, main
 from lightprobe.imaging import write_exr
 from lightprobe.scene.camera import Camera
 from tests.cli.commands import succeed
@@ -94,6 +94,12 @@ def test_commands_of_two_words_are_listed_and_a_wrong_one_is_told(capsys):
     assert main(["fleet", "pridect", "--json"]) == 2
     assert "no command 'fleet pridect'" in json.loads(capsys.readouterr().out)["error"]
     assert main(["fleet"]) == 2
+
+
+def test_the_last_preset_counts():
+    assert chosen_preset(["scene"]) == "quick"
+    assert chosen_preset(["--preset", "paper", "--preset=standard"]) == "standard"
+    assert chosen_preset(["--preset=paper", "--preset", "quick"]) == "quick"
 
 
 def test_help_shows_the_values_of_the_chosen_preset(capsys):

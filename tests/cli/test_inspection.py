@@ -33,6 +33,10 @@ def test_a_scene_with_cameras_gets_its_sheet(tmp_path, capsys):
     succeed("inspect", write_nerd(tmp_path / "scene", views(18)), "-o", tmp_path / "s.png")
     assert (tmp_path / "s.png").exists()
     assert "no problems" in capsys.readouterr().out
+    photo = min((tmp_path / "scene").rglob("*.png"))
+    kept = photo.read_bytes()
+    fails(["inspect", tmp_path / "scene", "-o", photo], capsys, [photo.name, "would be replaced"])
+    assert photo.read_bytes() == kept
 
 
 def test_a_run_is_no_folder_of_photos(tmp_path, capsys):

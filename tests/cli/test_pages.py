@@ -46,6 +46,15 @@ def test_compare_writes_a_page_and_prints_the_differences(tmp_path, capsys):
     assert answer["page"] == str(tmp_path / "page.html")
     assert answer["methods"][0]["scores"]["psnr_masked"]["difference"] == 1.5
     fails(["compare", old.path, new.path, "-o", tmp_path / "page.txt"], capsys, ["name it .html"])
+    fails(["compare", old.path, new.path, "-o", new.report_file], capsys, ["index.html would be replaced"])
+
+
+def test_a_difference_over_one_photo_has_no_interval(tmp_path, capsys):
+    runs = [evaluated_run(tmp_path / name, {"a": value}).path for name, value in (("old", 20.0), ("new", 21.0))]
+    succeed("compare", *runs, "-o", tmp_path / "page.html")
+    printed = capsys.readouterr().out
+    assert "+1.00" in printed
+    assert "nan" not in printed
 
 
 def test_a_gallery_needs_nothing_outside_of_its_folder(tmp_path, capsys):
@@ -67,6 +76,8 @@ def test_a_gallery_of_nothing_or_onto_a_file_is_refused(tmp_path, capsys):
     (tmp_path / "file").write_text("mine")
     fails(["gallery", run.path, "-o", tmp_path / "file"], capsys, ["is a file"])
     fails(["gallery", tmp_path, "-o", tmp_path / "gallery"], capsys, ["is not a run folder"])
+    fails(["gallery", run.path, "-o", run.path / "pages"], capsys, ["belongs to the run"])
+    fails(["gallery", run.path, "-o", tmp_path], capsys, ["holds other files than a gallery"])
     assert not (tmp_path / "gallery").exists()
 
 

@@ -77,6 +77,15 @@ def test_elsewhere_lines_go_to_standard_error(monkeypatch, capsys, config):
     assert printed.out == ""
 
 
+def test_the_time_left_waits_for_a_second_step_and_may_be_hours(monkeypatch, capsys):
+    now = iter([0.0, 20.0, 20.0, 20.0, 56.0, 56.0, 56.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(now))
+    with lightprobe.Meter() as meter:
+        meter.update("pass 1", 1, 401)
+        meter.update("pass 1", 2, 401)
+    assert capsys.readouterr().err == "pass 1: 1 of 401\npass 1: 2 of 401, 3:59:24 left\n"
+
+
 @pytest.mark.parametrize(("variable", "colored"), [("FORCE_COLOR", True), ("NO_COLOR", False)])
 def test_a_terminal_has_a_bar_with_colours_unless_they_are_not_wanted(monkeypatch, capsys, variable, colored):
     for name, value in (("TERM", "xterm-256color"), ("TTY_COMPATIBLE", "1"), (variable, "1")):

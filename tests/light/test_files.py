@@ -9,7 +9,15 @@ import pytest
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap
-from lightprobe.light.files import check_map_name, environment_files, panorama, plane, write_map, write_plane
+from lightprobe.light.files import (
+    check_map_name,
+    environment_files,
+    light_file,
+    panorama,
+    plane,
+    write_map,
+    write_plane,
+)
 
 MAGIC = {".exr": b"\x76\x2f\x31\x01", ".hdr": b"#?RADIANCE"}
 
@@ -51,6 +59,18 @@ def test_the_suffix_chooses_the_format(tmp_path: Path, name: str) -> None:
     write_map(tmp_path / name, image)
     assert (tmp_path / name).read_bytes().startswith(MAGIC[name[-4:].lower()])
     assert read_hdr(tmp_path / name) == pytest.approx(image, rel=0.01)
+
+
+def test_what_was_told_of_an_older_map_goes_and_of_the_other_format_stays(tmp_path: Path) -> None:
+    image = np.ones((1, 2, 3), np.float32)
+    for name in ("light.exr", "light.hdr"):
+        write_map(tmp_path / name, image)
+    facts = light_file(tmp_path / "light.exr")
+    facts.write_text('{"map": {"file": "light.exr", "sun": "separate"}}')
+    write_map(tmp_path / "light.hdr", image)
+    assert facts.is_file()
+    write_map(tmp_path / "light.exr", image)
+    assert not facts.exists()
 
 
 @pytest.mark.parametrize("name", ["light.png", "light", "exr", "light.exr.gz"])

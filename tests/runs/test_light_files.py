@@ -9,10 +9,10 @@ import torch
 
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import InputError
-from lightprobe.export.light_file import other_map, write_sources
+from lightprobe.export.light_file import write_sources
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import light_file, write_map
+from lightprobe.light.files import light_file, other_map, write_map
 from lightprobe.light.sources import LightSource
 from lightprobe.models.calibration import Calibration
 from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light
@@ -77,6 +77,7 @@ def test_whose_light_file_would_be_replaced(sky):
     write_sources(other, 64, LAMPS, Sun.SEPARATE)
     assert other_map(sky) is None  # that map is not there
     Environment.load(sky).save(other)
+    write_sources(other, 64, LAMPS, Sun.SEPARATE)
     assert other_map(sky) == other
     assert other_map(other) is None
 

@@ -62,7 +62,7 @@ def test_a_copy_of_a_photo_is_known_by_its_content(tmp_path):
     assert distance(read_camera(tmp_path / "scene.json", tmp_path / "gone" / "test" / "a.png")) == 4.0
     (tmp_path / "mine.png").write_bytes((tmp_path / "gone" / "train" / "a.png").read_bytes())
     assert distance(read_camera(tmp_path / "scene.json", tmp_path / "mine.png")) == 3.0
-    with pytest.raises(InputError, match="not exactly one for a"):
+    with pytest.raises(InputError, match=r"holds 2 cameras \(a, a\), not exactly one for a"):
         read_camera(tmp_path / "scene.json", Path("a"))
 
 

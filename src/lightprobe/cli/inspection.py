@@ -6,6 +6,7 @@ from typing import Annotated, Any
 from lightprobe.cli.answer import say
 from lightprobe.cli.options import SceneArg, option
 from lightprobe.core.errors import ConfigError, InputError, printable
+from lightprobe.core.files import refuse_replacing
 from lightprobe.scene.inspect import Inspection, PhotoReport
 from lightprobe.scene.inspect import inspect as examine
 from lightprobe.scene.overlay import write_overlay_sheet
@@ -43,6 +44,7 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
     say("\n".join(found.lines()), **_values(found), **values)
     if found.photos:
         sheet = output or Path(f"{found.root.name}-overlay.png")
+        refuse_replacing([sheet], found.files)
         write_overlay_sheet(found, sheet)
         say(printable(f"sheet    {sheet}"), sheet=sheet)
     _stop_at(scene, found.problems)

@@ -167,10 +167,14 @@ def command_function(name: str, arguments: Sequence[str] = ()) -> tuple[Callable
 
 
 def chosen_preset(arguments: Sequence[str]) -> str:
-    """Return the value of `--preset` before the rest is read: the defaults of all other options depend on it."""
+    """Return the value of `--preset` before the rest is read: the defaults of all other options depend on it.
+
+    Given twice, the last one counts, as of every option.
+    """
+    chosen = "quick"
     for i, argument in enumerate(arguments):
         if argument == "--preset" and i + 1 < len(arguments):
-            return arguments[i + 1]
-        if argument.startswith("--preset="):
-            return argument.partition("=")[2]
-    return "quick"
+            chosen = arguments[i + 1]
+        elif argument.startswith("--preset="):
+            chosen = argument.partition("=")[2]
+    return chosen

@@ -79,7 +79,7 @@ class _Bar:
 
 
 class _Clock:
-    """Says how long each stage will still take, from the steps since it was first heard of."""
+    """Says how long each stage will still take, from the steps since it was first heard of; nothing before."""
 
     def __init__(self) -> None:
         self._started: dict[str, tuple[float, int]] = {}
@@ -87,7 +87,9 @@ class _Clock:
     def left(self, stage: str, done: int, total: int) -> str:
         now = time.monotonic()
         start, first = self._started.setdefault(stage, (now, done))
-        return clock((now - start) / max(done - first, 1) * (total - done))
+        if done == first < total:
+            return ""
+        return f", {clock((now - start) / max(done - first, 1) * (total - done))} left"
 
 
 class _Lines:
@@ -101,7 +103,7 @@ class _Lines:
         left = self._clock.left(stage, done, total)
         if done == total or time.monotonic() - self._spoken >= _QUIET_SECONDS:
             self._spoken = time.monotonic()
-            print(f"{stage}: {done} of {total}, {left} left {note}".rstrip(), file=sys.stderr, flush=True)
+            print(f"{stage}: {done} of {total}{left} {note}".rstrip(), file=sys.stderr, flush=True)
 
     def close(self) -> None: ...
 
@@ -117,7 +119,7 @@ class _Cell:
         self._shown = 0.0
 
     def update(self, stage: str, done: int, total: int, note: str) -> None:
-        words = f"{done} of {total}, {self._clock.left(stage, done, total)} left {note}".rstrip()
+        words = f"{done} of {total}{self._clock.left(stage, done, total)} {note}".rstrip()
         bar = f'<progress value="{done}" max="{total}"></progress>'
         self._lines[stage] = f"<div>{html.escape(stage)} {bar} {html.escape(words)}</div>"
         if done == total or time.monotonic() - self._shown >= _CELL_SECONDS:

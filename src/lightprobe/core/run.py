@@ -195,7 +195,7 @@ class RunFolder:
             if alone:
                 raise ConfigError(
                     f"{self.path} was started by another version of lightprobe, whose settings of {phase} are others "
-                    f"({alone}): choose another run folder with -o, or start over with --restart."
+                    f"({alone}): choose another run folder, or start over with --restart."
                 )
             self._check_same(stored[phase], plain(config), phase, "use the same options to go on")
         else:
@@ -237,7 +237,7 @@ class RunFolder:
             key, old, new = difference
             raise ConfigError(
                 f"{self.path} was started with {key} = {old}, not {new}: {hint}, "
-                "choose another run folder with -o, or start over with --restart."
+                "choose another run folder, or start over with --restart."
             )
 
     # ---- metrics and log

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 from lightprobe.core.config.prediction import Sun
-from lightprobe.core.files import remove
 from lightprobe.imaging import write_png
 from lightprobe.light.display import exposure, tone_mapped
-from lightprobe.light.files import light_file, write_map
+from lightprobe.light.files import write_map
 from lightprobe.prediction import Prediction
 
 
@@ -15,10 +14,8 @@ def write_prediction(
 ) -> None:  # fmt: skip
     """Write `path` (.exr or .hdr), and beside it the tone-mapped .png and the .confidence.exr.
 
-    `height` and `sun` as in `Prediction.save`. A .light.json of the map that was there goes, which may tell of suns
-    that the new one has in it.
+    `height` and `sun` as in `Prediction.save`.
     """
-    remove(light_file(path))
     image = prediction.map(sun).panorama(height)
     write_map(path, image)
     write_png(path.with_suffix(".png"), tone_mapped(image, exposure(image)))

@@ -15,7 +15,7 @@ from lightprobe.core.files import read_json, write_json
 from lightprobe.imaging import LUMA
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import light_file
+from lightprobe.light.files import light_file, tells_of
 from lightprobe.light.sources import MOST, LightSource
 from lightprobe.light.spherical_harmonics import BASIS, WINDOW, harmonics
 from lightprobe.models.calibration import Calibration
@@ -72,28 +72,6 @@ def write_sources(
     write_json(light_file(map_path), _map_and_sources(map_path, map_height, sources, sun, copies))
 
 
-def other_map(map_path: Path) -> Path | None:
-    """Return the map in another format that the JSON beside `map_path` is of, if it is there; else None.
-
-    A JSON that cannot be read is nobody's.
-    """
-    try:
-        told = read_json(light_file(map_path))["map"]
-        other = map_path.with_name(Path(told["file"]).name)
-        return None if _is_of(told, map_path) or not other.is_file() else other
-    except (InputError, KeyError, TypeError, ValueError, AttributeError):
-        return None
-
-
-def _is_of(told: dict[str, Any], map_path: Path) -> bool:
-    """Return whether a JSON's "map" is the one at `map_path`: NAME.exr and NAME.hdr share NAME.light.json.
-
-    One that was renamed together with its map is still of it.
-    """
-    name = str(told.get("file", map_path.name))
-    return Path(name).stem != map_path.stem or map_path.name in (name, *told.get("copies", []))
-
-
 def _map_and_sources(
     map_path: Path, rows: int, sources: Sequence[LightSource], sun: Sun, copies: Sequence[str] = ()
 ) -> dict[str, Any]:
@@ -125,7 +103,7 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         given = value["sources"]
         if not isinstance(given, list) or len(given) > MOST:
             raise ValueError(f"not a list of at most {MOST}")
-        if not _is_of(value["map"], map_path):
+        if not tells_of(value["map"], map_path):
             return None
         return tuple(LightSource.from_json(one) for one in given), Sun(value["map"]["sun"])
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -141,7 +119,7 @@ def is_calibrated(map_path: Path) -> bool | None:
     """
     try:
         value = read_json(light_file(map_path))
-        return value["calibration"] is not None if _is_of(value["map"], map_path) else None
+        return value["calibration"] is not None if tells_of(value["map"], map_path) else None
     except (InputError, KeyError, TypeError, ValueError, AttributeError):
         return None
 

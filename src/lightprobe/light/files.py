@@ -1,11 +1,13 @@
 """Names of environment files, and equirectangular maps written to them; `light.environment` reads them."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from torch import Tensor
 
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
+from lightprobe.core.files import read_json, remove
 from lightprobe.imaging import write_exr, write_radiance
 from lightprobe.light import equirect
 
@@ -28,6 +30,28 @@ def light_file(map_path: Path) -> Path:
     return map_path.with_name(map_path.stem + _FACTS)
 
 
+def other_map(map_path: Path) -> Path | None:
+    """Return the map in another format that the JSON beside `map_path` is of, if it is there; else None.
+
+    A JSON that cannot be read is nobody's.
+    """
+    try:
+        told = read_json(light_file(map_path))["map"]
+        other = map_path.with_name(Path(told["file"]).name)
+        return None if tells_of(told, map_path) or not other.is_file() else other
+    except (InputError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def tells_of(told: dict[str, Any], map_path: Path) -> bool:
+    """Return whether a JSON's "map" is the one at `map_path`: NAME.exr and NAME.hdr share NAME.light.json.
+
+    One that was renamed together with its map is still of it.
+    """
+    name = str(told.get("file", map_path.name))
+    return Path(name).stem != map_path.stem or map_path.name in (name, *told.get("copies", []))
+
+
 def panorama(cube: Tensor) -> np.ndarray:
     """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32 in the convention of the files."""
     return equirect.from_cubemap(cube, 2 * cube.shape[1]).detach().cpu().numpy()
@@ -36,11 +60,14 @@ def panorama(cube: Tensor) -> np.ndarray:
 def write_map(path: Path, image: np.ndarray) -> None:
     """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
 
+    A .light.json of the map that was there goes first: it may tell of suns that the new one has in it, or has not.
     Raises `ConfigError` for any other suffix, `ConvergenceError` for NaN or infinity, which no other program reads.
     """
     check_map_name(path)
     if not np.isfinite(image).all():
         raise ConvergenceError(f"The light for {path} holds NaN or infinity, so it is not written; train the run anew.")
+    if other_map(path) is None:
+        remove(light_file(path))
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 
 

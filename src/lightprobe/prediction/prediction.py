@@ -51,7 +51,8 @@ class Prediction:
     ) -> None:  # fmt: skip
         """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has a path.
 
-        height: rows of the map, by default 2R of the environment's R. sun: what becomes of its suns and lamps.
+        height: rows of the map, by default 2R of the environment's R. sun: what becomes of its suns and lamps; those
+        that are left out of the map are in `split.sources` and in no file (`lightprobe predict` lists them in one).
         Raises `ConfigError` for other names, before anything is written.
         """
         path, confidence = Path(path), None if confidence is None else Path(confidence)

@@ -30,7 +30,8 @@ def gallery_page(reports: dict[str, Report], title: str = "lightprobe: runs") ->
             order_list("runs", list(means.values())),
             f'<div id="runs" class="cards">{"".join(cards)}</div>',
             "<h2>Means over each run's test photos</h2>",
-            "<p>By each run's default method. A click on a heading sorts.</p>",
+            "<p>By the method that each card names: the run's default, unless it was evaluated with others alone. A "
+            "click on a heading sorts.</p>",
             table("run", means, IMAGES | LIGHTS | OBJECT, anchors=anchors),
         ],
     )

@@ -81,6 +81,8 @@ def evaluate_run(
     if output is not None and (output.suffix.lower() != ".json" or output.is_dir()):  # told now, not when all is done
         raise ConfigError(f"Cannot write the numbers as '{output}': name a file that ends in .json.")
     run, where, given = RunFolder.open(Path(run_folder)), resolve_device(device), options or EvaluationOptions()
+    if output is not None and _is_of_the_run(output, run):
+        raise ConfigError(f"{output} is a file of the run, and would be replaced; give another name with -o.")
     with writing(run):
         subject = _Subject.load(run, given, scene_folder, where)
         numbers, page = destination(subject.out, subject.methods, subject.default)
@@ -101,6 +103,16 @@ def evaluate_run(
         if output is not None:
             write_json(output, metrics)
     return EvaluatedRun(result, numbers, page, subject.out.metrics_file, subject.default)
+
+
+def _is_of_the_run(file: Path, run: RunFolder) -> bool:
+    """Return whether a file is in the run's folder and holds no numbers of an evaluation."""
+    if not file.is_file() or run.path.resolve() not in file.resolve().parents:
+        return False
+    try:
+        return "default_method" not in read_object(file, _REMEDY)
+    except InputError:
+        return True
 
 
 @dataclass(frozen=True)

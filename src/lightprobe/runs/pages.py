@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
-from lightprobe.core.files import is_file_name, shell_word, write_bytes
+from lightprobe.core.files import is_file_name, refuse_replacing, shell_word, write_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.report import write_report
 from lightprobe.report.comparison import Comparison, comparison_page
@@ -32,6 +32,7 @@ def compare_runs(run_folder: Path | str, other_folder: Path | str, page: Path) -
         raise ConfigError(f"Cannot write the page as '{page.name}': name it .html.")
     names = _names([Path(run_folder), Path(other_folder)])
     runs = [RunFolder.open(Path(folder)) for folder in (run_folder, other_folder)]
+    refuse_replacing([page], [run.report_file for run in runs])
     first, second = (read_report(run) for run in runs)
     found = Comparison((names[0], names[1]), (first, second))
     known, others = (_test_photos(run) for run in runs)
@@ -56,7 +57,7 @@ def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, 
     """Write folder/index.html, a card for each run, and folder/NAME/index.html, its report; return them by name.
 
     The pages need nothing outside of the folder: the reports' links to the files of the runs are left out.
-    Raises `InputError` for a run that was not evaluated, `ConfigError` for none.
+    Raises `InputError` for a run that was not evaluated, `ConfigError` for none and for a folder of other files.
     """
     if not run_folders:
         raise ConfigError("No run is named: lightprobe gallery RUN... -o DIR.")
@@ -64,10 +65,22 @@ def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, 
         raise ConfigError(f"{folder} is a file; give a folder for the gallery with -o.")
     runs = [Path(run) for run in run_folders]
     reports = dict(zip(_names(runs), [read_report(RunFolder.open(run)) for run in runs], strict=True))
+    _refuse_folder(folder, runs)
     for name, report in reports.items():
         write_report(folder / name / "index.html", report)
     write_bytes(folder / "index.html", gallery_page(reports).encode())
     return reports
+
+
+def _refuse_folder(folder: Path, runs: Sequence[Path]) -> None:
+    """Raise `ConfigError` for a folder whose files the gallery's pages would mix with: those of a run, or others."""
+    place = folder.resolve()
+    owner = next((run for run in runs if run.resolve() in (place, *place.parents)), None)
+    if owner is not None:
+        raise ConfigError(f"{folder} belongs to the run {owner}; give another folder for the gallery with -o.")
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(".")} if folder.is_dir() else set()
+    if names and "index.html" not in names:
+        raise ConfigError(f"{folder} holds other files than a gallery; give another folder with -o.")
 
 
 def _names(runs: Sequence[Path]) -> list[str]:

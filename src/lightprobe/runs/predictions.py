@@ -17,8 +17,8 @@ from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import refuse_replacing, remove
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import write_prediction
-from lightprobe.export.light_file import PhotoFacts, other_map, write_light_file
-from lightprobe.light.files import light_file
+from lightprobe.export.light_file import PhotoFacts, write_light_file
+from lightprobe.light.files import light_file, other_map
 from lightprobe.prediction import Prediction, Predictor, check_names, methods_for
 from lightprobe.prediction.verdict import tells_nothing
 from lightprobe.runs.loaded import LoadedRun

@@ -15,6 +15,7 @@ def silent(stage: str, done: int, total: int, note: str = "") -> None:
 
 
 def clock(seconds: float) -> str:
-    """Return a duration as minutes:seconds."""
+    """Return a duration as minutes:seconds, from an hour on as hours:minutes:seconds."""
     whole = round(seconds)
-    return f"{whole // 60}:{whole % 60:02d}"
+    minutes, rest = divmod(whole, 60)
+    return f"{minutes}:{rest:02d}" if minutes < 60 else f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"

@@ -55,6 +55,7 @@ class Inspection:
     problems: tuple[str, ...]
     hints: tuple[str, ...]
     encodings: str = ""  # colour encodings that are converted, with how many photos have each
+    files: tuple[Path, ...] = ()  # photos and masks
 
     @property
     def mean_iou(self) -> float | None:
@@ -104,6 +105,7 @@ def inspect(path: Path) -> Inspection:
         tuple(problems.messages),
         tuple(_hints(reading, photos, alphas)),
         converted_encodings([photo for _, photo in reading.all_photos()]),
+        tuple(p for _, photo in reading.all_photos() for p in (photo.image_path, photo.mask_path) if p is not None),
     )
 
 

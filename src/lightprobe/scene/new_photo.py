@@ -19,6 +19,7 @@ from lightprobe.scene.record import SPLITS
 from lightprobe.scene.transforms import frame_camera
 
 _Entry = dict[str, Any]
+_NAMED = 3  # cameras of a file, in a sentence about it
 
 
 def load_photo(image: Path | str, camera: Path | str, mask: Path | str | None = None) -> tuple[Pixels, Camera]:
@@ -102,11 +103,11 @@ def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: P
                 return same[0]
         if len(entries) == 1:
             return _only(entries[0], image, source)
-    wanted = f"not exactly one for {image}" if image else "this command takes one"
-    some = ", ".join(shown(name) for _, name, _ in entries[:3])
+    wanted = f"not exactly one for {image}" if image else "and this command takes one"
+    some = ", ".join(shown(name) for _, name, _ in entries[:_NAMED]) + (", ..." if len(entries) > _NAMED else "")
     raise InputError(
-        f"{source} holds {len(entries)} cameras ({some}, ...), {wanted}; give a file with the one camera, or name one "
-        "of them where there is an option --frame."
+        f"{source} holds {len(entries)} cameras ({some}), {wanted}; give a file with the one camera, or name one of "
+        "them where there is an option --frame."
     )
 
 
