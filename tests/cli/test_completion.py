@@ -63,6 +63,7 @@ def test_a_limit_is_offered_where_it_is_taken():
         (["fleet", "p"], ["predict"]),
         (["fleet", "predict", "--retry"], ["--retry-failed"]),
         (["fleet", "train", "--preset", ""], ["quick", "standard", "paper"]),
+        (["predict", "--device", ""], ["auto", "cpu", "cuda"]),
         (["predict", "photo"], []),  # left to file names
     ],
 )

@@ -77,9 +77,13 @@ def test_a_path_tracer_makes_the_picture_when_asked(trained, tmp_path):
 
 def test_a_number_of_rays_that_makes_no_picture_is_refused(trained, tmp_path, capsys):
     _, run = trained
-    command = ["relight", run.path, "--env", run.environment_file("train_01"), "-o", tmp_path / "new", "--samples", 0]
-    assert main([str(word) for word in command]) == 3
-    assert "--samples 0 must be from 1 to 65536" in capsys.readouterr().err
+    command = ["relight", run.path, "--env", run.environment_file("train_01"), "-o", tmp_path / "new", "--samples"]
+    for more, told in (
+        ([0, "--renderer", "path"], "--samples 0 must be from 1 to 65536"),
+        ([16], "--samples 16 is for --renderer path"),
+    ):
+        assert main([str(word) for word in [*command, *more]]) == 3
+        assert told in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 

@@ -50,6 +50,13 @@ def test_a_name_is_enough_where_it_is_the_only_one(frames):
     assert distance(read_camera(frames, frames.parent / "scaled" / "b.png")) == 3.0
 
 
+def test_a_name_is_none_of_a_camera_without_one(tmp_path):
+    (tmp_path / "camera.json").write_text(json.dumps(camera_at((3.0, 0.5, 0.2), size=8, focal=9.0).to_json()))
+    assert distance(read_camera(tmp_path / "camera.json")) == 3.0
+    with pytest.raises(InputError, match="one camera, of no named photo; leave out the name 'r_003'"):
+        read_camera(tmp_path / "camera.json", Path("r_003"))
+
+
 def test_a_copy_of_a_photo_is_known_by_its_content(tmp_path):
     """Where other splits have photos of its name, or where its name is another one."""
     photos = {}

@@ -85,7 +85,9 @@ def _options(name: str, hint: Any, prefix: str = "") -> Iterator[Option]:
     names = [f"--{prefix}{name}"]
     if kind is bool and _NO_PAIR not in marks:
         names.append(f"--{prefix}no-{name}")
-    choices = next((_values(part) for part in (kind, *get_args(kind)) if _values(part)), ())
+    shown = getattr(settings, "metavar", None) or ""
+    named = tuple(shown.split("|")) if "|" in shown and shown.islower() else ()  # of text, "auto|cpu|cuda"
+    choices = next((_values(part) for part in (kind, *get_args(kind)) if _values(part)), named)
     yield Option((*names, *aliases), words, choices, takes_value=kind is not bool)
 
 

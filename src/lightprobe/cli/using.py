@@ -10,11 +10,16 @@ from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg, Si
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.config.rendering import RenderConfig, Renderer
+from lightprobe.core.errors import ConfigError
 from lightprobe.light.upsampling import map_height
 from lightprobe.runs.outputs import export_run, relight_run, render_run
 
+_USUAL = RenderConfig()
 _RendererArg = Annotated[Renderer, option(metavar="fast|path", help="What makes the pictures.")]
-_SamplesArg = Annotated[int, option(metavar="N", help="Rays of each pixel that --renderer path traces.")]
+_SamplesArg = Annotated[
+    int | None,
+    option(metavar="N", help=f"Rays of each pixel that --renderer path traces, by default {_USUAL.samples}."),
+]
 
 
 def render(
@@ -27,7 +32,7 @@ def render(
         str | None, option(metavar="NAME", help="Photo whose camera is meant, of a file with many.")
     ] = None,
     renderer: _RendererArg = Renderer.FAST,
-    samples: _SamplesArg = 256,
+    samples: _SamplesArg = None,
     device: Device = "auto",
 ) -> None:
     """Render the object under an environment.
@@ -40,8 +45,15 @@ def render(
       lightprobe render runs/cup --camera transforms_test.json --frame r_003 --env studio.exr -o cup.png
       lightprobe render runs/cup --camera view.json --env studio.exr --renderer path --samples 1024 -o cup.png
     """
-    render_run(run, env, camera, output, frame=frame, device=device, config=RenderConfig(renderer, samples))
+    render_run(run, env, camera, output, frame=frame, device=device, config=_asked(renderer, samples))
     say(f"Picture: {output}", picture=output)
+
+
+def _asked(renderer: Renderer, samples: int | None) -> RenderConfig:
+    """Return how pictures are made; raise `ConfigError` for rays of a renderer that traces none."""
+    if samples is not None and renderer is not Renderer.PATH:
+        raise ConfigError(f"--samples {samples} is for --renderer path; the {renderer.value} one traces no rays.")
+    return RenderConfig(renderer, _USUAL.samples if samples is None else samples)
 
 
 def relight(
@@ -52,7 +64,7 @@ def relight(
     frames: Annotated[int, option(help="Pictures of the turntable.")] = 24,
     side: Annotated[int, option(help="Their size in pixels.")] = 512,
     renderer: _RendererArg = Renderer.FAST,
-    samples: _SamplesArg = 256,
+    samples: _SamplesArg = None,
     device: Device = "auto",
 ) -> None:
     """Render a turntable and the test views under a new environment.
@@ -65,7 +77,7 @@ def relight(
     """
     with Meter() as meter:
         relight_run(
-            run, env, output, frames=frames, side=side, device=device, config=RenderConfig(renderer, samples),
+            run, env, output, frames=frames, side=side, device=device, config=_asked(renderer, samples),
             on_progress=meter.update,
         )  # fmt: skip
     say(f"Pictures: {output}", pictures=output)

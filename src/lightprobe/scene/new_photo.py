@@ -55,6 +55,8 @@ def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | N
         common = {key: setting for key, setting in value.items() if key != "frames"}
         settings = {**common, **_pick(_framed(value["frames"], path), image, path)}
         return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
+    if image is not None and not image.is_file():
+        raise InputError(f"{path} holds one camera, of no named photo; leave out the name '{shown(str(image))}'.")
     return Camera.from_json(value, source=str(path))
 
 
