@@ -167,8 +167,10 @@ def test_what_an_evaluation_cannot_use_is_told_before_it_begins(tmp_path, capsys
     for output in ("numbers.txt", "folder.json"):
         fails(["eval", run.path, "-o", tmp_path / output], capsys, [output, "ends in .json"])
     kept = run.config_file.read_bytes()
-    fails(["eval", run.path, "-o", run.config_file], capsys, ["is a file of the run"])
+    fails(["eval", run.path, "-o", run.config_file], capsys, ["config.json is a file of"])
     assert run.config_file.read_bytes() == kept
+    run.metrics_file.write_text('{"default_method": "solve"}')
+    fails(["eval", run.path, "-o", run.metrics_file], capsys, ["metrics.json is a file of"])
     fails(["eval", run.path, "--slow-photos", "0"], capsys, ["--slow-photos cannot be 0"])
 
 

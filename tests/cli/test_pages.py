@@ -3,8 +3,11 @@
 import json
 import re
 
+import pytest
+
 from lightprobe.cli import pages
 from lightprobe.core.files import write_json
+from lightprobe.runs.pages import write_gallery
 from tests.cli.commands import fails, succeed
 from tests.report.pages import evaluated_run
 
@@ -67,7 +70,7 @@ def test_a_gallery_needs_nothing_outside_of_its_folder(tmp_path, capsys):
     page = (tmp_path / "gallery" / "index.html").read_text()
     assert re.findall(r'href="([^"#]+)"', page) == ["pot/index.html", "pot-2/index.html"]
     assert not re.findall(r'href="([^"#]+)"', (tmp_path / "gallery" / "pot" / "index.html").read_text())
-    assert "2 runs in" in capsys.readouterr().out
+    assert "Runs: 2, in" in capsys.readouterr().out
 
 
 def test_a_gallery_of_nothing_or_onto_a_file_is_refused(tmp_path, capsys):
@@ -78,7 +81,21 @@ def test_a_gallery_of_nothing_or_onto_a_file_is_refused(tmp_path, capsys):
     fails(["gallery", tmp_path, "-o", tmp_path / "gallery"], capsys, ["is not a run folder"])
     fails(["gallery", run.path, "-o", run.path / "pages"], capsys, ["belongs to the run"])
     fails(["gallery", run.path, "-o", tmp_path], capsys, ["holds other files than a gallery"])
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "index.html").write_text("<html>mine")
+    fails(["gallery", run.path, "-o", tmp_path / "site"], capsys, ["holds other files than a gallery"])
+    assert (tmp_path / "site" / "index.html").read_text() == "<html>mine"
     assert not (tmp_path / "gallery").exists()
+
+
+def test_a_gallery_that_was_interrupted_goes_on(tmp_path, monkeypatch):
+    run = evaluated_run(tmp_path / "pot", SCORES)
+    with monkeypatch.context() as cut:
+        cut.setattr("lightprobe.runs.pages.write_report", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            write_gallery([run.path], tmp_path / "gallery")
+    write_gallery([run.path], tmp_path / "gallery")
+    assert (tmp_path / "gallery" / "pot" / "index.html").is_file()
 
 
 def test_photos_of_one_name_that_are_not_the_same_are_told(tmp_path, capsys):

@@ -47,7 +47,9 @@ def test_a_map_has_its_picture_and_its_confidence_beside_it(
 
 
 def test_what_was_told_of_an_older_map_goes(tmp_path: Path) -> None:
-    light_file(tmp_path / "a.exr").write_text('{"map": {"sun": "separate"}}')
+    light_file(tmp_path / "a.exr").write_text(
+        '{"format": "lightprobe light", "map": {"file": "a.exr", "sun": "separate"}}'
+    )
     write_prediction(prediction(), tmp_path / "a.exr")
     assert not light_file(tmp_path / "a.exr").exists()
 

@@ -1,5 +1,6 @@
 """Files of environments: which of a folder are taken, how a light is laid out in them, and what is refused."""
 
+import json
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap
 from lightprobe.light.files import (
+    FORMAT,
     check_map_name,
     environment_files,
     light_file,
@@ -66,11 +68,21 @@ def test_what_was_told_of_an_older_map_goes_and_of_the_other_format_stays(tmp_pa
     for name in ("light.exr", "light.hdr"):
         write_map(tmp_path / name, image)
     facts = light_file(tmp_path / "light.exr")
-    facts.write_text('{"map": {"file": "light.exr", "sun": "separate"}}')
+    told = {"format": FORMAT, "map": {"file": "light.exr", "copies": ["light.hdr"], "sun": "separate"}}
+    facts.write_text(json.dumps(told))
+    write_map(tmp_path / "light.hdr", image)
+    assert json.loads(facts.read_text()) == {**told, "map": {**told["map"], "copies": []}}
     write_map(tmp_path / "light.hdr", image)
     assert facts.is_file()
     write_map(tmp_path / "light.exr", image)
     assert not facts.exists()
+
+
+@pytest.mark.parametrize("words", ['{"author": "me"}', '{"map": {"file": "light.exr"}}', "no JSON"])
+def test_somebody_else_s_file_stays(tmp_path: Path, words: str) -> None:
+    light_file(tmp_path / "light.exr").write_text(words)
+    write_map(tmp_path / "light.exr", np.ones((1, 2, 3), np.float32))
+    assert light_file(tmp_path / "light.exr").read_text() == words
 
 
 @pytest.mark.parametrize("name", ["light.png", "light", "exr", "light.exr.gz"])

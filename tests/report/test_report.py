@@ -65,7 +65,7 @@ def test_without_a_true_light_the_confidence_stands_in_its_place(tmp_path):
 
 def test_doubts_and_photos_that_are_not_scored_are_told(tmp_path):
     assert "Verdicts" not in page(tmp_path)
-    verdicts = {"photos": {"<a>": {"sentences": ["The mask is another's."]}, "b": {"sentences": []}}}
+    verdicts = {"doubtful": 1, "photos": {"<a>": {"sentences": ["The mask is another's."]}, "b": {"sentences": []}}}
     text = page(tmp_path, metrics=METRICS | {"verdicts": verdicts, "skipped": {"c": "c.png is gone."}})
     assert "Doubtful: 1 of 2 photos." in text
     assert "<li><b>&lt;a&gt;</b>: The mask is another&#x27;s.</li>" in text

@@ -234,9 +234,19 @@ def test_a_true_object_is_scored_anew_with_its_run(data, tmp_path, program, call
     older = replace(Record.read(records / "chair.oracle.json"), trained="another")
     older.write(records)
     calls.clear()
-    ask(scenes=("chair",), steps=(Step.RUN,))
+    program.fails = lambda words: "--oracle-asset" in words
+    with pytest.raises(Exception, match="failed"):
+        ask(scenes=("chair",), steps=(Step.RUN,))
+    assert Record.read(records / "chair.oracle.json") == older  # until there is a new one
+    program.fails = lambda words: False
+    for _ in range(2):
+        ask(scenes=("chair",), steps=(Step.RUN,))
     assert ["--oracle-asset" in words for words in calls] == [True]
     assert Record.read(records / "chair.oracle.json").trained == Record.read(records / "chair.json").trained
+    (records / "chair.json").unlink()
+    calls.clear()
+    ask(scenes=("chair",), steps=(Step.RUN,))
+    assert ["--oracle-asset" in words for words in calls] == [False, True]
 
 
 def test_the_paper_s_settings_get_a_run_of_their_own_that_says_how_long_it_was(data, tmp_path, calls, ask):
@@ -272,6 +282,13 @@ def test_records_of_other_settings_are_not_taken_for_these(data, tmp_path, calls
     with pytest.raises(ConfigError, match=r"chair\.json was made with seed 0, not 5"):
         ask(seeds=(5,), scenes=("cup", "chair"), steps=(Step.RUN,))
     assert len(calls) == 2  # and the cup was not begun
+    for name in ("chair.oracle", "chair.lessons.photos-alone", "chair.loss.L2.seed5"):
+        (tmp_path / "records" / f"{name}.json").write_bytes((tmp_path / "records" / "chair.json").read_bytes())
+        (tmp_path / "records" / "chair.json").unlink()
+        with pytest.raises(ConfigError, match=r"was made with seed 0, not 5"):
+            ask(seeds=(5,), scenes=("cup", "chair"), steps=tuple(Step))
+        (tmp_path / "records" / f"{name}.json").rename(tmp_path / "records" / "chair.json")
+    assert len(calls) == 2
 
 
 def test_finished_runs_of_other_settings_are_not_scored_as_these(data, tmp_path, calls, ask):

@@ -50,7 +50,7 @@ def test_a_true_object_that_cannot_be_used_costs_no_score_unless_it_is_asked_for
 
     monkeypatch.setattr(evaluation, "can_be_oracle", lambda scene: True)
     monkeypatch.setattr(evaluation, "oracle_decomposition", refuse)
-    with pytest.warns(LightprobeWarning, match=r"Not all of the object is scored\. mesh\.obj cannot be read"):
+    with pytest.warns(LightprobeWarning, match=r"true object is not used\. mesh\.obj cannot be read"):
         assert evaluation._true_object(run, SimpleNamespace(), SimpleNamespace(), needed=False) is None
     with pytest.raises(InputError, match="cannot be read"):
         evaluation._true_object(run, SimpleNamespace(), SimpleNamespace(), needed=True)

@@ -12,7 +12,6 @@ from lightprobe.cli.answer import is_for_programs, keep, say
 from lightprobe.cli.options import Device, MovedScene, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import UNCHANGED, Method
-from lightprobe.core.errors import ConfigError
 from lightprobe.runs.evaluation import (
     EvaluatedRun,
     Evaluation,
@@ -54,8 +53,6 @@ def eval(  # the name of the command
       lightprobe eval runs/cup --methods probe-mlp constant -o numbers.json
       lightprobe eval runs/chair --oracle-asset
     """
-    if slow_photos < 1:
-        raise ConfigError(f"--slow-photos cannot be {slow_photos}; what is slow is known after one photo.")
     protocols = Protocols(unseen=unseen, slow_photos=slow_photos)
     asked = EvaluationOptions(methods, protocols, oracle_asset, slow, settings)
     with Meter() as meter:

@@ -44,7 +44,7 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
     say("\n".join(found.lines()), **_values(found), **values)
     if found.photos:
         sheet = output or Path(f"{found.root.name}-overlay.png")
-        refuse_replacing([sheet], found.files)
+        refuse_replacing([sheet], found.read_files)
         write_overlay_sheet(found, sheet)
         say(printable(f"sheet    {sheet}"), sheet=sheet)
     _stop_at(scene, found.problems)

@@ -75,4 +75,4 @@ def gallery(runs: _RunsArg, *, output: _FolderArg) -> None:
     """
     reports = write_gallery(runs, output)
     means = {name: report.metrics["mean"] for name, report in reports.items()}
-    say(f"{len(reports)} runs in {output / 'index.html'}", page=output / "index.html", means=means)
+    say(f"Runs: {len(reports)}, in {output / 'index.html'}", page=output / "index.html", means=means)

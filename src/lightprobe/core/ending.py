@@ -48,7 +48,9 @@ def ending_with_torchrun() -> Iterator[None]:
     """End with a sentence, at once, when torchrun ends this process, whatever it is waiting for.
 
     Python's own handlers run between two of its instructions. A process that waits for a GPU, and that for another
-    process which is gone, gets to none; so a thread of its own reads the signals here.
+    process which is gone, gets to none; so a thread of its own reads the signals here. It does so also after
+    an error in the block, after which nothing is put back: torchrun may end this process, for want of the other one,
+    before it has said why it ends.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)

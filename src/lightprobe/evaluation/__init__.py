@@ -4,7 +4,6 @@ from lightprobe.evaluation.evaluation import Evaluation, Protocols, ViewResult, 
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
 from lightprobe.evaluation.prediction_files import write_prediction
 from lightprobe.evaluation.relighting import Relighter, relight
-from lightprobe.evaluation.truth import tell_unscored
 from lightprobe.evaluation.viewpoints import turntable
 
 __all__ = [
@@ -16,7 +15,6 @@ __all__ = [
     "evaluate",
     "oracle_decomposition",
     "relight",
-    "tell_unscored",
     "turntable",
     "write_prediction",
 ]

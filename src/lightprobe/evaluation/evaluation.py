@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import truth
 from lightprobe.evaluation.metrics import photo_interval
@@ -111,7 +111,12 @@ class Protocols:
     slow_seconds: float = 20.0
     """A method that takes longer for a photo counts as slow, unless it is the default one, which sees every photo."""
     slow_photos: int = 4
-    """Test photos that a slow method is scored on."""
+    """Test photos that a slow method is scored on, at least one: before it, nobody knows that it is slow."""
+
+    def __post_init__(self) -> None:
+        """Raise `ConfigError` for less than one photo."""
+        if self.slow_photos < 1:
+            raise ConfigError(f"--slow-photos cannot be {self.slow_photos}; what is slow is known after one photo.")
 
 
 def evaluate(
@@ -223,13 +228,9 @@ class _Judge:
 
     @staticmethod
     def of(
-        decomposition: Decomposition,
-        predictor: Predictor,
-        scene: Scene,
-        protocols: Protocols,
-        device: torch.device,
+        decomposition: Decomposition, predictor: Predictor, scene: Scene, protocols: Protocols, device: torch.device,
         true_object: Decomposition | None,
-    ) -> "_Judge":
+    ) -> "_Judge":  # fmt: skip
         known = any(photo.truth.environment is not None for photo in scene.test)
         stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
         return _Judge(decomposition, predictor, stand_in, protocols, device)

@@ -68,6 +68,8 @@ def read_true_mesh(path: Path) -> Any:
         raise InputError(f"{path} cannot be read as a mesh: {error}.") from error
     if len(faces) == 0 or not 0 <= faces.min() <= faces.max() < len(vertices):
         raise InputError(f"{path} has no faces, or faces of vertices that it does not have.")
+    if not np.isfinite(vertices).all():
+        raise InputError(f"{path} has vertices that are no numbers.")
     return mesh
 
 
@@ -92,7 +94,7 @@ class MaterialScores:
     def add(self, view: TestView) -> None:
         """Add the pixels of a view that the photo and the asset both cover; views without truth add nothing.
 
-        Raises `InputError`, and adds nothing, where a map cannot be read or has not the photo's size.
+        Raises `InputError`, and adds nothing, where a map is refused by `material_maps`.
         """
         size = view.gbuffer.height, view.gbuffer.width
         chosen = view.mask.reshape(-1)[view.gbuffer.pixel]
@@ -133,7 +135,7 @@ def material_maps(
 ) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
     """Return linear base colour, ORM and world normals of a photo of `size` (H, W), (H, W, 3) float32 each, if known.
 
-    Raises `InputError` where one cannot be read, has another size or less than three channels.
+    Raises `InputError` where one cannot be read, has another size or fewer than three channels.
     """
     files = (
         (truth.base_color, lambda path: read_ldr(path)[0]),
@@ -146,7 +148,7 @@ def material_maps(
 
 def _in_colors(image: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarray:
     if image.shape[2] < 3:
-        raise InputError(f"{path} has {image.shape[2]} channel(s), and the truth of a material three.")
+        raise InputError(f"{path} has {image.shape[2]} channel(s); the truth of a material needs three.")
     return np.ascontiguousarray(_sized(image, size, path)[..., :3], np.float32)
 
 

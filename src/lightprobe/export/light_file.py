@@ -15,14 +15,14 @@ from lightprobe.core.files import read_json, write_json
 from lightprobe.imaging import LUMA
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import light_file, tells_of
+from lightprobe.light.files import FORMAT, light_file, tells_of
 from lightprobe.light.sources import MOST, LightSource
 from lightprobe.light.spherical_harmonics import BASIS, WINDOW, harmonics
 from lightprobe.models.calibration import Calibration
 from lightprobe.prediction import Prediction
 from lightprobe.scene.camera import Camera
 
-FORMAT, VERSION = "lightprobe light", 1
+VERSION = 1  # of the format
 _SATURATION = 1.2  # luminance that makes white, in cd/m^2 at EV100 = 0: 78 / (100 * .65) of ISO 12232
 # CIE XYZ of linear sRGB's primaries (IEC 61966-2-1), rows X, Y, Z
 _TO_XYZ = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))

@@ -7,12 +7,13 @@ import numpy as np
 from torch import Tensor
 
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
-from lightprobe.core.files import read_json, remove
+from lightprobe.core.files import read_json, remove, write_json
 from lightprobe.imaging import write_exr, write_radiance
 from lightprobe.light import equirect
 
 _SUFFIXES = (".exr", ".hdr")
 _FACTS = ".light.json"
+FORMAT = "lightprobe light"  # of such a file
 
 
 def environment_files(folder: Path) -> list[Path]:
@@ -52,6 +53,25 @@ def tells_of(told: dict[str, Any], map_path: Path) -> bool:
     return Path(name).stem != map_path.stem or map_path.name in (name, *told.get("copies", []))
 
 
+def _forget_facts(map_path: Path) -> None:
+    """Take a map out of the JSON beside it, and the JSON away where it is of no other map that is there."""
+    path = light_file(map_path)
+    try:
+        value = read_json(path)
+        told = value["map"]
+        if value["format"] != FORMAT or not tells_of(told, map_path):
+            return
+        names = [Path(name).name for name in (told["file"], *told.get("copies", []))]
+    except (InputError, KeyError, TypeError, ValueError, AttributeError):  # none, or somebody else's
+        return
+    same = [name for name in names if Path(name).stem == map_path.stem and name != map_path.name]
+    left = [name for name in same if map_path.with_name(name).is_file()]
+    if left:
+        write_json(path, {**value, "map": {**told, "file": left[0], "copies": left[1:]}})
+    else:
+        remove(path)
+
+
 def panorama(cube: Tensor) -> np.ndarray:
     """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32 in the convention of the files."""
     return equirect.from_cubemap(cube, 2 * cube.shape[1]).detach().cpu().numpy()
@@ -60,14 +80,13 @@ def panorama(cube: Tensor) -> np.ndarray:
 def write_map(path: Path, image: np.ndarray) -> None:
     """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
 
-    A .light.json of the map that was there goes first: it may tell of suns that the new one has in it, or has not.
+    What a .light.json tells of the map that was there is forgotten first: suns that the new one has in it, or has not.
     Raises `ConfigError` for any other suffix, `ConvergenceError` for NaN or infinity, which no other program reads.
     """
     check_map_name(path)
     if not np.isfinite(image).all():
         raise ConvergenceError(f"The light for {path} holds NaN or infinity, so it is not written; train the run anew.")
-    if other_map(path) is None:
-        remove(light_file(path))
+    _forget_facts(path)
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 
 

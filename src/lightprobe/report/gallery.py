@@ -13,6 +13,7 @@ from lightprobe.report.pictures import OF_THE_LIGHT, OF_THE_VIEW
 from lightprobe.report.report import Report
 from lightprobe.report.report_tables import table
 
+GALLERY = "<!-- lightprobe gallery -->"  # by which its page is known
 _ORDER = "psnr_masked"
 
 
@@ -24,8 +25,8 @@ def gallery_page(reports: dict[str, Report], title: str = "lightprobe: runs") ->
     return web_page(
         title,
         [
-            f"<h1>{html.escape(title)}</h1>",
-            f"<p>{len(reports)} runs. Each shows its middling test photo: the photo, the object under the light "
+            f"{GALLERY}<h1>{html.escape(title)}</h1>",
+            f"<p>Runs: {len(reports)}. Each shows its middling test photo: the photo, the object under the light "
             "predicted from it, that light, and what it makes of three spheres.</p>",
             order_list("runs", list(means.values())),
             f'<div id="runs" class="cards">{"".join(cards)}</div>',

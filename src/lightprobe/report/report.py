@@ -98,11 +98,12 @@ def _anchors(report: Report) -> dict[str, str]:
 def _verdicts(metrics: dict[str, Any]) -> list[str]:
     """Return what is wrong with photos: those that no light explains well, and those that are not scored."""
     doubts = {name: verdict["sentences"] for name, verdict in metrics.get("verdicts", {}).get("photos", {}).items()}
-    doubtful = {name: " ".join(sentences) for name, sentences in doubts.items() if sentences}
+    told = {name: " ".join(sentences) for name, sentences in doubts.items() if sentences}
     parts = []
     if doubts:
-        parts += ['<h2 id="verdicts">Verdicts</h2>', f"<p>Doubtful: {len(doubtful)} of {len(doubts)} photos.</p>"]
-        parts.append(_sentences(doubtful))
+        count = metrics["verdicts"]["doubtful"]
+        parts += ['<h2 id="verdicts">Verdicts</h2>', f"<p>Doubtful: {count} of {len(doubts)} photos.</p>"]
+        parts.append(_sentences(told))
     if skipped := metrics.get("skipped", {}):
         parts += ["<h2>Not scored</h2>", _sentences(skipped)]
     return parts

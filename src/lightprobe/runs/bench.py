@@ -10,6 +10,7 @@ from pathlib import Path
 from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError, ResourceError
 from lightprobe.core.files import write_bytes
+from lightprobe.evaluation import Protocols
 from lightprobe.light.files import environment_files
 from lightprobe.report.bench_results import BenchResults
 from lightprobe.report.paper_tables import paper_page
@@ -133,8 +134,7 @@ def _check(options: BenchOptions) -> None:
         raise ConfigError("--seeds must be one number or more, none negative and none twice.")
     if counts and (len(counts) != 2 or min(counts) < 1):
         raise ConfigError("--paper-iterations must be two numbers of 1 or more: steps of Phase I and of Phase II.")
-    if options.slow_photos < 1:
-        raise ConfigError(f"--slow-photos cannot be {options.slow_photos}; what is slow is known after one photo.")
+    Protocols(slow_photos=options.slow_photos)
     own_paper = Step.PAPER in steps and set(steps) != set(Step)
     if options.preset is Preset.PAPER and (options.hdri is not None or counts or own_paper):
         given = "--hdri" if options.hdri is not None else "--paper-iterations" if counts else "--steps paper"

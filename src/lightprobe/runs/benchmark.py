@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lightprobe.core.config import Preset
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.files import read_json, remove, write_json
+from lightprobe.core.files import read_json, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.report.bench_results import PAPER_LESSONS, PAPER_METHOD
@@ -102,11 +102,12 @@ class Benchmark:
         if not self._train(record, run, folder, options):
             return
         score = ("eval", str(run.path), "--scene", str(folder), "--slow", "--slow-photos", str(self.slow_photos))
-        self._score(record, score, run, run.metrics_file)
+        scored = self._score(record, score, run, run.metrics_file)
         if run.oracle.asset_file.is_file():  # the evaluation has found the true object
             oracle = self._record(name, Kind.ORACLE)
-            self._forget_other_model(oracle, self._kept(record))
-            self._score(oracle, (*score, "--oracle-asset"), run, run.oracle.metrics_file)
+            kept = self._kept(oracle)
+            anew = kept is not None and (scored or kept.trained != _trained_at(run))  # never beside another training
+            self._score(oracle, (*score, "--oracle-asset"), run, run.oracle.metrics_file, anew=anew)
 
     def seed(self, name: str, folder: Path, seed: int) -> None:
         """Train a scene once more with another seed and evaluate the default method."""
@@ -145,7 +146,15 @@ class Benchmark:
     def check(self, names: Sequence[str], steps: Sequence[Step], paper_iterations: tuple[int, ...]) -> None:
         """Raise `ConfigError` for records and finished runs of the scenes `names` that were made otherwise."""
         planned = []
+        variants = self.all_lessons if Step.LESSONS in steps else {}
+        losses = [(label, seed) for seed in self.seeds for label in LOSSES] if Step.LOSSES in steps else []
         for name in names:
+            for kind in (Kind.RUN, Kind.ORACLE):
+                self._kept(self._record(name, kind))
+            for label in variants:
+                self._kept(self._record(name, Kind.LESSONS, label=label))
+            for label, seed in losses if name == LOSSES_SCENE else []:
+                self._kept(self._record(name, Kind.LOSS, label=label, seed=seed))
             planned += [self._own(name)] if Step.RUN in steps else []
             planned += [self._by_the_paper(name, *paper_iterations)] if Step.PAPER in steps and paper_iterations else []
             planned += [self._seeded(name, seed) for seed in self.seeds[1:]] if Step.SEEDS in steps else []
@@ -158,12 +167,12 @@ class Benchmark:
         return self._record(name, Kind.RUN), RunFolder(self.runs / name), ("--preset", self.preset.value)
 
     def _seeded(self, name: str, seed: int) -> tuple[Record, RunFolder, tuple[str, ...]]:
-        """Return the same of its run with another seed."""
+        """Return record, run and options as `_own` does, of the scene's run with another seed."""
         run = RunFolder(self.runs / f"{name}.seed{seed}")
         return self._record(name, Kind.SEED, seed=seed), run, ("--preset", self.preset.value)
 
     def _by_the_paper(self, name: str, first: int, second: int) -> tuple[Record, RunFolder, tuple[str, ...]]:
-        """Return the same of its run with the paper's settings."""
+        """Return record, run and options as `_own` does, of the scene's run with the paper's settings."""
         options, iterations = paper_options(first, second)
         record = self._record(name, Kind.PAPER, preset=Preset.PAPER, iterations=iterations)
         return record, RunFolder(self.runs / f"{name}.paper"), options
@@ -174,13 +183,6 @@ class Benchmark:
         if own is None:
             self._say(f"SKIPPED {name}, {piece}: the scene's run has no numbers yet; add run to --steps.")
         return own
-
-    def _forget_other_model(self, oracle: Record, own: Record | None) -> None:
-        """Delete the record of the true object where its maps are those of another training than the run's."""
-        kept = self._kept(oracle)
-        if kept is not None and own is not None and kept.trained != own.trained:
-            self._say(f"{kept.name} is of the training at {kept.trained}, not {own.trained}, and is made anew.")
-            remove(self.records / f"{kept.name}.json")
 
     def _record(
         self, scene: str, kind: Kind, *, label: str = "", seed: int | None = None, preset: Preset | None = None,
@@ -244,19 +246,25 @@ class Benchmark:
             write_json(run.path / TRAINED, {"commit": commit()})
         return True
 
-    def _score(self, record: Record, command: Sequence[str], run: RunFolder, metrics: Path) -> None:
-        """Run a command that writes `metrics` and keep the record of these, unless it is kept already."""
-        if not self._done(record) and self._command(record.name, command):
-            trained = run.path / TRAINED
+    def _score(
+        self, record: Record, command: Sequence[str], run: RunFolder, metrics: Path, *, anew: bool = False
+    ) -> bool:
+        """Run a command that writes `metrics` and keep the record of these; return whether that was done.
+
+        It is not where the record is kept already, unless it is to be made `anew`.
+        """
+        if (anew or not self._done(record)) and self._command(record.name, command):
             text = " ".join(("lightprobe", *command))
             about = {**vars(record), "metrics": read_json(metrics), "command": self._unplaced(text)}
             about |= {"commit": commit(), "machine": machine(), "threads": threads(), "training": training_costs(run)}
-            about |= {"trained": read_json(trained)["commit"]} if trained.is_file() else {}
+            about["trained"] = _trained_at(run)
             if record.kind is not Kind.ORACLE:
                 verdict, accuracy = ObjectVerdict.load(run.verdict_file), LightAccuracy.load(run.model_folder)
                 about |= {"object_verdict": verdict.to_json()} if verdict is not None else {}
                 about |= {"light_accuracy": accuracy.to_json()} if accuracy is not None else {}
             Record(**about).write(self.records)
+            return True
+        return False
 
     def _command(self, name: str, command: Sequence[str]) -> bool:
         """Run a command of the program itself; note a failure and return whether it went well."""
@@ -268,3 +276,9 @@ class Benchmark:
     def _unplaced(self, command: str) -> str:
         places = {"DATA": self.data, "RUNS": self.runs, "FOLDER": self.folder}
         return without_places(command, places if self.hdri is None else {**places, "HDRI": self.hdri})
+
+
+def _trained_at(run: RunFolder) -> str:
+    """Return the commit that trained a run, "" where no benchmark did."""
+    trained = run.path / TRAINED
+    return str(read_json(trained)["commit"]) if trained.is_file() else ""

@@ -1,5 +1,7 @@
 """The evaluation of a run into its folder: numbers, predictions and the report."""
 
+import contextlib
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -10,7 +12,7 @@ import torch
 
 from lightprobe.core.config.prediction import UNCHANGED, PredictConfig, PredictionOptions
 from lightprobe.core.device import resolve_device
-from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.failures import writing
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
@@ -22,7 +24,6 @@ from lightprobe.evaluation import (
     can_be_oracle,
     evaluate,
     oracle_decomposition,
-    tell_unscored,
 )
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.prediction import Method, methods_for, recorded_config
@@ -81,10 +82,12 @@ def evaluate_run(
     if output is not None and (output.suffix.lower() != ".json" or output.is_dir()):  # told now, not when all is done
         raise ConfigError(f"Cannot write the numbers as '{output}': name a file that ends in .json.")
     run, where, given = RunFolder.open(Path(run_folder)), resolve_device(device), options or EvaluationOptions()
-    if output is not None and _is_of_the_run(output, run):
-        raise ConfigError(f"{output} is a file of the run, and would be replaced; give another name with -o.")
+    if output is not None:
+        _refuse_replacing(output, run.path)
     with writing(run):
         subject = _Subject.load(run, given, scene_folder, where)
+        if output is not None:
+            _refuse_replacing(output, subject.scene.root)
         numbers, page = destination(subject.out, subject.methods, subject.default)
         result, pictures = subject.evaluate(given, on_progress)
         metrics = result.to_json()
@@ -105,14 +108,14 @@ def evaluate_run(
     return EvaluatedRun(result, numbers, page, subject.out.metrics_file, subject.default)
 
 
-def _is_of_the_run(file: Path, run: RunFolder) -> bool:
-    """Return whether a file is in the run's folder and holds no numbers of an evaluation."""
-    if not file.is_file() or run.path.resolve() not in file.resolve().parents:
-        return False
-    try:
-        return "default_method" not in read_object(file, _REMEDY)
-    except InputError:
-        return True
+def _refuse_replacing(numbers: Path, folder: Path) -> None:
+    """Raise `ConfigError` where numbers would replace a file of a folder, but for numbers that were sent there."""
+    if not numbers.is_file() or folder.resolve() not in numbers.resolve().parents:
+        return
+    with contextlib.suppress(InputError):
+        if numbers.name != "metrics.json" and "default_method" in read_object(numbers, _REMEDY):
+            return
+    raise ConfigError(f"{numbers} is a file of {folder}, and would be replaced; give another name with -o.")
 
 
 @dataclass(frozen=True)
@@ -223,7 +226,7 @@ def _true_object(run: RunFolder, decomposition: Decomposition, scene: Scene, *, 
     except InputError as error:
         if needed:
             raise
-        tell_unscored(error)
+        warnings.warn(f"The scene's true object is not used. {error}", LightprobeWarning, stacklevel=2)
         return None
 
 

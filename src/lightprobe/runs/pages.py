@@ -9,7 +9,7 @@ from lightprobe.core.files import is_file_name, refuse_replacing, shell_word, wr
 from lightprobe.core.run import RunFolder
 from lightprobe.report import write_report
 from lightprobe.report.comparison import Comparison, comparison_page
-from lightprobe.report.gallery import gallery_page
+from lightprobe.report.gallery import GALLERY, gallery_page
 from lightprobe.report.report import Report
 from lightprobe.report.stored import read_report
 
@@ -66,9 +66,9 @@ def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, 
     runs = [Path(run) for run in run_folders]
     reports = dict(zip(_names(runs), [read_report(RunFolder.open(run)) for run in runs], strict=True))
     _refuse_folder(folder, runs)
+    write_bytes(folder / "index.html", gallery_page(reports).encode())  # first: it tells whose folder this is
     for name, report in reports.items():
         write_report(folder / name / "index.html", report)
-    write_bytes(folder / "index.html", gallery_page(reports).encode())
     return reports
 
 
@@ -78,8 +78,9 @@ def _refuse_folder(folder: Path, runs: Sequence[Path]) -> None:
     owner = next((run for run in runs if run.resolve() in (place, *place.parents)), None)
     if owner is not None:
         raise ConfigError(f"{folder} belongs to the run {owner}; give another folder for the gallery with -o.")
-    names = {path.name for path in folder.iterdir() if not path.name.startswith(".")} if folder.is_dir() else set()
-    if names and "index.html" not in names:
+    page = folder / "index.html"
+    holds = folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir())
+    if holds and not (page.is_file() and GALLERY in page.read_text(errors="replace")):
         raise ConfigError(f"{folder} holds other files than a gallery; give another folder with -o.")
 
 

@@ -55,7 +55,7 @@ class Inspection:
     problems: tuple[str, ...]
     hints: tuple[str, ...]
     encodings: str = ""  # colour encodings that are converted, with how many photos have each
-    files: tuple[Path, ...] = ()  # photos and masks
+    read_files: tuple[Path, ...] = ()  # photos and masks
 
     @property
     def mean_iou(self) -> float | None:

@@ -45,8 +45,8 @@ def new_photo(image: Path, camera: Path, mask: Path | None = None) -> Photo:
 def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | None = None) -> Camera:
     """Return the camera in `path`; raise `InputError` naming the file when there is none or several.
 
-    Of several cameras the one that belongs to `image` is taken: a file, or only a photo's name. `size` (width, height)
-    stands in where the file gives none.
+    Of several cameras the one that belongs to `image` is taken: a file, whose `size` (width, height) stands in where
+    that of the cameras gives none, or without a size only a photo's name, which no single camera has.
     """
     value = read_json(path)
     if isinstance(value, dict) and isinstance(value.get("photos"), dict):
@@ -55,7 +55,7 @@ def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | N
         common = {key: setting for key, setting in value.items() if key != "frames"}
         settings = {**common, **_pick(_framed(value["frames"], path), image, path)}
         return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
-    if image is not None and not image.is_file():
+    if image is not None and size is None:
         raise InputError(f"{path} holds one camera, of no named photo; leave out the name '{shown(str(image))}'.")
     return Camera.from_json(value, source=str(path))
 
