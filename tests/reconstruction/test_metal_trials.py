@@ -18,6 +18,7 @@ from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 
+RELIEF = torch.tensor([0.06, -0.04, 0.02])  # normal offsets that the material has learnt
 UP = torch.tensor([0.0, 0.0, 1.0])
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_levels=4, hash_finest=32, trial_steps=80)
@@ -55,7 +56,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     channels = truth(position, gilt)
     if not gilt:
         channels[:, :3] *= torch.where(position[:, 1:2] > 0, 0.6, 1.0)
-    metal_trials._fit_field(material, position, channels, 0)
+    metal_trials._fit_field(material, position, torch.cat([channels, RELIEF.expand(len(position), 3)], 1), 0)
     return material
 
 
@@ -71,6 +72,7 @@ def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
     metallic = trial.material(position).detach()[:, 4]
     assert float(metallic[position[:, 1] > 0.1].mean()) > 0.8
     assert float(metallic[position[:, 1] < -0.1].mean()) < 0.2
+    assert float((trial.material(position).detach()[:, 5:] - RELIEF).abs().mean()) < 0.01
     assert all(torch.equal(before[name], value) for name, value in material.state_dict().items())
 
 
@@ -95,6 +97,7 @@ def test_a_change_is_held_while_all_else_is_fitted(monkeypatch):
     right = position[:, 1] > 0.1
     number = int(materials.at(position)[right].mode().values)
     held = metal_trials._changed(material, materials, number, position, 0)
+    assert float((held(position).detach()[:, 5:] - RELIEF).abs().mean()) < 0.01
     Trial(held, samples, lights, 1.0, 0).fit(4)
     there = materials.at(position) == number
     assert (held(position)[there, 4] == 0.95).all()

@@ -1,9 +1,12 @@
 """Training photos as tensors: their size, their colours under their masks, and their views."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from lightprobe.reconstruction import photos
 from lightprobe.reconstruction.photos import load_targets
 from lightprobe.scene import load_pixels, load_scene
 from tests.toy_scene import write_toy_scene
@@ -28,6 +31,20 @@ def test_a_target_is_the_photo_over_black_at_its_size(scene, side):
         np.testing.assert_array_equal(target.alpha.numpy(), pixels.alpha.reshape(-1))
         assert not target.color[target.alpha == 0].any()
         assert target.clipped.shape == target.color.shape
+
+
+@pytest.mark.parametrize(("white", "factor"), [(0.92, 1.0), (0.5, 0.5)])
+def test_a_mask_that_is_nearly_white_inside_darkens_no_photo(scene, monkeypatch, white, factor):
+    (plain,) = load_targets(scene, scene.train[:1], 40, CPU)
+
+    def dimmed(photo, side):
+        pixels, camera = load_pixels(photo, side)
+        return replace(pixels, alpha=np.float32(white) * pixels.alpha), camera
+
+    monkeypatch.setattr(photos, "load_pixels", dimmed)
+    (target,) = load_targets(scene, scene.train[:1], 40, CPU)
+    torch.testing.assert_close(target.alpha, factor * plain.alpha)
+    torch.testing.assert_close(target.color, factor * plain.color)
 
 
 def test_views_are_in_the_normalised_frame(scene):

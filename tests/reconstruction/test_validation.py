@@ -56,6 +56,19 @@ def test_the_light_is_found_where_the_ball_shows_it():
     assert float(light[inside].mean() / light[~inside].mean()) > 5
 
 
+@pytest.mark.parametrize("exposure", [0.02, 0.001])
+def test_the_light_of_a_dark_photo_is_found_as_well(exposure):
+    true = glossy_sphere()
+    (photo,) = targets(true, 1)
+    _, light = fit_light(true, photo, 16, CONFIG, 0)
+    _, dim = fit_light(true, replace(photo, color=exposure * photo.color), 16, CONFIG, 0)
+    expected = patch_light(PATCHES[0]).log()
+    errors = [
+        float(((found.clamp(min=1e-3)).log() - expected).square().mean() ** 0.5) for found in (light, dim / exposure)
+    ]
+    assert errors[1] < 1.1 * errors[0]
+
+
 def test_a_light_of_an_asset_that_stays_is_pulled_as_final_lights_are(monkeypatch):
     true = glossy_sphere()
     (photo,) = targets(true, 1)

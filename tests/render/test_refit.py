@@ -46,6 +46,15 @@ def test_stray_and_clipped_pixels_do_not_count():
     assert float((transport.apply(taken_as_true) - observed).abs().mean() / observed.mean()) > 0.1
 
 
+@pytest.mark.parametrize("channels", [[0], [0, 1, 2]])
+def test_what_is_clipped_throughout_leaves_a_light_as_it_is(channels):
+    transport, light, observed = case(20.0)
+    clipped = torch.zeros_like(observed, dtype=torch.bool)
+    clipped[:, channels] = True
+    shown = torch.where(clipped, observed.min(), observed)
+    torch.testing.assert_close(refitted(transport, light, shown, clipped), light, rtol=1e-3, atol=1e-3)
+
+
 def test_a_constant_light_keeps_its_colour():
     transport = Transport(sphere_gbuffer(300), cached(R))
     light = torch.ones(6, R, R, 3) * torch.tensor([0.5, 0.4, 0.3])

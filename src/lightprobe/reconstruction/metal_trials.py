@@ -92,10 +92,10 @@ def _changed(material: ScaledMaterial, materials: Materials, number: int, points
 
 
 def _fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: int) -> None:
-    """Fit a material's field to colours, roughness and metallic (N, >= 5) at points (N, 3)."""
+    """Fit a field to materials (N, 8) at points (N, 3), normal offsets included, as one network has them all."""
     descent = Descent(
         [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
-        lambda rows: (material(points[rows])[:, :5] - wanted[rows, :5]).square().mean(),
+        lambda rows: (material(points[rows]) - wanted[rows]).square().mean(),
         betas=(0.9, 0.99), epsilon=1e-12, fused=True,
     )  # fmt: skip
     every = torch.arange(len(points), device=points.device)
@@ -113,7 +113,10 @@ def _with_all(
     numbers: Sequence[int], material: ScaledMaterial, materials: Materials, points: Tensor, samples: Sequence[Sample],
     lights: Lights, seed: int,
 ) -> Trial | None:  # fmt: skip
-    """Return the trial in which all the changes are made together, fitted, and then let go."""
+    """Return the trial in which all the changes are made together, fitted, and then let go.
+
+    Normal offsets are those of the `material`: a trial's pictures have none, and its priors flatten them.
+    """
     if not numbers:
         return None
     changed = material
@@ -123,6 +126,7 @@ def _with_all(
     trial.fit((material.config.trial_steps + 1) // 2)
     with torch.no_grad():
         fitted = trial.material(points)  # held values among them, which the field does not know
+        fitted[:, 5:] = material(points)[:, 5:]
     trial.material.held = []
     _fit_field(trial.material, points, fitted, seed)
     return trial

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from lightprobe.render.surface import View
 from lightprobe.scene import load_pixels
-from lightprobe.scene.photo import Photo, Scene
+from lightprobe.scene.photo import OPAQUE, Photo, Scene
 
 _WHOLE = 0.99  # of the mask's highest coverage, above which a pixel shows the object alone
 
@@ -42,9 +43,15 @@ def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch
     targets = []
     for photo in photos:
         pixels, camera = load_pixels(photo, side)
-        alpha = torch.from_numpy(pixels.alpha).reshape(-1)
+        alpha = torch.from_numpy(_whitened(pixels.alpha)).reshape(-1)
         color = torch.from_numpy(pixels.color).reshape(-1, 3) * alpha[:, None]
         view = View.of(camera.normalised(scene.similarity), device)
         clipped = torch.from_numpy(pixels.clipped).reshape(-1, 3)
         targets.append(Target(photo.name, view, color.to(device), alpha.to(device), clipped.to(device)))
     return targets
+
+
+def _whitened(alpha: np.ndarray) -> np.ndarray:
+    """Return a mask (H, W) whose white is nearly 1 with a white of 1: else photos would be darker than they are."""
+    white = alpha.max(initial=0.0)
+    return alpha / white if white >= OPAQUE else alpha

@@ -22,6 +22,7 @@ from lightprobe.render.surface import visible_surface
 
 _JUDGED = 1536  # pixels of each photo that an object is judged by
 _ROUNDS = 3  # solves from scratch, each pulled towards the mean of the one before
+_BRIGHTEST, _LEAST = 0.5, 1e-6  # of the grey light that they start from; the few steps bring none down to a dark photo
 
 
 @torch.no_grad()
@@ -38,11 +39,14 @@ def fit_light(
     draw = torch.randperm(len(inside), generator=generator(seed, f"explain/{target.name}"))
     rows = inside[draw[: 2 * config.light_solve_pixels].to(inside.device)]
     rounds = _ROUNDS if start is None else 1
-    grey = torch.full((6, resolution, resolution, 3), 0.5, device=gbuffer.normal.device)
+    grey = torch.full((6, resolution, resolution, 3), _BRIGHTEST, device=gbuffer.normal.device)
     light = grey if start is None else magnify_light(start, resolution)
     if len(rows) == 0:
         return gbuffer, light
     at = gbuffer.pixel[rows]
+    if start is None:
+        white = shade_under(gbuffer.select(rows), torch.ones_like(grey)).mean()
+        light = grey.minimum((target.color[at].mean() / white.clamp(min=_LEAST)).clamp(min=_LEAST))
     solved = solve_target_light(
         target.color[at], target.clipped[at], gbuffer, light, rows, config, rounds,
         regularisation=config.final_light_regularisation,

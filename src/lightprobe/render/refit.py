@@ -33,7 +33,9 @@ def refit_contrast(transport: Transport, solved: LitPixels, observed: Tensor, cl
         slope = tone_slope(render)
         weight = slope.square() / (slope * (render - target).abs() + _FLOOR)
         weight = torch.where(beyond_clipping(render, target, clipped), 0.0, weight)
-        a, b = _least_squares(mean, varying, target, weight)
+        color_factor, contrast = _least_squares(mean, varying, target, weight)
+        told = weight.sum(0) > 0  # (3,): where all is clipped as it should be, nothing asks for a change
+        a, b = torch.where(told, color_factor, a), torch.where(told.any(), contrast, b)
     return (a * color + b * (light - color)).clamp(min=0)
 
 
