@@ -1,7 +1,8 @@
 """Run by a Python that has bpy: import what a test wrote through the add-on's operator, and tell what is in Blender.
 
 One JSON argument: {"addon", "folder", "files", "then": [files of another import, ...], "views": {name: camera
-position}, "side"}. Files named "new scene" begin another scene in the same file. The answer is the last line.
+position}, "side", "with_light": whether the folder's light comes with a mesh}. Files named "new scene" begin another
+scene in the same file. The answer is the last line.
 """
 
 import importlib.util
@@ -61,7 +62,8 @@ def main(given):
                 bpy.context.window.scene = bpy.data.scenes.new("another")
                 continue
             files = [{"name": name} for name in names]
-            result = list(bpy.ops.import_scene.lightprobe(directory=given["folder"], files=files))
+            options = {name: given[name] for name in ("with_light",) if name in given}
+            result = list(bpy.ops.import_scene.lightprobe(directory=given["folder"], files=files, **options))
     except RuntimeError as error:
         print(json.dumps({"error": str(error), "objects": len(bpy.data.objects)}))
         return

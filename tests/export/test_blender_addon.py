@@ -124,10 +124,11 @@ def test_lamps_that_the_glb_has_too_shine_once(tmp_path):
     )
     decomposition = Decomposition(asset, {}, SIMILARITY)
     export(decomposition, tmp_path, {}, light=SceneLight(np.ones((64, 128, 3), np.float32), (lamp,)))
-    (found,) = in_blender(tmp_path, "scene.glb")["lamps"]
-    assert found["towards"] == pytest.approx(lamp.direction, abs=1e-5)
+    (found,), (alone,) = (in_blender(tmp_path, "scene.glb", with_light=given)["lamps"] for given in (True, False))
     assert found["angle"] == pytest.approx(math.radians(6), abs=1e-5)
-    assert np.multiply(found["energy"], found["color"]) == pytest.approx(lamp.irradiance)
+    for one_lamp in (found, alone):  # that of the file beside the map, and the GLB's own
+        assert one_lamp["towards"] == pytest.approx(lamp.direction, abs=1e-5)
+        assert np.multiply(one_lamp["energy"], one_lamp["color"]) == pytest.approx(lamp.irradiance)
 
 
 def test_what_is_in_the_map_is_not_lit_twice_and_a_bad_file_says_so(exported):

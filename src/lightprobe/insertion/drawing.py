@@ -134,7 +134,8 @@ def _gbuffer(
     thing: Thing, mesh: Mesh, tangents: Tensor, stage: Stage, surface: Surface, view: View, screen: Tensor
 ) -> tuple[GBuffer, Sampled]:
     material = _sampled(thing, surface, screen)
-    normal = mapped_normals(surface, mesh, thing.normals, tangents, material.normal)
+    mapped = _seen_from_behind(thing, surface.face, material.normal)
+    normal = mapped_normals(surface, mesh, thing.normals, tangents, mapped)
     outward = face_normals(thing.vertices, thing.faces[surface.face])
     away = (outward * surface.view).sum(1, keepdim=True) < 0  # the inside of a one-sided face
     normal = face_camera(torch.where(away, -normal, normal), surface.view)
@@ -145,6 +146,17 @@ def _gbuffer(
         material.base_color, material.roughness, material.metallic, visibility,
     )  # fmt: skip
     return gbuffer, material
+
+
+def _seen_from_behind(thing: Thing, face: Tensor, mapped: Tensor) -> Tensor:
+    """Return the tangent-space normals (P, 3) of a normal map at visible points, those on the back of sheets mirrored.
+
+    What is bent on the front is bent the other way on the back (glTF: the normal is reversed there as a whole). The
+    copy of a face that is its back has the same tangents, and its normal alone reversed.
+    """
+    twin = thing.twin[face]
+    back = (twin >= 0) & (twin < face)  # copies follow the faces that they are copies of
+    return torch.where(back[:, None], mapped * mapped.new_tensor([-1.0, -1.0, 1.0]), mapped)
 
 
 def _sampled(thing: Thing, surface: Surface, screen: Tensor) -> Sampled:

@@ -47,9 +47,11 @@ def import_object(path: Path | str) -> list[Any]:
 
     Blender's importer leaves its default, which adds light scattered many times between the grains of rough surfaces.
     glTF's material has none of it, nor has the one that lightprobe fitted to the photos: rough gold would be brighter.
+    Suns are taken as bright as the file has them, in the unit of the maps; by default the importer takes them for lux
+    and divides them by 683.
     """
     before = set(bpy.data.objects)
-    bpy.ops.import_scene.gltf(filepath=str(path))
+    bpy.ops.import_scene.gltf(filepath=str(path), export_import_convert_lighting_mode="COMPAT")
     found = [item for item in bpy.data.objects if item not in before]
     for item in found:
         for slot in item.material_slots:
