@@ -4,6 +4,7 @@ Cameras come in three kinds of file: one camera in lightprobe's own JSON (docs/c
 transforms file, or the photos of a run's scene.json.
 """
 
+import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -45,8 +46,8 @@ def new_photo(image: Path, camera: Path, mask: Path | None = None) -> Photo:
 def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | None = None) -> Camera:
     """Return the camera in `path`; raise `InputError` naming the file when there is none or several.
 
-    Of several cameras the one that belongs to `image` is taken: a file, whose `size` (width, height) stands in where
-    that of the cameras gives none, or without a size only a photo's name, which no single camera has.
+    Of several cameras the one that belongs to `image` is taken: a file, or only a photo's name, which no single camera
+    has. `size` (width, height) stands in where the file gives none.
     """
     value = read_json(path)
     if isinstance(value, dict) and isinstance(value.get("photos"), dict):
@@ -55,9 +56,10 @@ def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | N
         common = {key: setting for key, setting in value.items() if key != "frames"}
         settings = {**common, **_pick(_framed(value["frames"], path), image, path)}
         return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
-    if image is not None and size is None:
+    found = Camera.from_json(value, source=str(path))
+    if image is not None and size is None and not os.path.isfile(image):  # False as well for what cannot be a file's
         raise InputError(f"{path} holds one camera, of no named photo; leave out the name '{shown(str(image))}'.")
-    return Camera.from_json(value, source=str(path))
+    return found
 
 
 def _recorded(record: _Entry, path: Path) -> list[tuple[Path, str, _Entry]]:
