@@ -135,6 +135,11 @@ def remove(*paths: Path) -> None:
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
 
 
+def holds_files(folder: Path) -> bool:
+    """Return whether a folder is there and holds anything but hidden files."""
+    return folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir())
+
+
 def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
     """Raise `ConfigError` where a file that is to be written is one that is read, or one of the other written ones."""
     sources = {path.resolve() for path in read if path is not None}

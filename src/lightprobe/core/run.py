@@ -15,7 +15,6 @@ RUN/oracle/                      the evaluation of a synthetic scene's true obje
 
 import contextlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -25,7 +24,7 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config.stored import first_difference, plain, setting_of_one
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.file_lock import locked_file
-from lightprobe.core.files import append_text, disk_errors, named_file, remove, write_bytes, write_json
+from lightprobe.core.files import append_text, disk_errors, holds_files, named_file, remove, write_bytes, write_json
 from lightprobe.core.partial import clear_run
 from lightprobe.core.stored import checked_object, damaged, read_object
 from lightprobe.core.timings import forget_timing
@@ -50,7 +49,7 @@ class RunFolder:
         run = RunFolder(path)
         if run.path.exists() and not run.path.is_dir():
             raise ConfigError(f"{path} is a file; choose another run folder with -o.")
-        if run.path.is_dir() and not run.config_file.exists() and any(not n.startswith(".") for n in os.listdir(path)):
+        if not run.config_file.exists() and holds_files(run.path):
             raise ConfigError(f"{path} is not empty and not a run folder; choose another one with -o.")
         with disk_errors(run.path):
             run.path.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.file_lock import locked_file
-from lightprobe.core.files import checksum, disk_errors
+from lightprobe.core.files import checksum, disk_errors, holds_files
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import choose, within_masks
 from lightprobe.preparation.hints import all_hints, find_photo
@@ -95,7 +95,7 @@ def check_output(output: Path) -> None:
     if output.exists() and not output.is_dir():
         raise ConfigError(f"{output} is a file; choose another folder with -o.")
     ours = (output / HIDDEN / _LOCK).is_file()  # frames of a video alone may lie there, too
-    if output.is_dir() and not ours and any(not path.name.startswith(".") for path in output.iterdir()):
+    if not ours and holds_files(output):
         raise ConfigError(f"{output} is not empty and was not made by prepare; choose another folder with -o.")
 
 

@@ -1,6 +1,5 @@
 """What a run's object is shown in and handed on as: pictures under a light, and files for other programs."""
 
-import os
 from pathlib import Path
 
 import torch
@@ -9,7 +8,7 @@ from lightprobe.core.config.prediction import Sun
 from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.files import filled_folder, named_file, refuse_replacing
+from lightprobe.core.files import filled_folder, holds_files, named_file, refuse_replacing
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Relighter, relight, turntable
 from lightprobe.export import export, write_picture
@@ -100,5 +99,5 @@ def export_run(
 
 def _refuse_mixing(folder: Path) -> None:
     """Refuse a folder that holds files: among those of an earlier call the new ones could not be told apart."""
-    if folder.is_dir() and any(not name.startswith(".") for name in os.listdir(folder)):
+    if holds_files(folder):
         raise ConfigError(f"{folder} is not empty; give a new folder with -o, so that no older file stays among these.")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
-from lightprobe.core.files import is_file_name, refuse_replacing, shell_word, write_bytes
+from lightprobe.core.files import holds_files, is_file_name, refuse_replacing, shell_word, write_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.report import write_report
 from lightprobe.report.comparison import Comparison, comparison_page
@@ -79,8 +79,7 @@ def _refuse_folder(folder: Path, runs: Sequence[Path]) -> None:
     if owner is not None:
         raise ConfigError(f"{folder} belongs to the run {owner}; give another folder for the gallery with -o.")
     page = folder / "index.html"
-    holds = folder.is_dir() and any(not path.name.startswith(".") for path in folder.iterdir())
-    if holds and not (page.is_file() and GALLERY in page.read_text(errors="replace")):
+    if holds_files(folder) and not (page.is_file() and GALLERY in page.read_text(errors="replace")):
         raise ConfigError(f"{folder} holds other files than a gallery; give another folder with -o.")
 
 
