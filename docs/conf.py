@@ -1,7 +1,7 @@
 """Settings of the documentation's build: `make docs` writes build/docs/index.html from this folder.
 
-Nothing is fetched, neither while building nor by the finished pages: no intersphinx, no fonts or scripts of other
-hosts, equations as MathML, which browsers draw themselves.
+Nothing is fetched, neither while building nor by the finished pages: no intersphinx, no fonts or scripts of
+other hosts, equations as MathML, which browsers draw themselves.
 """
 
 import importlib.metadata

@@ -24,9 +24,14 @@ INK, GREY, FINE = (40, 40, 40), (150, 150, 150), 2  # lines are drawn twice as l
 
 
 def marked(directions: torch.Tensor) -> torch.Tensor:
-    """Return colours (..., 3) in 0..255: of the axis nearest to each direction, darker along a grid of 15 degrees."""
+    """Return colours (..., 3) in 0..255: of the axis nearest to each direction, darker along a grid of 15
+    degrees.
+    """
     nearest = (directions.double() @ torch.tensor(AXES).T).argmax(-1)
-    elevation, azimuth = directions[..., 2].clamp(-1, 1).asin(), torch.atan2(directions[..., 1], directions[..., 0])
+    elevation, azimuth = (
+        directions[..., 2].clamp(-1, 1).asin(),
+        torch.atan2(directions[..., 1], directions[..., 0]),
+    )
     turns = torch.stack([elevation, azimuth], -1) / (np.pi / 12)
     line = ((turns - turns.round()).abs() < 0.03).any(-1)
     return torch.tensor(TINTS, dtype=torch.float32)[nearest] * torch.where(line, 0.8, 1.0)[..., None]
@@ -44,7 +49,9 @@ def finished(image: Image.Image) -> Image.Image:
     return small.quantize(128, dither=Image.Dither.NONE)
 
 
-def write(draw: ImageDraw.ImageDraw, at: tuple[float, float], text: str, size: int = 15, color: tuple = INK) -> None:
+def write(
+    draw: ImageDraw.ImageDraw, at: tuple[float, float], text: str, size: int = 15, color: tuple = INK
+) -> None:
     """Write text around a point, in the units of the finished picture."""
     font = ImageFont.load_default(FINE * size)
     draw.multiline_text((FINE * at[0], FINE * at[1]), text, color, font, "mm", align="center")
@@ -57,7 +64,9 @@ def texture(colors: torch.Tensor, width: int, height: int) -> Image.Image:
 
 
 def equirect_picture() -> Image.Image:
-    """Return the marked environment as the file that `predict` writes shows it, axes named, u and v along its edges."""
+    """Return the marked environment as the file that `predict` writes shows it, axes named, u and v along its
+    edges.
+    """
     image, draw = canvas(640, 340)
     image.paste(texture(marked(equirect.directions(560)), 560, 280), (FINE * 40, FINE * 30))
     for name, axis in zip(FACES[:4], AXES, strict=False):
@@ -116,7 +125,9 @@ class _drawn:  # noqa: N801 (a panel that is drawn on)
     def __init__(self, draw: ImageDraw.ImageDraw, left: int, title: str):
         pose = look_at(np.array([4.2, -5.4, 2.9]), np.array([0, 0, 0.1]), np.array([0, 0, 1.0]))
         self.draw, self.camera = draw, Camera(pose, 640.0, 640.0, left + 130, 128, 840, 290)
-        ring = self.points(0.62 * pose[:3, :2] @ np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 90)), np.sin(t)]))
+        ring = self.points(
+            0.62 * pose[:3, :2] @ np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 90)), np.sin(t)])
+        )
         draw.polygon(ring, fill=(238, 238, 238), outline=GREY)
         write(draw, (left + 130, 262), title, 14)
 
@@ -142,7 +153,8 @@ class _drawn:  # noqa: N801 (a panel that is drawn on)
 def _photo_camera(panel: _drawn, pose: np.ndarray) -> None:
     right, up, backwards, place = pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3]
     corners = [
-        place - 0.5 * backwards + a * 0.3 * right + b * 0.22 * up for a, b in ((-1, 1), (1, 1), (1, -1), (-1, -1))
+        place - 0.5 * backwards + a * 0.3 * right + b * 0.22 * up
+        for a, b in ((-1, 1), (1, 1), (1, -1), (-1, -1))
     ]
     for k, corner in enumerate(corners):
         panel.line(place, corner, GREY, 1)
@@ -157,7 +169,10 @@ def pixels_picture() -> Image.Image:
     side, left, top = 56, 120, 50
     for i in range(4):
         for j in range(5):
-            box = [FINE * v for v in (left + side * j, top + side * i, left + side * (j + 1), top + side * (i + 1))]
+            box = [
+                FINE * v
+                for v in (left + side * j, top + side * i, left + side * (j + 1), top + side * (i + 1))
+            ]
             if i < 3:
                 draw.rectangle(box, outline=GREY, width=FINE)
                 x, y = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2

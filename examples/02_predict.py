@@ -2,8 +2,8 @@
 
     python examples/02_predict.py runs/pot src/lightprobe/assets/demo/test/r_000.png -o light.exr
 
-A photo of the run's own scene finds its camera in the run. Another one takes `--camera`: a JSON file as README
-describes it, or a transforms file that names the photo.
+A photo of the run's own scene finds its camera in the run. Another one takes `--camera`: a JSON file as
+README describes it, or a transforms file that names the photo.
 """
 
 import argparse
@@ -15,7 +15,9 @@ from lightprobe.light import cubemap
 
 def main() -> None:
     """Predict as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("photo", type=Path)
     parser.add_argument("--camera", type=Path, help="by default that of the run's scene")

@@ -26,7 +26,9 @@ def about_z(angle: float) -> torch.Tensor:
 
 def main() -> None:
     """Render as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("environment", type=Path, help="equirectangular .exr or .hdr")
     parser.add_argument("-o", "--output", type=Path, default=Path("relit"), help="folder for the pictures")

@@ -2,9 +2,9 @@
 
     python examples/04_solve_light.py runs/pot src/lightprobe/assets/demo/test/r_000.png -o solved.exr
 
-`observe` finds the object's pixels, `Transport` is the linear map A from a cubemap to their colours, and `solve_light`
-finds the light E >= 0 with the least |A E - I|² that stays near a grey one. `--pull` is how strongly it stays there:
-what the photo does not pin down is left grey.
+`observe` finds the object's pixels, `Transport` is the linear map A from a cubemap to their colours, and
+`solve_light` finds the light E >= 0 with the least |A E - I|² that stays near a grey one. `--pull` is how
+strongly it stays there: what the photo does not pin down is left grey.
 """
 
 import argparse
@@ -24,7 +24,9 @@ RESOLUTION = 16
 
 def main() -> None:
     """Solve as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("photo", type=Path)
     parser.add_argument("--camera", type=Path, help="by default that of the run's scene")

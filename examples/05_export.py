@@ -2,8 +2,9 @@
 
     python examples/05_export.py runs/pot src/lightprobe/assets/demo/test/r_000.png -o pot
 
-Blender: import pot/mesh.glb, then World > Color > Environment Texture with the .exr. three.js: GLTFLoader for mesh.glb,
-EXRLoader for the .exr with EquirectangularReflectionMapping as scene.environment. Neither needs a rotation.
+Blender: import pot/mesh.glb, then World > Color > Environment Texture with the .exr. three.js: GLTFLoader for
+mesh.glb, EXRLoader for the .exr with EquirectangularReflectionMapping as scene.environment. Neither needs a
+rotation.
 """
 
 import argparse
@@ -16,7 +17,9 @@ from lightprobe.runs.outputs import write_picture
 
 def main() -> None:
     """Export as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("photos", type=Path, nargs="+", help="photos of the run's scene, or of --camera's")
     parser.add_argument("--camera", type=Path, help="by default those of the run's scene")
@@ -24,7 +27,9 @@ def main() -> None:
     given = parser.parse_args()
 
     if len({photo.stem for photo in given.photos}) < len(given.photos):
-        parser.error("two photos have one name, and so would their lights; give them one by one, with another -o")
+        parser.error(
+            "two photos have one name, and so would their lights; give them one by one, with another -o"
+        )
 
     predictor = lightprobe.Predictor.load(given.run)
     lights, views = {}, {}

@@ -2,9 +2,9 @@
 
     python examples/06_own_method.py runs/pot src/lightprobe/assets/demo
 
-The method here knows two lights only, one from above and one from below, and finds their colours by least squares.
-Scores are the photo rendered again, and the error of ln radiance where the scene brings the true light.
-CONTRIBUTING.md says what a method needs to become one of `--method`.
+The method here knows two lights only, one from above and one from below, and finds their colours by least
+squares. Scores are the photo rendered again, and the error of ln radiance where the scene brings the true
+light. CONTRIBUTING.md says what a method needs to become one of `--method`.
 """
 
 import argparse
@@ -25,7 +25,9 @@ from lightprobe.scene import load_pixels
 
 def sky_and_ground(known, pixels, camera, resolution: int = 16) -> Environment:
     """Return the light of two halves, above and below, that explains a photo best."""
-    seen = observe(known.asset, pixels, camera.normalised(known.similarity), torch.device("cpu"), max_pixels=4096)
+    seen = observe(
+        known.asset, pixels, camera.normalised(known.similarity), torch.device("cpu"), max_pixels=4096
+    )
     transport = Transport(seen.gbuffer, prefilter.cached(resolution), seen.rows)
     above = (cubemap.directions(resolution)[..., 2:] > 0).float().expand(-1, -1, -1, 3)
     halves = torch.stack([above, 1 - above])
@@ -36,16 +38,22 @@ def sky_and_ground(known, pixels, camera, resolution: int = 16) -> Environment:
 
 def main() -> None:
     """Score as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("scene", type=Path)
     given = parser.parse_args()
 
     predictor = lightprobe.Predictor.load(given.run)
     known = predictor.decomposition
-    methods: dict[str, Callable] = {"sky and ground": lambda pixels, camera: sky_and_ground(known, pixels, camera)}
+    methods: dict[str, Callable] = {
+        "sky and ground": lambda pixels, camera: sky_and_ground(known, pixels, camera)
+    }
     for method in (Method.CONSTANT, Method.SOLVE, Method.PROBE_NET_OPTIMIZE):
-        methods[method.value] = lambda seen, view, m=method: predictor.predict(seen, view, m, refuse=False).environment
+        methods[method.value] = lambda seen, view, m=method: (
+            predictor.predict(seen, view, m, refuse=False).environment
+        )
     for photo in lightprobe.load_scene(given.scene).test:
         pixels, camera = load_pixels(photo)
         color, alpha = torch.from_numpy(pixels.color), torch.from_numpy(pixels.alpha)

@@ -1,8 +1,10 @@
-"""Its presence puts the repository's root on the path, so that tests can share `tests.shapes` and `tests.toy_scene`.
+"""Its presence puts the repository's root on the path, so that tests can share `tests.shapes` and
+`tests.toy_scene`.
 
 The tools are scripts beside the package: their folder is put on the path the way running them does.
-Where there is no GPU, Triton's kernels are run by its interpreter, which must be asked for before Triton is imported.
-What is skipped for want of anything but a GPU is listed at the end; with LIGHTPROBE_SKIP_CUDA_ONLY=1 it is a failure.
+Where there is no GPU, Triton's kernels are run by its interpreter, which must be asked for before Triton is
+imported. What is skipped for want of anything but a GPU is listed at the end; with
+LIGHTPROBE_SKIP_CUDA_ONLY=1 it is a failure.
 """
 
 import os
@@ -20,22 +22,44 @@ if not torch.cuda.is_available():
 _LONGEST = tuple(
     f"tests/{name}.py"
     for name in (
-        "cli/test_resume", "tools/test_measure_gpu", "reconstruction/test_cavity_trials", "cli/test_damaged_run",
-        "cli/test_using", "evaluation/test_memory", "docs/test_docs", "examples/test_examples",
-        "preparation/test_preparing", "tools/test_measure_speed", "reconstruction/test_metal_trials",
-        "kernels/test_triton_compiles", "tools/test_make_demo_scene", "cli/test_torchrun", "fuzz/test_fuzz",
-        "fleet/test_ray_cluster", "insertion/test_compositing", "localization/test_locator", "view/test_page",
-        "cli/test_inserting", "cli/test_evaluation", "runs/test_golden", "localization/test_pose_search",
-        "scene/test_inspect", "render/test_mitsuba_oracle", "kernels/test_hash_grid", "runs/test_training",
+        "cli/test_resume",
+        "tools/test_measure_gpu",
+        "reconstruction/test_cavity_trials",
+        "cli/test_damaged_run",
+        "cli/test_using",
+        "evaluation/test_memory",
+        "docs/test_docs",
+        "examples/test_examples",
+        "preparation/test_preparing",
+        "tools/test_measure_speed",
+        "reconstruction/test_metal_trials",
+        "kernels/test_triton_compiles",
+        "tools/test_make_demo_scene",
+        "cli/test_torchrun",
+        "fuzz/test_fuzz",
+        "fleet/test_ray_cluster",
+        "insertion/test_compositing",
+        "localization/test_locator",
+        "view/test_page",
+        "cli/test_inserting",
+        "cli/test_evaluation",
+        "runs/test_golden",
+        "localization/test_pose_search",
+        "scene/test_inspect",
+        "render/test_mitsuba_oracle",
+        "kernels/test_hash_grid",
+        "runs/test_training",
         "cli/test_paper_preset",
     )
-)  # fmt: skip
+)
 _FOR_WANT_OF_CUDA = ("CUDA", "Triton runs on the device")
 _unexcused: dict[str, int] = {}  # reason -> tests skipped for it
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest files: one that came last would run alone, and the other cores would wait for it."""
+    """Begin with the longest files: one that came last would run alone, and the other cores would wait for
+    it.
+    """
     rank = {name: place for place, name in enumerate(_LONGEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(_LONGEST)))
 

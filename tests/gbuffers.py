@@ -10,31 +10,49 @@ from lightprobe.render.gbuffer import GBuffer
 R = 16
 
 
-def sphere_gbuffer(count=1500, *, roughness=0.3, metallic=0.0, base=(0.7, 0.5, 0.3), dtype=torch.float32) -> GBuffer:
+def sphere_gbuffer(
+    count=1500, *, roughness=0.3, metallic=0.0, base=(0.7, 0.5, 0.3), dtype=torch.float32
+) -> GBuffer:
     """Points of a unit sphere seen from far along +x."""
     disc = torch.rand(4 * count, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * 2 - 1
     disc = disc[disc.norm(dim=1) < 0.995][:count]  # uniform in the picture, as pixels are
     normal = torch.cat([(1 - disc.square().sum(1, keepdim=True)).sqrt(), disc], 1).to(dtype)
     ids = torch.arange(count)
     return GBuffer(
-        height=1, width=count, pixel=ids, face=ids, position=normal, normal=normal,
+        height=1,
+        width=count,
+        pixel=ids,
+        face=ids,
+        position=normal,
+        normal=normal,
         view=torch.tensor([1.0, 0, 0], dtype=dtype).expand(count, 3),
         base_color=torch.tensor(base, dtype=dtype).expand(count, 3),
-        roughness=torch.full((count,), roughness, dtype=dtype), metallic=torch.full((count,), metallic, dtype=dtype),
-    )  # fmt: skip
+        roughness=torch.full((count,), roughness, dtype=dtype),
+        metallic=torch.full((count,), metallic, dtype=dtype),
+    )
 
 
 def any_gbuffer(count: int, dtype: torch.dtype = torch.float32) -> GBuffer:
     """Points of every material and view angle."""
     random = torch.Generator().manual_seed(2)
-    normal, view = torch.nn.functional.normalize(torch.randn(2, count, 3, generator=random, dtype=dtype), dim=-1)
+    normal, view = torch.nn.functional.normalize(
+        torch.randn(2, count, 3, generator=random, dtype=dtype), dim=-1
+    )
     view = view * (normal * view).sum(-1, keepdim=True).sign()
     material = torch.rand(count, 5, generator=random, dtype=dtype)
     ids = torch.arange(count)
     return GBuffer(
-        height=1, width=count, pixel=ids, face=ids, position=normal, normal=normal, view=view,
-        base_color=material[:, :3], roughness=0.08 + 0.92 * material[:, 3], metallic=material[:, 4],
-    )  # fmt: skip
+        height=1,
+        width=count,
+        pixel=ids,
+        face=ids,
+        position=normal,
+        normal=normal,
+        view=view,
+        base_color=material[:, :3],
+        roughness=0.08 + 0.92 * material[:, 3],
+        metallic=material[:, 4],
+    )
 
 
 def sky(resolution: int) -> torch.Tensor:
@@ -43,7 +61,9 @@ def sky(resolution: int) -> torch.Tensor:
     sun = torch.nn.functional.normalize(torch.tensor([0.6, 0.4, 0.5]), dim=0)
     glow = 20 * torch.exp(80 * ((d @ sun) - 1))
     up = torch.sigmoid(8 * d[..., 2])
-    return (0.1 + up)[..., None] * torch.tensor([0.5, 0.7, 1.0]) + glow[..., None] * torch.tensor([1.0, 0.9, 0.7])
+    return (0.1 + up)[..., None] * torch.tensor([0.5, 0.7, 1.0]) + glow[..., None] * torch.tensor(
+        [1.0, 0.9, 0.7]
+    )
 
 
 def turned(angle: float) -> torch.Tensor:
@@ -65,7 +85,10 @@ def brute_force(gbuffer: GBuffer, light: torch.Tensor) -> torch.Tensor:
         nl, nv = (light_in @ n).clamp(min=0), float(n @ v)
         h = torch.nn.functional.normalize(light_in + v, dim=1)
         d = alpha**2 / (math.pi * ((h @ n) ** 2 * (alpha**2 - 1) + 1) ** 2)
-        smith = nl * math.sqrt(alpha**2 + (1 - alpha**2) * nv**2) + nv * (alpha**2 + (1 - alpha**2) * nl**2).sqrt()
+        smith = (
+            nl * math.sqrt(alpha**2 + (1 - alpha**2) * nv**2)
+            + nv * (alpha**2 + (1 - alpha**2) * nl**2).sqrt()
+        )
         f0 = 0.04 * (1 - m) + base * m
         f = f0 + (1 - f0) * ((1 - (h @ v).clamp(0, 1)) ** 5)[:, None]
         brdf = (1 - f) * base * (1 - m) / math.pi + f * (d * 0.5 / smith.clamp(min=1e-9))[:, None]

@@ -26,7 +26,9 @@ def known_decomposition() -> Decomposition:
     color = torch.stack([0.2 + 0.5 * down, 0.6 - 0.3 * across, torch.full_like(down, 0.3)], -1)
     up = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, 3)
     textures = Textures(color, 0.3 + 0.4 * down, 0.2 * across, up)
-    return Decomposition(Asset(sphere_mesh(3), textures), {"light": Environment(torch.ones(6, 16, 16, 3))}, SIMILARITY)
+    return Decomposition(
+        Asset(sphere_mesh(3), textures), {"light": Environment(torch.ones(6, 16, 16, 3))}, SIMILARITY
+    )
 
 
 def soft_sky(seed: int) -> np.ndarray:
@@ -47,7 +49,9 @@ def write_photo(folder, name: str, decomposition: Decomposition, position) -> Ph
     files = {key: folder / f"{name}_{key}.exr" for key in ("environment", "linear", "normal")}
     files |= {key: folder / f"{name}_{key}.png" for key in ("base_color", "orm")}
     write_exr(files["environment"], soft_sky(len(name)))
-    image, cover = (t.numpy() for t in relight(decomposition, Environment.load(files["environment"], CPU), camera))
+    image, cover = (
+        t.numpy() for t in relight(decomposition, Environment.load(files["environment"], CPU), camera)
+    )
     write_exr(files["linear"], np.concatenate([image, cover[..., None]], -1))
     write_png(folder / f"{name}.png", image / np.maximum(cover, 1e-6)[..., None], cover, bits=16)
     g = rasterize_asset(decomposition.asset, camera.normalised(SIMILARITY), CPU)
@@ -63,7 +67,9 @@ def write_photo(folder, name: str, decomposition: Decomposition, position) -> Ph
 def known_scene(folder) -> tuple[Decomposition, Scene]:
     """Return the decomposition, and a scene of its own renders in `folder`."""
     decomposition = known_decomposition()
-    test = tuple(write_photo(folder, n, decomposition, p) for n, p in (("a", (3, 1, 1)), ("bb", (-1, 3, 0.5))))
+    test = tuple(
+        write_photo(folder, n, decomposition, p) for n, p in (("a", (3, 1, 1)), ("bb", (-1, 3, 0.5)))
+    )
     relit = (write_photo(folder, "ccc", decomposition, (1, -3, 0)),)
     vertices = SIMILARITY.invert(decomposition.asset.mesh.vertices.numpy())
     lines = [f"v {x} {y} {z}" for x, y, z in vertices]

@@ -22,9 +22,15 @@ def glossy_sphere() -> Asset:
     """Return a unit sphere with blotches of colour, roughness .1 to .5 and some metal."""
     random = torch.Generator().manual_seed(11)
     blotches = torch.rand(1, 5, 8, 8, generator=random)
-    maps = torch.nn.functional.interpolate(blotches, (128, 128), mode="bilinear")[0].permute(1, 2, 0).contiguous()
+    maps = (
+        torch.nn.functional.interpolate(blotches, (128, 128), mode="bilinear")[0]
+        .permute(1, 2, 0)
+        .contiguous()
+    )
     normal = torch.tensor([0.0, 0.0, 1.0]).expand(128, 128, 3).contiguous()
-    textures = Textures(0.1 + 0.8 * maps[..., :3], 0.1 + 0.4 * maps[..., 3], (maps[..., 4] > 0.6).float(), normal)
+    textures = Textures(
+        0.1 + 0.8 * maps[..., :3], 0.1 + 0.4 * maps[..., 3], (maps[..., 4] > 0.6).float(), normal
+    )
     return Asset(sphere_mesh(3, 128), textures)
 
 
@@ -47,7 +53,9 @@ def photograph(asset: Asset, camera: Camera, light: Tensor) -> Pixels:
     return Pixels.of(color.reshape(*shape, 3), alpha.reshape(shape))
 
 
-def lesson(asset: Asset, camera: Camera, light: Tensor, name: str, config: DistillConfig | None = None) -> Lesson:
+def lesson(
+    asset: Asset, camera: Camera, light: Tensor, name: str, config: DistillConfig | None = None
+) -> Lesson:
     """Return the lesson of a photo whose teacher is the true light."""
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
@@ -61,7 +69,9 @@ CORNER = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
 
 
 def corner(device: torch.device = CPU) -> tuple[Observation, Tensor]:
-    """Return the observation of a corner of a sphere, lit from the side, and the direction that the corner faces."""
+    """Return the observation of a corner of a sphere, lit from the side, and the direction that the corner
+    faces.
+    """
     asset = glossy_sphere()
     photo = photograph(asset, CORNER, patch_light((0.2, 1.0, 0.5)))
     mask = np.zeros_like(photo.alpha)
@@ -70,7 +80,14 @@ def corner(device: torch.device = CPU) -> tuple[Observation, Tensor]:
     return observation, observation.gbuffer.normal[observation.rows].mean(0)
 
 
-PATCHES = ((1.0, 0.3, 0.4), (-0.8, 0.9, 0.2), (0.2, -1.0, 0.5), (0.1, 0.2, 1.0), (-0.6, -0.6, 0.5), (0.7, 0.2, -0.5))
+PATCHES = (
+    (1.0, 0.3, 0.4),
+    (-0.8, 0.9, 0.2),
+    (0.2, -1.0, 0.5),
+    (0.1, 0.2, 1.0),
+    (-0.6, -0.6, 0.5),
+    (0.7, 0.2, -0.5),
+)
 
 
 def lessons(asset: Asset) -> list[Lesson]:

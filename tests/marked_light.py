@@ -6,7 +6,8 @@ import torch
 from lightprobe.light import cubemap
 from lightprobe.scene.camera import Similarity
 
-# Where the light of each colour comes from, in the user's z-up frame; all values are exact in both file formats.
+# Where the light of each colour comes from, in the user's z-up frame; all values are exact in both file
+# formats.
 COLORS = {
     (1, 0, 0): (1.0, 0.125, 0.125),
     (-1, 0, 0): (0.125, 1.0, 1.0),

@@ -52,7 +52,9 @@ def decomposition(asset: Asset) -> Decomposition:
 
 
 def view_from(position, *, size: int = SIZE, shift: float = 0.0) -> Camera:
-    """Return a normalised-frame camera at `position`, moved sideways by `shift` against looking at the origin."""
+    """Return a normalised-frame camera at `position`, moved sideways by `shift` against looking at the
+    origin.
+    """
     camera = camera_at(position, size=size, focal=FOCAL * size / SIZE)
     camera.camera_to_world[:3, 3] += shift * camera.camera_to_world[:3, 0]
     return camera
@@ -65,11 +67,15 @@ def in_input_frame(camera: Camera) -> Camera:
 
 
 def photo_of(asset: Asset, camera: Camera, seed: int, *, busy: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Return the linear photo (H, W, 3) by a normalised-frame camera under light number `seed`, and its mask (H, W)."""
+    """Return the linear photo (H, W, 3) by a normalised-frame camera under light number `seed`, and its mask
+    (H, W).
+    """
     sky = torch.from_numpy(soft_sky(seed))
     light = Environment(equirect.to_cubemap(sky, 32))
     image, cover = relight(decomposition(asset), light, in_input_frame(camera))
-    rays = torch.nn.functional.normalize(View.of(camera, CPU).rays(torch.arange(camera.height * camera.width)), dim=1)
+    rays = torch.nn.functional.normalize(
+        View.of(camera, CPU).rays(torch.arange(camera.height * camera.width)), dim=1
+    )
     behind = equirect.sample(sky, rays).reshape(camera.height, camera.width, 3)
     if busy:  # a smooth background has no edges that could be taken for the object's
         behind = behind * (0.6 + 0.4 * torch.sin(9 * rays.reshape(behind.shape)).sign())

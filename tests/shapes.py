@@ -34,8 +34,12 @@ def ball_over_floor(radius: float, height: float) -> tuple[torch.Tensor, torch.T
     line = torch.linspace(-0.7, 0.7, n)
     floor = torch.stack([*torch.meshgrid(line, line, indexing="xy"), torch.zeros(n, n)], -1).reshape(-1, 3)
     corner = (torch.arange(n - 1)[:, None] * n + torch.arange(n - 1)).reshape(-1)
-    faces = torch.cat([torch.stack([corner, corner + 1, corner + n], 1),
-                       torch.stack([corner + 1, corner + n + 1, corner + n], 1)])  # fmt: skip
+    faces = torch.cat(
+        [
+            torch.stack([corner, corner + 1, corner + n], 1),
+            torch.stack([corner + 1, corner + n + 1, corner + n], 1),
+        ]
+    )
     vertices, ball = (torch.from_numpy(part) for part in sphere(3))
     moved = radius * vertices + torch.tensor([0.0, 0.0, height])
     return torch.cat([floor, moved]), torch.cat([faces, ball.long() + n * n]).int(), n * n // 2

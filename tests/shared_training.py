@@ -14,7 +14,9 @@ from lightprobe.core.processes import Processes
 
 @dataclass(frozen=True)
 class _Table:
-    """Where the tensors of one exchange lie, and whose turn it is to compute: compiled loops may bear no company."""
+    """Where the tensors of one exchange lie, and whose turn it is to compute: compiled loops may bear no
+    company.
+    """
 
     barrier: threading.Barrier
     turn: threading.Lock = field(default_factory=threading.Lock)
@@ -41,7 +43,9 @@ class ThreadedProcesses(Processes):
 
 
 def in_processes(count: int, work: Callable[[Processes], Any]) -> list[Any]:
-    """Return the results of `work` in each of `count` processes; raise what one raises, and not what that led to."""
+    """Return the results of `work` in each of `count` processes; raise what one raises, and not what that led
+    to.
+    """
     table = _Table(threading.Barrier(count))
 
     def run(rank: int) -> Any:

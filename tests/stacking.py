@@ -10,8 +10,12 @@ def unit(count: int, random: torch.Generator) -> Tensor:
     return torch.nn.functional.normalize(torch.randn(count, 3, generator=random), dim=1)
 
 
-def pixels(roughness: Tensor, *, seed: int = 0, tilt: float | None = None) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return colours, normals, views and alpha^2; `tilt` is the cosine between normal and view, random by default."""
+def pixels(
+    roughness: Tensor, *, seed: int = 0, tilt: float | None = None
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return colours, normals, views and alpha^2; `tilt` is the cosine between normal and view, random by
+    default.
+    """
     random = torch.Generator().manual_seed(seed)
     count = len(roughness)
     normals, views = unit(count, random), unit(count, random)

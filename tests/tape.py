@@ -1,7 +1,9 @@
-"""A stand-in for CUDA graphs on a CPU: every operator of a call is written down with its tensors, and made again.
+"""A stand-in for CUDA graphs on a CPU: every operator of a call is written down with its tensors, and made
+again.
 
-As on a GPU, what Python decided while the call was recorded stays decided, results land where they did then, and the
-host must not look at them in between. Copies from the host show only as new tensors, and memory is not freed.
+As on a GPU, what Python decided while the call was recorded stays decided, results land where they did then,
+and the host must not look at them in between. Copies from the host show only as new tensors, and memory is
+not freed.
 """
 
 from collections.abc import Callable
@@ -19,7 +21,15 @@ from lightprobe.render import taps, transport
 from lightprobe.training.recording import Call
 
 # what reads values on the host, or brings them from there
-HOST = {"_local_scalar_dense", "nonzero", "lift_fresh", "equal", "masked_select", "_unique2", "repeat_interleave"}
+HOST = {
+    "_local_scalar_dense",
+    "nonzero",
+    "lift_fresh",
+    "equal",
+    "masked_select",
+    "_unique2",
+    "repeat_interleave",
+}
 INDEXED = {"index", "index_put", "index_put_"}  # so does a mask
 
 
@@ -38,7 +48,9 @@ class _Tape(TorchDispatchMode):
 
     def __torch_dispatch__(self, operator, types, args=(), kwargs=None):
         name = operator._schema.name.split("::")[1]
-        masked = name in INDEXED and any(x is not None and x.dtype in (torch.bool, torch.uint8) for x in args[1])
+        masked = name in INDEXED and any(
+            x is not None and x.dtype in (torch.bool, torch.uint8) for x in args[1]
+        )
         if name in HOST or masked:
             raise RuntimeError(f"{name} in a recorded step")
         out = operator(*args, **(kwargs or {}))

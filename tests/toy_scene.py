@@ -51,26 +51,74 @@ def write_toy_scene(folder: Path, *, train: int = 18, test: int = 2) -> Path:
 
 
 TINY = [
-    "--device", "cpu",
-    "--decompose.pass1-iterations", "12", "--decompose.pass2-iterations", "8", "--decompose.pass3-iterations", "10",
-    "--decompose.pass1-side", "32", "--decompose.pass2-side", "32", "--decompose.pass3-texture-size", "96",
-    "--decompose.lattice-cells", "12", "--decompose.hull-voxels", "24",
-    "--decompose.hash-levels", "4", "--decompose.hash-finest", "32", "--decompose.light-resolution", "8",
-    "--decompose.teacher-resolution", "8", "--decompose.texture-size", "64", "--decompose.light-solve-pixels", "256",
-    "--decompose.checkpoint-every", "5", "--decompose.trial-steps", "3", "--decompose.light-solve-iterations", "2",
-]  # fmt: skip
+    "--device",
+    "cpu",
+    "--decompose.pass1-iterations",
+    "12",
+    "--decompose.pass2-iterations",
+    "8",
+    "--decompose.pass3-iterations",
+    "10",
+    "--decompose.pass1-side",
+    "32",
+    "--decompose.pass2-side",
+    "32",
+    "--decompose.pass3-texture-size",
+    "96",
+    "--decompose.lattice-cells",
+    "12",
+    "--decompose.hull-voxels",
+    "24",
+    "--decompose.hash-levels",
+    "4",
+    "--decompose.hash-finest",
+    "32",
+    "--decompose.light-resolution",
+    "8",
+    "--decompose.teacher-resolution",
+    "8",
+    "--decompose.texture-size",
+    "64",
+    "--decompose.light-solve-pixels",
+    "256",
+    "--decompose.checkpoint-every",
+    "5",
+    "--decompose.trial-steps",
+    "3",
+    "--decompose.light-solve-iterations",
+    "2",
+]
 
 
 def changed(words: list[str], **values: object) -> list[str]:
     """Return the words of a command with other values for some options, by their names without the phase."""
-    new = {f"--{phase}.{name.replace('_', '-')}": value for name, value in values.items() for phase in _PHASES}
+    new = {
+        f"--{phase}.{name.replace('_', '-')}": value for name, value in values.items() for phase in _PHASES
+    }
     return [str(new.get(before, word)) for before, word in zip(["", *words], words, strict=False)]
 
 
 # where nothing depends on how bright the object came out: tried brightnesses take a third of the time
 TINY_WITHOUT_TRIALS = changed(TINY, trial_steps=0)
 TINY_DISTILL = [
-    "--distill.steps", "12", "--distill.samples", "64", "--distill.light-resolution", "8", "--distill.width", "16",
-    "--distill.checkpoint-every", "5", "--distill.sphere-steps", "6", "--distill.sphere-batch", "2",
-    "--distill.sphere-width", "4", "--distill.synthetic-lessons", "8", "--distill.simulated-photos", "2",
-]  # fmt: skip
+    "--distill.steps",
+    "12",
+    "--distill.samples",
+    "64",
+    "--distill.light-resolution",
+    "8",
+    "--distill.width",
+    "16",
+    "--distill.checkpoint-every",
+    "5",
+    "--distill.sphere-steps",
+    "6",
+    "--distill.sphere-batch",
+    "2",
+    "--distill.sphere-width",
+    "4",
+    "--distill.synthetic-lessons",
+    "8",
+    "--distill.simulated-photos",
+    "2",
+]

@@ -1,10 +1,12 @@
-"""Check the licence of every package that the project needs, extras and tools included, and write a bill of materials.
+"""Check the licence of every package that the project needs, extras and tools included, and write a bill of
+materials.
 
     python tools/check_licences.py [--bill build/sbom.json]
 
-Follows pyproject.toml through what is installed. Ends with 1 when a package is missing, says nothing of its licence or
-has one that is not allowed, and when one brings a shared library under the GPL or LGPL without being named below. The
-bill is CycloneDX 1.6 in JSON: packages, versions, licences, what needs what, and such libraries as properties.
+Follows pyproject.toml through what is installed. Ends with 1 when a package is missing, says nothing of its
+licence or has one that is not allowed, and when one brings a shared library under the GPL or LGPL without
+being named below. The bill is CycloneDX 1.6 in JSON: packages, versions, licences, what needs what, and such
+libraries as properties.
 """
 
 import argparse
@@ -21,19 +23,38 @@ from typing import Any
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
-ALLOWED = frozenset({
-    "0BSD", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD-2-Clause", "BSD-3-Clause", "BSL-1.0", "CC0-1.0", "ISC",
-    "LicenseRef-TOST-1.0",  # Pixar's Tomorrow Open Source Technology licence: Apache 2.0 with another trademark clause
-    "MIT", "MIT-CMU", "MPL-2.0", "PSF-2.0", "Unlicense", "Zlib",
-})  # fmt: skip
+ALLOWED = frozenset(
+    {
+        "0BSD",
+        "Apache-2.0",
+        "Apache-2.0 WITH LLVM-exception",
+        "BSD-2-Clause",
+        "BSD-3-Clause",
+        "BSL-1.0",
+        "CC0-1.0",
+        "ISC",
+        "LicenseRef-TOST-1.0",  # Pixar's Tomorrow Open Source Technology licence: Apache 2.0 with another trademark clause
+        "MIT",
+        "MIT-CMU",
+        "MPL-2.0",
+        "PSF-2.0",
+        "Unlicense",
+        "Zlib",
+    }
+)
 # What packages say in words of their own -> SPDX
 _WORDS = {
-    "3-Clause BSD License": "BSD-3-Clause", "Apache 2.0": "Apache-2.0", "Apache Software License": "Apache-2.0",
+    "3-Clause BSD License": "BSD-3-Clause",
+    "Apache 2.0": "Apache-2.0",
+    "Apache Software License": "Apache-2.0",
     "BSD": "BSD-3-Clause",
-    "BSD 2-Clause License": "BSD-2-Clause", "BSD License": "BSD-3-Clause", "MIT License": "MIT",
-    "Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0", "ISC License (ISCL)": "ISC",
+    "BSD 2-Clause License": "BSD-2-Clause",
+    "BSD License": "BSD-3-Clause",
+    "MIT License": "MIT",
+    "Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0",
+    "ISC License (ISCL)": "ISC",
     "Python Software Foundation License": "PSF-2.0",
-}  # fmt: skip
+}
 # Packages whose metadata do not tell; read in the licence files that they bring
 _READ = {
     "openexr": "BSD-3-Clause",
@@ -42,14 +63,25 @@ _READ = {
 }
 # Shared libraries under copyleft, by the beginning of their file's name
 _COPYLEFT = {
-    "libx264": "GPL-2.0-or-later", "libx265": "GPL-2.0-or-later", "libav": "LGPL-2.1-or-later",
-    "libsw": "LGPL-2.1-or-later", "libheif": "LGPL-3.0-or-later", "libde265": "LGPL-3.0-or-later",
-    "libraw": "LGPL-2.1-only", "libmp3lame": "LGPL-2.0-or-later", "libgnutls": "LGPL-2.1-or-later",
-    "libnettle": "LGPL-3.0-or-later", "libhogweed": "LGPL-3.0-or-later", "libgmp": "LGPL-3.0-or-later",
-    "libunistring": "LGPL-3.0-or-later", "libasound": "LGPL-2.1-or-later", "libquadmath": "LGPL-2.1-or-later",
-}  # fmt: skip
+    "libx264": "GPL-2.0-or-later",
+    "libx265": "GPL-2.0-or-later",
+    "libav": "LGPL-2.1-or-later",
+    "libsw": "LGPL-2.1-or-later",
+    "libheif": "LGPL-3.0-or-later",
+    "libde265": "LGPL-3.0-or-later",
+    "libraw": "LGPL-2.1-only",
+    "libmp3lame": "LGPL-2.0-or-later",
+    "libgnutls": "LGPL-2.1-or-later",
+    "libnettle": "LGPL-3.0-or-later",
+    "libhogweed": "LGPL-3.0-or-later",
+    "libgmp": "LGPL-3.0-or-later",
+    "libunistring": "LGPL-3.0-or-later",
+    "libasound": "LGPL-2.1-or-later",
+    "libquadmath": "LGPL-2.1-or-later",
+}
 _NOT_COPYLEFT = ("libavif",)  # BSD, by a name that begins like FFmpeg's
-# Packages known to bring such libraries in their wheels, which users install themselves: SECURITY.md names them
+# Packages known to bring such libraries in their wheels, which users install themselves: SECURITY.md names
+# them
 BRINGING = frozenset({"av", "numpy", "opencv-python-headless", "pillow-heif", "pycolmap", "rawpy", "scipy"})
 
 
@@ -65,7 +97,9 @@ class Package:
 
 
 def project(path: Path = ROOT / "pyproject.toml") -> tuple[list[str], set[str]]:
-    """Return the requirements of the project with its tools, and the names of extras that these do not take in."""
+    """Return the requirements of the project with its tools, and the names of extras that these do not take
+    in.
+    """
     found = tomllib.loads(path.read_text())["project"]
     extras = {normal(name): requirements for name, requirements in found["optional-dependencies"].items()}
     taken, waiting, lines = {"dev"}, ["dev"], list(found["dependencies"])
@@ -90,7 +124,9 @@ def closure(requirements: Iterable[str]) -> tuple[list[Package], list[str]]:
     while waiting:
         requirement = waiting.pop()
         name = normal(requirement.name)
-        if (requirement.marker is not None and not requirement.marker.evaluate({"extra": ""})) or name in missing:
+        if (
+            requirement.marker is not None and not requirement.marker.evaluate({"extra": ""})
+        ) or name in missing:
             continue
         try:
             found[name] = distribution(requirement.name)
@@ -116,7 +152,9 @@ def _needs(package: Distribution, extra: str) -> Iterator[Requirement]:
 def _package(name: str, found: dict[str, Distribution]) -> Package:
     package = found[name]
     needs = sorted({normal(need.name) for need in _needs(package, "")} & found.keys())
-    return Package(name, package.version, licence(name, package), tuple(needs), libraries(package.files or ()))
+    return Package(
+        name, package.version, licence(name, package), tuple(needs), libraries(package.files or ())
+    )
 
 
 def licence(name: str, package: Distribution) -> str | None:
@@ -126,7 +164,9 @@ def licence(name: str, package: Distribution) -> str | None:
         return _READ[name]
     if "License-Expression" in said:
         return said["License-Expression"]
-    classifiers = [c.split(" :: ")[-1] for c in said.get_all("Classifier") or [] if c.startswith("License ::")]
+    classifiers = [
+        c.split(" :: ")[-1] for c in said.get_all("Classifier") or [] if c.startswith("License ::")
+    ]
     for words in [*(said.get_all("License") or []), *classifiers]:
         text = words.strip()
         if text in _WORDS or text in ALLOWED:
@@ -147,7 +187,9 @@ def libraries(files: Iterable[PurePath]) -> dict[str, str]:
 
 def is_allowed(expression: str) -> bool:
     """Return whether an SPDX expression without parentheses can be met by allowed licences alone."""
-    return any(all(part.strip() in ALLOWED for part in way.split(" AND ")) for way in expression.split(" OR "))
+    return any(
+        all(part.strip() in ALLOWED for part in way.split(" AND ")) for way in expression.split(" OR ")
+    )
 
 
 def faults(packages: Sequence[Package]) -> Iterator[str]:
@@ -164,7 +206,9 @@ def faults(packages: Sequence[Package]) -> Iterator[str]:
 
 def bill(packages: Sequence[Package]) -> dict[str, Any]:
     """Return the software bill of materials, CycloneDX 1.6; the same packages give the same bytes."""
-    needs = [{"ref": _url(p), "dependsOn": [_url(q) for q in packages if q.name in p.needs]} for p in packages]
+    needs = [
+        {"ref": _url(p), "dependsOn": [_url(q) for q in packages if q.name in p.needs]} for p in packages
+    ]
     return {
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
@@ -177,11 +221,18 @@ def bill(packages: Sequence[Package]) -> dict[str, Any]:
 
 def _component(package: Package) -> dict[str, Any]:
     named = [{"expression": package.licence}] if package.licence and is_allowed(package.licence) else []
-    brought = [{"name": "shared library", "value": f"{n}: {said}"} for n, said in sorted(package.libraries.items())]
+    brought = [
+        {"name": "shared library", "value": f"{n}: {said}"} for n, said in sorted(package.libraries.items())
+    ]
     return {
-        "type": "library", "bom-ref": _url(package), "name": package.name, "version": package.version,
-        "purl": _url(package), "licenses": named, **({"properties": brought} if brought else {}),
-    }  # fmt: skip
+        "type": "library",
+        "bom-ref": _url(package),
+        "name": package.name,
+        "version": package.version,
+        "purl": _url(package),
+        "licenses": named,
+        **({"properties": brought} if brought else {}),
+    }
 
 
 def _url(package: Package) -> str:
@@ -195,7 +246,9 @@ def normal(name: str) -> str:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Read the command line, check, write the bill, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--bill", type=Path, help="where the bill of materials is written")
     given = parser.parse_args(words)
     requirements, left_out = project()

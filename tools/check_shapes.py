@@ -2,12 +2,15 @@
 
     python tools/check_shapes.py [FOLDER ...]
 
-Looks, without importing anything, at every public function and method, one without a leading underscore in its own
-name, its class's or its module's, of which a parameter or the result is annotated as `Tensor` or `ndarray`; a dict of
-tensors by name, which have no shape in common, does not count. Its docstring must do one of three things:
+Looks, without importing anything, at every public function and method, one without a leading underscore in
+its own name, its class's or its module's, of which a parameter or the result is annotated as `Tensor` or
+`ndarray`; a dict of tensors by name, which have no shape in common, does not count. Its docstring must do one
+of three things:
 
-- name a shape: `(P, 3)`, `(6, R, R, 3)`, `(N,)`, `[..., 3]`, `()` for a single number, or say that any shape will do;
-- point to where the shapes stand: "as `X`", "as in `X`" or "like `X`", X being a dataclass, a function or an argument;
+- name a shape: `(P, 3)`, `(6, R, R, 3)`, `(N,)`, `[..., 3]`, `()` for a single number, or say that any shape
+  will do;
+- point to where the shapes stand: "as `X`", "as in `X`" or "like `X`", X being a dataclass, a function or an
+  argument;
 - be that of a property that only returns something and whose class names shapes.
 
 Prints one line for each function that does none of them, and ends with 1 when there is one.
@@ -72,7 +75,9 @@ def _has_arrays(function: Function) -> bool:
     given = function.args
     arguments = (*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg)
     annotations = [argument.annotation for argument in arguments if argument is not None]
-    return any(_mentions(annotation) for annotation in (*annotations, function.returns) if annotation is not None)
+    return any(
+        _mentions(annotation) for annotation in (*annotations, function.returns) if annotation is not None
+    )
 
 
 def _mentions(annotation: ast.AST) -> bool:
@@ -104,8 +109,12 @@ def _documentation(owner: ast.ClassDef, path: Path) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check the folders named in the arguments; return 1 when a function does not name its shapes."""
-    parser = argparse.ArgumentParser(description="Say which public functions on tensors or arrays name no shapes.")
-    parser.add_argument("folders", nargs="*", type=Path, default=[_FOLDER], help="where to look; src/lightprobe")
+    parser = argparse.ArgumentParser(
+        description="Say which public functions on tensors or arrays name no shapes."
+    )
+    parser.add_argument(
+        "folders", nargs="*", type=Path, default=[_FOLDER], help="where to look; src/lightprobe"
+    )
     found = 0
     for folder in parser.parse_args(arguments).folders:
         for path in modules(folder):

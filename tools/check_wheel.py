@@ -3,10 +3,10 @@
     python tools/check_wheel.py [--pythons python3.11 python3.12 python3.13] [--extras photos] [--demo]
 
 The wheel is built from the files that git tracks, so that nothing that only lies about gets into it. In each
-environment: `--version`, `--help`, every module imported, a map written and read, the bundled scene inspected, and with
-`--demo` the whole of `lightprobe demo`, which takes minutes. Versions are those of constraints.txt. Where a Python is
-not there, the index is asked whether every package has a wheel for it (`pip install --dry-run`). Ends with 1 when
-anything fails.
+environment: `--version`, `--help`, every module imported, a map written and read, the bundled scene
+inspected, and with `--demo` the whole of `lightprobe demo`, which takes minutes. Versions are those of
+constraints.txt. Where a Python is not there, the index is asked whether every package has a wheel for it
+(`pip install --dry-run`). Ends with 1 when anything fails.
 """
 
 import argparse
@@ -23,8 +23,11 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("python3.11", "python3.12", "python3.13")
 WITH_EXTRAS = (  # packages and modules that cannot be imported without an extra
-    "lightprobe.view", "lightprobe.service", "lightprobe.fleet", "lightprobe.render.gltf_bsdf",
-)  # fmt: skip
+    "lightprobe.view",
+    "lightprobe.service",
+    "lightprobe.fleet",
+    "lightprobe.render.gltf_bsdf",
+)
 _USE = f"""
 import importlib, pkgutil, sys
 import lightprobe
@@ -89,14 +92,19 @@ def check_python(python: str, wheel: Path, folder: Path, extras: Sequence[str], 
     _done([python, "-m", "venv", str(environment)], folder)
     tools = environment / "bin"
     target = f"{wheel}[{','.join(extras)}]" if extras else str(wheel)
-    _done([str(tools / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), target], folder)
+    _done(
+        [str(tools / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), target],
+        folder,
+    )
     program = str(tools / "lightprobe")
     if _done([program, "--version"], folder).strip() not in wheel.name:
         raise FailureError("--version does not tell the wheel's")
     _done([program, "--help"], folder)
     _done([str(tools / "python"), "-c", _USE], folder)
     package = Path(
-        _done([str(tools / "python"), "-c", "import lightprobe; print(lightprobe.__path__[0])"], folder).strip()
+        _done(
+            [str(tools / "python"), "-c", "import lightprobe; print(lightprobe.__path__[0])"], folder
+        ).strip()
     )
     _done([program, "inspect", str(package / "assets" / "demo")], folder)
     if demo:
@@ -107,7 +115,16 @@ def check_index(python: str) -> None:
     """Raise `FailureError` unless every package has a wheel, at its version, for a Python that is not here."""
     version = Path(python).name.removeprefix("python")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    words = [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed", "--only-binary=:all:"]
+    words = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--dry-run",
+        "--ignore-installed",
+        "--only-binary=:all:",
+    ]
     words += ["--python-version", version, "--target", "nowhere", "-c", str(ROOT / "constraints.txt")]
     _done([*words, *project["dependencies"], *project["optional-dependencies"]["photos"]], ROOT)
 
@@ -117,13 +134,17 @@ def _done(words: Sequence[str], folder: Path) -> str:
     settings = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(words, cwd=folder, env=settings, capture_output=True, text=True)
     if done.returncode != 0:
-        raise FailureError(f"{' '.join(words[:6])[:200]} ends with {done.returncode}: {done.stderr.strip()[-800:]}")
+        raise FailureError(
+            f"{' '.join(words[:6])[:200]} ends with {done.returncode}: {done.stderr.strip()[-800:]}"
+        )
     return done.stdout
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Read the command line, check, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--pythons", nargs="+", default=PYTHONS, metavar="PYTHON")
     parser.add_argument("--extras", nargs="*", default=[], metavar="EXTRA")
     parser.add_argument("--demo", action="store_true", help="run lightprobe demo, too")
@@ -141,7 +162,10 @@ def main(words: Sequence[str] | None = None) -> int:
                     check_python(python, wheel, folder, given.extras, demo=given.demo)
                 else:
                     check_index(python)
-                print(f"{python}: {'works' if there else 'is not here; every package has a wheel for it'}", flush=True)
+                print(
+                    f"{python}: {'works' if there else 'is not here; every package has a wheel for it'}",
+                    flush=True,
+                )
             except FailureError as error:
                 failed = True
                 print(f"{python}: {error}", flush=True)

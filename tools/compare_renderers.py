@@ -2,10 +2,11 @@
 
     python tools/compare_renderers.py RUN -o DIR --bpy /path/to/python --three node_modules/three
 
-RUN/mesh/object.glb and a map are given to the two programs as a user would, through the add-on and through GLTFLoader
-and EXRLoader; all tone curves are the plain sRGB one. The pictures, and their differences from ours four times as
-strong, go to DIR; the mean absolute difference of the sRGB values, in 255ths inside the mask, is printed as a table and
-written to DIR/differences.json. `bpy` is Blender as a module (pip install bpy, into an environment of its own).
+RUN/mesh/object.glb and a map are given to the two programs as a user would, through the add-on and through
+GLTFLoader and EXRLoader; all tone curves are the plain sRGB one. The pictures, and their differences from
+ours four times as strong, go to DIR; the mean absolute difference of the sRGB values, in 255ths inside the
+mask, is printed as a table and written to DIR/differences.json. `bpy` is Blender as a module (pip install
+bpy, into an environment of its own).
 """
 
 import argparse
@@ -69,7 +70,9 @@ def ours(run: Path, environment: Path, camera: Camera, output: Path) -> Rendered
 def in_blender(python: Path, given: dict[str, Any]) -> Rendered:
     """Return what Cycles shows; `given` is described in `renderers.blender_picture`."""
     script = Path(__file__).parent / "renderers" / "blender_picture.py"
-    with resources.as_file(resources.files("lightprobe") / "assets" / "blender" / "lightprobe_import.py") as addon:
+    with resources.as_file(
+        resources.files("lightprobe") / "assets" / "blender" / "lightprobe_import.py"
+    ) as addon:
         command = [str(python), str(script), json.dumps({"addon": str(addon), **given})]
         done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
@@ -89,11 +92,15 @@ def in_three(three: Path, mesh: Path, environment: Path, camera: Camera, output:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Compare as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--bpy", type=Path, help="Python that has bpy; without it Blender is left out")
-    parser.add_argument("--three", type=Path, help="folder of the npm package three; without it three.js is left out")
+    parser.add_argument(
+        "--three", type=Path, help="folder of the npm package three; without it three.js is left out"
+    )
     parser.add_argument("--photo", help="test photo whose camera is taken; by default the first")
     parser.add_argument("--env", type=Path, help="map; by default the light of the first training photo")
     parser.add_argument("--samples", type=int, default=128, help="paths for each of Blender's pixels")
@@ -107,10 +114,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     pictures = {"lightprobe": ours(given.run, environment, camera, folder / "lightprobe.png")}
     if given.bpy is not None:
-        pictures["blender"] = in_blender(given.bpy, {
-            "mesh": str(mesh), "map": str(environment), "camera": camera.to_json(), "samples": given.samples,
-            "bounces": given.bounces, "output": str(folder / "blender.exr"),
-        })  # fmt: skip
+        pictures["blender"] = in_blender(
+            given.bpy,
+            {
+                "mesh": str(mesh),
+                "map": str(environment),
+                "camera": camera.to_json(),
+                "samples": given.samples,
+                "bounces": given.bounces,
+                "output": str(folder / "blender.exr"),
+            },
+        )
     if given.three is not None:
         pictures["three.js"] = in_three(given.three, mesh, environment, camera, folder / "three.png")
     report(pictures, folder)
@@ -119,7 +133,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def report(pictures: dict[str, Rendered], folder: Path) -> None:
     """Print and write the differences of all pairs, and write one picture with all pictures side by side."""
     names = list(pictures)
-    found = {f"{a} - {b}": difference(pictures[a], pictures[b]) for i, a in enumerate(names) for b in names[i + 1 :]}
+    found = {
+        f"{a} - {b}": difference(pictures[a], pictures[b])
+        for i, a in enumerate(names)
+        for b in names[i + 1 :]
+    }
     first = pictures[names[0]].on_white()
     rows = [[pictures[name].on_white() for name in names]]
     rows.append([np.clip(_GAIN * np.abs(pictures[name].on_white() - first), 0, 1) for name in names])

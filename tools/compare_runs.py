@@ -2,10 +2,10 @@
 
     python tools/compare_runs.py RUN OTHER
 
-Compares every tensor of mesh/ and model/, every map of env/ and predictions/, every picture and GLB by its bytes, and
-the scores of metrics.json but for what was timed. Checkpoints, logs, timings and reports are left out: they may take
-another form while results stay. Prints one line for everything that differs, and ends with 1 when anything does, with 2
-when there is nothing to compare.
+Compares every tensor of mesh/ and model/, every map of env/ and predictions/, every picture and GLB by its
+bytes, and the scores of metrics.json but for what was timed. Checkpoints, logs, timings and reports are left
+out: they may take another form while results stay. Prints one line for everything that differs, and ends with
+1 when anything does, with 2 when there is nothing to compare.
 """
 
 import argparse
@@ -62,7 +62,9 @@ def _different(path: Path, other: Path) -> Iterator[str]:
 
 
 def _leaves(path: Path) -> dict[str, Any]:
-    """Return what a file holds: its tensors, its map, or the values of its JSON but for what was timed, by name."""
+    """Return what a file holds: its tensors, its map, or the values of its JSON but for what was timed, by
+    name.
+    """
     if path.suffix == ".safetensors":
         return {name: tensor.numpy() for name, tensor in load_tensors(path).items()}
     if path.suffix == ".json":
@@ -84,7 +86,9 @@ def _values(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 def _same(ours: Any, theirs: Any) -> bool:
     if isinstance(ours, np.ndarray):
-        return ours.dtype == theirs.dtype and ours.shape == theirs.shape and ours.tobytes() == theirs.tobytes()
+        return (
+            ours.dtype == theirs.dtype and ours.shape == theirs.shape and ours.tobytes() == theirs.tobytes()
+        )
     return bool(ours == theirs)
 
 
@@ -98,7 +102,9 @@ def _distance(ours: Any, theirs: Any) -> str:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Read the command line, compare, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path, metavar="RUN")
     parser.add_argument("other", type=Path, metavar="OTHER")
     options = parser.parse_args(words)

@@ -1,12 +1,13 @@
-"""Photos of a synthetic scene's object in front of the environment that lights it, as a camera would have taken them.
+"""Photos of a synthetic scene's object in front of the environment that lights it, as a camera would have
+taken them.
 
     python tools/composed_photos.py SCENE FOLDER
     python tools/composed_photos.py SCENE FOLDER --train
 
-The scene's test photos have no background. Here each is laid over its own true environment, infinitely far away, in
-linear light, and written as an opaque PNG of the same name: FOLDER/r_NNN.png. Photos without a true environment are
-left out. With --train FOLDER becomes a copy of the scene instead, whose training photos are opaque so, with their masks
-in FOLDER/masks.
+The scene's test photos have no background. Here each is laid over its own true environment, infinitely far
+away, in linear light, and written as an opaque PNG of the same name: FOLDER/r_NNN.png. Photos without a true
+environment are left out. With --train FOLDER becomes a copy of the scene instead, whose training photos are
+opaque so, with their masks in FOLDER/masks.
 """
 
 import argparse
@@ -56,7 +57,9 @@ def write_composed(photos: Sequence[Photo], folder: Path) -> list[Path]:
 
 
 def write_opaque_scene(scene: Path, folder: Path) -> list[Path]:
-    """Copy a synthetic scene to a new `folder`, make its training photos opaque, and return these photos' files."""
+    """Copy a synthetic scene to a new `folder`, make its training photos opaque, and return these photos'
+    files.
+    """
     shutil.copytree(scene, folder)
     files = []
     for photo in load_scene(folder).train:
@@ -77,7 +80,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--train", action="store_true", help="copy the scene, its training photos opaque")
     given = parser.parse_args(arguments)
     if given.train:
-        print(f"{len(write_opaque_scene(given.scene, given.folder))} opaque training photos in {given.folder}")
+        print(
+            f"{len(write_opaque_scene(given.scene, given.folder))} opaque training photos in {given.folder}"
+        )
         return
     print(f"{len(write_composed(load_scene(given.scene).test, given.folder))} photos in {given.folder}")
 

@@ -1,15 +1,16 @@
-"""Fits the weights of `prediction.confidence` to photos that the project makes of a run's object under its own lights.
+"""Fits the weights of `prediction.confidence` to photos that the project makes of a run's object under its
+own lights.
 
     python tools/fit_confidence.py runs/demo [RUN ...] [--method probe-net+optimize] [--photos 64]
 
-The photos are those of `evaluation.simulated_photos`, under generated lights that no training has seen. The light is
-predicted from each, and the error of ln radiance after one factor is explained, direction by direction, by non-negative
-least squares on the causes that `error_causes` names. No light of a data set enters, neither for training nor for
-evaluation; those check the confidence afterwards.
+The photos are those of `evaluation.simulated_photos`, under generated lights that no training has seen. The
+light is predicted from each, and the error of ln radiance after one factor is explained, direction by
+direction, by non-negative least squares on the causes that `error_causes` names. No light of a data set
+enters, neither for training nor for evaluation; those check the confidence afterwards.
 
-Prints for each run its own weights, and the errors in five bins of confidence: with the weights in use, and with those
-fitted to the other half of the photos. Of several runs it ends with the weights of all of them together, each counting
-the same; those stand in `prediction.confidence`.
+Prints for each run its own weights, and the errors in five bins of confidence: with the weights in use, and
+with those fitted to the other half of the photos. Of several runs it ends with the weights of all of them
+together, each counting the same; those stand in `prediction.confidence`.
 """
 
 import argparse
@@ -63,7 +64,9 @@ def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, pho
         except InputError:  # too little of the object is in it
             continue
         view = photo.camera.normalised(decomposition.similarity)
-        observation = observe(decomposition.asset, photo.pixels, view, predictor.device, predictor.config.max_pixels)
+        observation = observe(
+            decomposition.asset, photo.pixels, view, predictor.device, predictor.config.max_pixels
+        )
         causes = error_causes(observation, found, predictor.seed)
         rows.append(torch.stack([*(causes[name] for name in CAUSES), torch.ones_like(found[..., 0])], -1))
         errors.append(directional_error(found, photo.light))
@@ -72,7 +75,9 @@ def samples(predictor: Predictor, cameras: Sequence[Camera], method: Method, pho
     every = 6 * resolution**2
     angle = np.tile(cubemap.solid_angles(resolution).reshape(-1).double().numpy(), len(rows))
     explained = torch.stack(rows).double().numpy().reshape(-1, len(CAUSES) + 1)
-    return Samples(explained, torch.stack(errors).double().numpy().ravel(), angle, np.arange(len(rows)).repeat(every))
+    return Samples(
+        explained, torch.stack(errors).double().numpy().ravel(), angle, np.arange(len(rows)).repeat(every)
+    )
 
 
 def fit(found: Samples) -> np.ndarray:
@@ -109,14 +114,18 @@ def named(weights: np.ndarray) -> str:
 
 
 def report(found: Samples, used: Weights) -> list[str]:
-    """Return the lines to print: fitted weights, and how both sort the errors of photos they were not fitted to."""
+    """Return the lines to print: fitted weights, and how both sort the errors of photos they were not fitted
+    to.
+    """
     lines = [f"fitted  {named(fit(found))}", f"in use  {used}"]
     now = np.array([getattr(used, name) for name in (*CAUSES, "least")])
     for remainder in (0, 1):
         half, fitted = found.part(remainder), fit(found.part(1 - remainder))
         for name, weights in (("in use", now), ("fitted to the other half", fitted)):
             bins = " ".join(f"{value:.2f}" for value in binned(half, weights))
-            lines.append(f"half {remainder + 1}, weights {name}: log-RMSE {bins}, off by {gap(half, weights):.3f}")
+            lines.append(
+                f"half {remainder + 1}, weights {name}: log-RMSE {bins}, off by {gap(half, weights):.3f}"
+            )
     return lines
 
 

@@ -2,17 +2,19 @@
 
     python tools/fit_specular_lobes.py        # rewrites src/lightprobe/assets/specular_lobes.json, four minutes
 
-The renderer reads the table through `lightprobe.render.specular_lobes`, which says what the lobes are. For a grid of
-cosines and roughnesses this finds the mixture g of two prefiltered lobes in the plane of incidence and the cosine lobe
-of the normal that is nearest to the true lobe f = F D V n.l. There is one set of parameters for F0 = 1 and one for a
-dielectric, fitted together so that their blends serve what lies between. Near means, for soft lamps in all places,
+The renderer reads the table through `lightprobe.render.specular_lobes`, which says what the lobes are. For a
+grid of cosines and roughnesses this finds the mixture g of two prefiltered lobes in the plane of incidence
+and the cosine lobe of the normal that is nearest to the true lobe f = F D V n.l. There is one set of
+parameters for F0 = 1 and one for a dielectric, fitted together so that their blends serve what lies between.
+Near means, for soft lamps in all places,
 
     sum over lamps of (response of g - response of f)^2 / sum over lamps of (response of f)^2,
 
-plus a share of the same ratio for point lamps, |g - f|^2 / |f|^2, lest a lobe narrower than a lamp falls apart into
-two. No particular light enters. Same machine, same table.
+plus a share of the same ratio for point lamps, |g - f|^2 / |f|^2, lest a lobe narrower than a lamp falls
+apart into two. No particular light enters. Same machine, same table.
 
-Frame: n = z, the plane of incidence is x, z, the mirror direction has x > 0. C cosines, S roughnesses, M directions.
+Frame: n = z, the plane of incidence is x, z, the mirror direction has x > 0. C cosines, S roughnesses, M
+directions.
 """
 
 import json
@@ -35,7 +37,9 @@ STEPS, RATE, SMOOTHNESS = 700, 0.03, 0.001
 
 @dataclass(frozen=True)
 class Cells:
-    """All (cosine, roughness) cells, each with M directions around its mirror direction, on one side of the plane."""
+    """All (cosine, roughness) cells, each with M directions around its mirror direction, on one side of the
+    plane.
+    """
 
     cosine: Tensor  # (C, 1)
     roughness: Tensor  # (1, S)
@@ -59,17 +63,23 @@ def make_cells() -> Cells:
     along = 1.0 - (edge[:, 1:] + edge[:, :-1]) ** 2 / 8.0
     across = (1.0 - along**2).clamp(min=0.0).sqrt()[..., None]
     azimuth = (torch.arange(SPOKES) + 0.5) * math.pi / SPOKES
-    local = torch.stack([across * azimuth.cos(), across * azimuth.sin(), along[..., None].expand(-1, -1, SPOKES)], -1)
+    local = torch.stack(
+        [across * azimuth.cos(), across * azimuth.sin(), along[..., None].expand(-1, -1, SPOKES)], -1
+    )
     area = (edge[:, 1:] ** 2 - edge[:, :-1] ** 2) * math.pi / SPOKES
     sine = (1.0 - cosine**2).sqrt()
     zero, one = torch.zeros_like(sine), torch.ones_like(sine)
-    frame = torch.stack([torch.cat(v, -1) for v in ((cosine, zero, -sine), (zero, one, zero), (sine, zero, cosine))], 1)
+    frame = torch.stack(
+        [torch.cat(v, -1) for v in ((cosine, zero, -sine), (zero, one, zero), (sine, zero, cosine))], 1
+    )
     light = torch.einsum("smk,ckx->csmx", local.flatten(1, 2), frame)
     return Cells(cosine, roughness, light, area.repeat_interleave(SPOKES, dim=1)[None])
 
 
 def true_lobe(cells: Cells, f0: float) -> tuple[Tensor, Tensor]:
-    """Return F D V n.l of every cell and direction (C, S, M), scaled to integrate to 1, and its integral (C, S, 1)."""
+    """Return F D V n.l of every cell and direction (C, S, M), scaled to integrate to 1, and its integral (C,
+    S, 1).
+    """
     alpha2 = cells.roughness[..., None] ** 4
     cos_view, cos_light = cells.cosine[..., None], cells.light[..., 2].clamp(min=0.0)
     view = cells.mirror * torch.tensor([-1.0, 1.0, 1.0])
@@ -84,19 +94,25 @@ def true_lobe(cells: Cells, f0: float) -> tuple[Tensor, Tensor]:
 
 
 def prefiltered_lobe(cells: Cells, centre: Tensor, alpha: Tensor) -> Tensor:
-    """Return the lobe of `lightprobe.light.lobes` around unit `centre` (C, S, 3) with alpha (C, S): (C, S, M)."""
+    """Return the lobe of `lightprobe.light.lobes` around unit `centre` (C, S, 3) with alpha (C, S): (C, S,
+    M).
+    """
     alpha2 = alpha[..., None] ** 2
     chord2 = (cells.light - centre[:, :, None]).square().sum(-1)
     lobe = (1.0 - 0.5 * chord2).clamp(min=0.0) / (alpha2 + 0.25 * (1.0 - alpha2) * chord2) ** 2
     a2 = alpha2.double()
     k = torch.where((1.0 - a2).abs() < 1e-3, 1e-3, 1.0 - a2)
     high = a2 + 0.5 * k
-    integral = 4.0 * math.pi / k * ((1.0 + 2.0 * a2 / k) * (1.0 / a2 - 1.0 / high) - 2.0 / k * (high / a2).log())
+    integral = (
+        4.0 * math.pi / k * ((1.0 + 2.0 * a2 / k) * (1.0 / a2 - 1.0 / high) - 2.0 / k * (high / a2).log())
+    )
     return lobe / integral.float()
 
 
 def mixture(cells: Cells, parameters: Tensor) -> Tensor:
-    """Return the mixture (C, S, M) of parameters (C, S, 6): two bends, two factors on the roughness, two shares."""
+    """Return the mixture (C, S, M) of parameters (C, S, 6): two bends, two factors on the roughness, two
+    shares.
+    """
     normal = torch.tensor([0.0, 0.0, 1.0])
     bend, factor, share = parameters.split(2, dim=-1)
     total = (1.0 - share.sum(-1, keepdim=True)) * cells.light[..., 2].clamp(min=0.0) / math.pi
@@ -109,15 +125,24 @@ def mixture(cells: Cells, parameters: Tensor) -> Tensor:
 
 
 def parameters_of(table: Tensor) -> Tensor:
-    """Return the parameters (..., 6) of what is optimised: two bends, two log(alpha / r^2), logits of the shares."""
+    """Return the parameters (..., 6) of what is optimised: two bends, two log(alpha / r^2), logits of the
+    shares.
+    """
     share = torch.nn.functional.pad(table[..., 4:], (0, 1)).softmax(-1)
     return torch.cat([table[..., :2], (0.5 * table[..., 2:4]).exp(), share[..., :2]], dim=-1)
 
 
 def first_guess(cells: Cells) -> Tensor:
-    """Return a table (C, S, 6): bent towards the normal with roughness, narrowed by the foreshortening of alpha."""
+    """Return a table (C, S, 6): bent towards the normal with roughness, narrowed by the foreshortening of
+    alpha.
+    """
     r, c = torch.broadcast_tensors(cells.roughness, cells.cosine)
-    bend, apart, narrow, likely = 1.0 - 0.35 * r**2, 0.08 * (0.3 + r), 0.4 * (1.0 - r) * c.log(), torch.full_like(r, 2)
+    bend, apart, narrow, likely = (
+        1.0 - 0.35 * r**2,
+        0.08 * (0.3 + r),
+        0.4 * (1.0 - r) * c.log(),
+        torch.full_like(r, 2),
+    )
     return torch.stack([bend - apart, bend + apart, narrow, narrow, likely, likely], dim=-1)
 
 
@@ -135,7 +160,9 @@ def lamps(cells: Cells) -> Tensor:
 def unevenness(table: Tensor) -> Tensor:
     """Return the sum of squared second differences along both axes, which keeps neighbouring cells alike."""
     scaled = table * torch.tensor([3.0, 3.0, 1.0, 1.0, 1.0, 1.0])
-    along, across = ((t[2:] - 2.0 * t[1:-1] + t[:-2]).square().sum() for t in (scaled, scaled.transpose(0, 1)))
+    along, across = (
+        (t[2:] - 2.0 * t[1:-1] + t[:-2]).square().sum() for t in (scaled, scaled.transpose(0, 1))
+    )
     return along + across
 
 
@@ -189,14 +216,19 @@ def fit(cells: Cells, lamp: Tensor, goals: list[Goal]) -> tuple[Tensor, Tensor]:
 
 
 def main() -> None:
-    """Fit, print the errors, write the table (F0, roughness, cosine, 6): bends, factors on the roughness, shares."""
+    """Fit, print the errors, write the table (F0, roughness, cosine, 6): bends, factors on the roughness,
+    shares.
+    """
     cells = make_cells()
     lamp = lamps(cells)
     goals = make_goals(cells, lamp)
     fitted = fit(cells, lamp, goals)
     for goal in goals:
         error = goal.errors(cells, lamp, *fitted)[0].sqrt()
-        print(f"F0 = {goal.f0}: error under lamps; rows r, columns n.v", *(f"{c:.3f}" for c in cells.cosine[:, 0]))
+        print(
+            f"F0 = {goal.f0}: error under lamps; rows r, columns n.v",
+            *(f"{c:.3f}" for c in cells.cosine[:, 0]),
+        )
         for roughness, row in zip(cells.roughness[0].tolist(), error.T.tolist(), strict=True):
             print(f"{roughness:.3f}  " + " ".join(f"{value:.3f}" for value in row))
     values = (1000.0 * torch.stack(fitted).transpose(1, 2)).round()

@@ -2,9 +2,9 @@
 
     OMP_NUM_THREADS=1 python tools/measure_batches.py RUN [--repeats N]
 
-RUN: a run whose scene is still in place; its test photos are predicted from. First the parts of a prediction photo by
-photo, for the default and for the single-step method, with the process's peak memory. Then what photos of one object
-could share, per photo against their number N:
+RUN: a run whose scene is still in place; its test photos are predicted from. First the parts of a prediction
+photo by photo, for the default and for the single-step method, with the process's peak memory. Then what
+photos of one object could share, per photo against their number N:
 
   sphere network   the six turns of N photos' maps as one batch of 6 N
   illumination MLP the probes of N photos as one batch of rows
@@ -13,7 +13,8 @@ could share, per photo against their number N:
   linear map       what a step of the refinement does today for one photo (`render.transport`): the rows of that matrix
                    which its pixels look up, the shadows, and the look-ups themselves
 
-The prefilter loads each entry once for N photos, the linear map none where no pixel looks. Prints Markdown tables.
+The prefilter loads each entry once for N photos, the linear map none where no pixel looks. Prints Markdown
+tables.
 """
 
 import argparse
@@ -59,7 +60,9 @@ def fastest(work: Callable[[], object], repeats: int) -> float:
     return 1000 * min(times)
 
 
-def _wide_product(start: np.ndarray, column: np.ndarray, value: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
+def _wide_product(
+    start: np.ndarray, column: np.ndarray, value: np.ndarray, x: np.ndarray, out: np.ndarray
+) -> None:
     """Write a sparse product (M, 4 N) with x (columns, 4 N): every entry is loaded once for all columns."""
     for row in range(len(start) - 1):
         out[row] = 0
@@ -72,8 +75,12 @@ def _wide_product(start: np.ndarray, column: np.ndarray, value: np.ndarray, x: n
 wide_product: Callable[..., None] = numba.njit(fastmath={"contract"})(_wide_product)
 
 
-def parts_of(predictor: Predictor, photos: Sequence[tuple[Pixels, Camera]], method: Method, repeats: int) -> list[str]:
-    """Return a table's row: the median ms of each part over all photos and repeats, and the peak memory in GiB."""
+def parts_of(
+    predictor: Predictor, photos: Sequence[tuple[Pixels, Camera]], method: Method, repeats: int
+) -> list[str]:
+    """Return a table's row: the median ms of each part over all photos and repeats, and the peak memory in
+    GiB.
+    """
     runs = [predictor.predict(*photo, method).seconds for _ in range(repeats) for photo in photos]
     values = [1000 * float(np.median([seconds[name] for seconds in runs])) for name in PARTS]
     return [method.value, *(f"{value:.1f}" for value in values), f"{peak_memory() or 0:.2f}"]
@@ -89,7 +96,9 @@ def looked_up(operator: prefilter.Prefilter, seen: Observation) -> torch.Tensor:
     """Return the rows of the levels that a refinement's pixels look up, without their shadows' own."""
     few = seen.pixels.take(torch.arange(0, len(seen.pixels), max(len(seen.pixels) // PIXELS, 1)))
     mirrored = 2 * (few.normal * few.view).sum(-1, keepdim=True) * few.normal - few.view
-    index = torch.cat([operator.specular_taps(mirrored, few.roughness)[0], operator.diffuse_taps(few.normal)[0]], 1)
+    index = torch.cat(
+        [operator.specular_taps(mirrored, few.roughness)[0], operator.diffuse_taps(few.normal)[0]], 1
+    )
     return index.unique()
 
 
@@ -100,7 +109,9 @@ def shared(predictor: Predictor, photo: tuple[Pixels, Camera], repeats: int) -> 
         raise LightprobeError("The run has no sphere network; train it with the preset quick.")
     sphere = model.sphere
     camera = photo[1].normalised(predictor.decomposition.similarity)
-    seen = observe(predictor.decomposition.asset, photo[0], camera, predictor.device, predictor.config.max_pixels)
+    seen = observe(
+        predictor.decomposition.asset, photo[0], camera, predictor.device, predictor.config.max_pixels
+    )
     probes = seen.pixels.take(torch.arange(0, len(seen.pixels), 4))
     light = seen.light_level.expand(6, 32, 32, 3).contiguous()
     operator = prefilter.cached(32)
@@ -122,7 +133,11 @@ def shared(predictor: Predictor, photo: tuple[Pixels, Camera], repeats: int) -> 
         note("illumination MLP", count, partial(model.network, many, seen.light_level))
         note("prefilter, all rows, one pass", count, partial(wide_product, *arrays, x, out))
         note("prefilter, a photo's rows, one by one", count, partial(again, count, part.apply, light))
-        note("photo as a linear map of its light, one by one", count, partial(again, count, transport.apply, light))
+        note(
+            "photo as a linear map of its light, one by one",
+            count,
+            partial(again, count, transport.apply, light),
+        )
     found["sphere network, as a prediction calls it"] = [
         fastest(lambda: mean_over_turns(sphere, torch.rand(1, CHANNELS, 6, 16, 16), TURNS), repeats)
     ]
@@ -132,7 +147,9 @@ def shared(predictor: Predictor, photo: tuple[Pixels, Camera], repeats: int) -> 
 @torch.no_grad()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("--repeats", type=int, default=5)
     given = parser.parse_args(arguments)

@@ -3,14 +3,15 @@
     python tools/measure_clipping.py SCENE...           # at the sizes of the three passes of preset quick
     python tools/measure_clipping.py SCENE... --lights  # and what the marks bring to solved lights
 
-A row for each scene and size: of the pixels that lie wholly inside the mask, the share in which some channel of some
-source pixel is clipped, counted one by one; the share that Phase I takes for clipped; and, for comparison, the share
-whose average is as bright as a clipped pixel. All in percent, over all training photos.
+A row for each scene and size: of the pixels that lie wholly inside the mask, the share in which some channel
+of some source pixel is clipped, counted one by one; the share that Phase I takes for clipped; and, for
+comparison, the share whose average is as bright as a clipped pixel. All in percent, over all training photos.
 
-With --lights, of scenes that bring their object and the lights of their test photos: lights solved for the true object
-from test photos at the first pass's size, as a training solves those that it keeps, once with the pixels that are
-marked and once with those whose average is as bright as a clipped pixel. Error of ln radiance over the brightest
-percent of the sphere, raw and after the whole map's one factor, and over all of it after that factor.
+With --lights, of scenes that bring their object and the lights of their test photos: lights solved for the
+true object from test photos at the first pass's size, as a training solves those that it keeps, once with the
+pixels that are marked and once with those whose average is as bright as a clipped pixel. Error of ln radiance
+over the brightest percent of the sphere, raw and after the whole map's one factor, and over all of it after
+that factor.
 """
 
 import argparse
@@ -51,7 +52,9 @@ def counted(clipped: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def shares(scene: Scene, photo: Photo, side: int) -> np.ndarray:
-    """Return the numbers (4,) of pixels inside the mask, truly clipped, marked as clipped, and of a clipped average."""
+    """Return the numbers (4,) of pixels inside the mask, truly clipped, marked as clipped, and of a clipped
+    average.
+    """
     (target,) = load_targets(scene, [photo], side, _CPU)
     height, width = target.view.height, target.view.width
     inside = (target.alpha > _INSIDE).numpy()
@@ -69,14 +72,18 @@ def _clipped_average(target: Target) -> torch.Tensor:
 
 
 def light_errors(asset: Asset, target: Target, path: Path, config: DecomposeConfig) -> list[float]:
-    """Return the errors of the light solved for a photo against the true one, an environment file, as listed above."""
+    """Return the errors of the light solved for a photo against the true one, an environment file, as listed
+    above.
+    """
     light = fit_light(asset, target, config.teacher_resolution, config, seed=0)[1]
     true = Environment.load(path, _CPU, config.teacher_resolution).texels
     difference, bright = log_difference(light, true), brightest(true)
     scaled = aligned(difference)
     return [
-        environment_log_rmse(difference, bright), environment_log_rmse(scaled, bright), environment_log_rmse(scaled)
-    ]  # fmt: skip
+        environment_log_rmse(difference, bright),
+        environment_log_rmse(scaled, bright),
+        environment_log_rmse(scaled),
+    ]
 
 
 def light_rows(scene: Scene, config: DecomposeConfig) -> list[str]:
@@ -89,7 +96,9 @@ def light_rows(scene: Scene, config: DecomposeConfig) -> list[str]:
             by_average = replace(target, clipped=_clipped_average(target))
             average.append(light_errors(asset, by_average, photo.truth.environment, config))
     return [
-        f"| {scene.root.name} | {name} | " + " | ".join(f"{value:.3f}" for value in np.mean(errors, axis=0)) + " |"
+        f"| {scene.root.name} | {name} | "
+        + " | ".join(f"{value:.3f}" for value in np.mean(errors, axis=0))
+        + " |"
         for name, errors in (("clipped average", average), ("marked", marked))
     ]
 
@@ -107,7 +116,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             scene = load_scene(path)
             for side in (config.pass1_side, config.pass2_side, config.pass3_side):
                 inside, *found = np.sum([shares(scene, photo, side) for photo in scene.train], axis=0)
-                print(f"| {path.name} | {side} | {' | '.join(f'{100 * n / inside:.2f}' for n in found)} |", flush=True)
+                print(
+                    f"| {path.name} | {side} | {' | '.join(f'{100 * n / inside:.2f}' for n in found)} |",
+                    flush=True,
+                )
         if given.lights:
             print(
                 "\n| lights of | by | brightest, raw | scaled | log-RMSE, scaled |\n| --- | --- | ---: | ---: | ---: |"

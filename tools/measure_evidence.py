@@ -9,8 +9,8 @@ DATA holds synthetic scene folders, RUNS a trained run of the same name for each
     together     photos of the relight split, four views of each light: one map from all four, with exposures found
                  with the light, beside the maps from each
 
-Scores are those of the evaluation: log-RMSE over all directions, the three spheres, and the object in other views
-relit with the map against the true light, in dB raw and after one factor per channel.
+Scores are those of the evaluation: log-RMSE over all directions, the three spheres, and the object in other
+views relit with the map against the true light, in dB raw and after one factor per channel.
 """
 
 import argparse
@@ -30,7 +30,14 @@ from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.background import Background
 from lightprobe.scene.photo import Photo, Scene
 
-NAMES = ("diffuse_si_rmse", "matte_si_rmse", "mirror_si_rmse", "relit_psnr", "relit_psnr_scaled", "light_log_rmse")
+NAMES = (
+    "diffuse_si_rmse",
+    "matte_si_rmse",
+    "mirror_si_rmse",
+    "relit_psnr",
+    "relit_psnr_scaled",
+    "light_log_rmse",
+)
 HEAD = (
     "| scene | photos | spheres | relit, raw / scaled | log-RMSE | ratio | worse |\n"
     "| --- | ---: | --- | --- | --- | --- | ---: |"
@@ -74,7 +81,9 @@ class Subject:
         using: list[np.ndarray] = []
         for photo in self.scene.test:
             pixels, camera = load_pixels(photo)
-            shown = srgb_decode(np.rint(255 * srgb_encode(composed(photo).clip(0, 1))) / 255)  # as coarse as 8 bits
+            shown = srgb_decode(
+                np.rint(255 * srgb_encode(composed(photo).clip(0, 1))) / 255
+            )  # as coarse as 8 bits
             behind = Background.of(shown.astype(np.float32), shown >= CLIPPED, pixels.alpha, camera)
             for background, rows in ((None, without), (behind, using)):
                 prediction = self.predictor.predict(pixels, camera, background=background, refuse=False)
@@ -82,7 +91,9 @@ class Subject:
         return np.array(without), np.array(using)
 
     def together(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the scores (N, 6) of the photos of the relight split, each singly and with those of its light."""
+        """Return the scores (N, 6) of the photos of the relight split, each singly and with those of its
+        light.
+        """
         singly, jointly = [], []
         for photos in photos_of_one_light(self.scene):
             views = [load_pixels(photo) for photo in photos]
@@ -94,7 +105,9 @@ class Subject:
 
 
 def row(name: str, before: np.ndarray, after: np.ndarray) -> str:
-    """Return a row of a table: means before and after, the ratio of log-RMSE and spheres, and where it became worse."""
+    """Return a row of a table: means before and after, the ratio of log-RMSE and spheres, and where it became
+    worse.
+    """
     a, b = before.mean(0), after.mean(0)
     spheres = " → ".join("/".join(f"{value:.3f}" for value in part[:3]) for part in (a, b))
     relit = " → ".join(f"{part[3]:.1f} / {part[4]:.1f}" for part in (a, b))
@@ -109,7 +122,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--scenes", nargs="+", required=True)
-    parser.add_argument("--tables", nargs="+", choices=("background", "together"), default=["background", "together"])
+    parser.add_argument(
+        "--tables", nargs="+", choices=("background", "together"), default=["background", "together"]
+    )
     given = parser.parse_args(arguments)
     for table in given.tables:
         print(f"\n{table}\n\n{HEAD}", flush=True)

@@ -1,18 +1,19 @@
 """Measures a fleet: what it costs beside the work itself, and what it does when a machine dies.
 
     python tools/measure_fleet.py load [--rows 100000] [--ray]
-    python tools/measure_fleet.py photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net] [--sources]
-    python tools/measure_fleet.py nodes SCENE [--nodes 3] [--scenes 6]
+    python tools/measure_fleet.py photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net]
+    [--sources] python tools/measure_fleet.py nodes SCENE [--nodes 3] [--scenes 6]
 
-load: predictions that do nothing, so that what is left is reading jobs, handing out tasks and writing the index; with
---ray the tasks go through Ray, without it they are called here.
-photos: the test photos of a run whose scene is still in place, again and again: --photos of them by a fleet of
---workers tasks at a time, --alone of them by one process before and after it; with --sources suns and lamps are looked
-for, too. The index must have a row for each photo, and one of them fails.
-nodes: copies of a scene, trained for a few steps on a simulated cluster of that many machines with one core each, of
-which one is killed once checkpoints exist; every run must have the bits of one that was trained alone.
+load: predictions that do nothing, so that what is left is reading jobs, handing out tasks and writing the
+index; with --ray the tasks go through Ray, without it they are called here. photos: the test photos of a run
+whose scene is still in place, again and again: --photos of them by a fleet of --workers tasks at a time,
+--alone of them by one process before and after it; with --sources suns and lamps are looked for, too. The
+index must have a row for each photo, and one of them fails. nodes: copies of a scene, trained for a few steps
+on a simulated cluster of that many machines with one core each, of which one is killed once checkpoints
+exist; every run must have the bits of one that was trained alone.
 
-Everything goes to a temporary folder. Prints what was found, and ends with 1 where something is missing or differs.
+Everything goes to a temporary folder. Prints what was found, and ends with 1 where something is missing or
+differs.
 """
 
 import argparse
@@ -51,17 +52,37 @@ PATIENCE = 600.0  # seconds until checkpoints must have come
 
 FEW_STEPS = SceneOptions(
     DecomposeConfig(
-        pass1_iterations=4, pass2_iterations=2, pass3_iterations=2, pass1_side=32, pass2_side=32,
-        pass3_texture_size=96, lattice_cells=12, hull_voxels=24, hash_levels=4, hash_finest=32, light_resolution=8,
-        teacher_resolution=8, texture_size=64, light_solve_pixels=256, checkpoint_every=2, trial_steps=0,
-        light_solve_iterations=2, unwrap_seconds=3600,  # a busy machine changes no bit
+        pass1_iterations=4,
+        pass2_iterations=2,
+        pass3_iterations=2,
+        pass1_side=32,
+        pass2_side=32,
+        pass3_texture_size=96,
+        lattice_cells=12,
+        hull_voxels=24,
+        hash_levels=4,
+        hash_finest=32,
+        light_resolution=8,
+        teacher_resolution=8,
+        texture_size=64,
+        light_solve_pixels=256,
+        checkpoint_every=2,
+        trial_steps=0,
+        light_solve_iterations=2,
+        unwrap_seconds=3600,  # a busy machine changes no bit
     ),
     DistillConfig(
-        steps=4, samples=32, light_resolution=8, width=8, checkpoint_every=2, sphere_steps=0, synthetic_lessons=1,
+        steps=4,
+        samples=32,
+        light_resolution=8,
+        width=8,
+        checkpoint_every=2,
+        sphere_steps=0,
+        synthetic_lessons=1,
         pretrained=False,
     ),
     PredictConfig(light_resolution=8),
-)  # fmt: skip
+)
 
 
 class Nothing:
@@ -92,12 +113,20 @@ def nothing(chunk: Chunk) -> list[PhotoRow]:
     """Return rows as of predictions, with scores that differ from row to row, as those that are measured do."""
     return [
         PhotoRow(
-            job.row, job.run, job.photo, State.DONE.value, map="/".join(map_place(job.row)) + ".exr",
-            method=Method.PROBE_NET.value, verdict="good", explained=math.sin(job.row), overlap=math.sin(2 * job.row),
-            confidence=math.sin(3 * job.row), seconds=math.sin(4 * job.row),
+            job.row,
+            job.run,
+            job.photo,
+            State.DONE.value,
+            map="/".join(map_place(job.row)) + ".exr",
+            method=Method.PROBE_NET.value,
+            verdict="good",
+            explained=math.sin(job.row),
+            overlap=math.sin(2 * job.row),
+            confidence=math.sin(3 * job.row),
+            seconds=math.sin(4 * job.row),
         )
         for job in chunk.jobs
-    ]  # fmt: skip
+    ]
 
 
 def measure_load(rows: int, on_ray: bool) -> int:
@@ -111,17 +140,23 @@ def measure_load(rows: int, on_ray: bool) -> int:
         pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
         executor: Executor = NothingOnRay(stack.enter_context(cluster())) if on_ray else Nothing()
         begin, used = time.perf_counter(), time.process_time()
-        found = predict_fleet(root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1))
+        found = predict_fleet(
+            root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1)
+        )
         seconds, used = time.perf_counter() - begin, time.process_time() - used
         again = time.perf_counter()
         predict_fleet(root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1))
         resumed = time.perf_counter() - again
         size = sum(path.stat().st_size for path in (root / "out" / "index").iterdir())
-    print(f"{rows} rows, {-(-rows // CHUNK)} tasks{' through Ray' if on_ray else ''}: {seconds:.2f} s, "
-          f"{rows / seconds:.0f} rows/s, {rows / CHUNK / seconds:.0f} tasks/s; of it "
-          f"{used:.2f} s of computing here, {rows / used:.0f} rows/s")  # fmt: skip
+    print(
+        f"{rows} rows, {-(-rows // CHUNK)} tasks{' through Ray' if on_ray else ''}: {seconds:.2f} s, "
+        f"{rows / seconds:.0f} rows/s, {rows / CHUNK / seconds:.0f} tasks/s; of it "
+        f"{used:.2f} s of computing here, {rows / used:.0f} rows/s"
+    )
     memory = peak_memory() or 0
-    print(f"index {size / rows:.1f} bytes per row; to go on with it {resumed:.2f} s; peak memory {memory:.2f} GiB")
+    print(
+        f"index {size / rows:.1f} bytes per row; to go on with it {resumed:.2f} s; peak memory {memory:.2f} GiB"
+    )
     return 0 if found.done == rows else 1
 
 
@@ -135,7 +170,9 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Ph
         columns = {"run": [str(run.resolve())] * photos, "photo": files, "camera": [camera] * photos}
         columns["photo"][photos // 2] = "gone.png"
         pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
-        jobs = [Job(row, columns["run"][row], columns["photo"][row], camera) for row in range(min(alone, photos))]
+        jobs = [
+            Job(row, columns["run"][row], columns["photo"][row], camera) for row in range(min(alone, photos))
+        ]
         before = _alone(jobs, root, options)
         with cluster() as executor:
             _fleet(root, "warm", executor, options, workers, 2)  # compiles, and reads libraries
@@ -144,21 +181,29 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Ph
         single = (before + after) / 2
         table = pyarrow.parquet.read_table(root / "out" / "index").to_pydict()
     missing = sorted(set(range(photos)) - set(table["row"]))
-    failed = [reason for state, reason in zip(table["state"], table["reason"], strict=True) if state == State.FAILED]
-    print(f"{photos} photos, {options.method}{', sources' if options.sources else ''}: one process {before:.2f} "
-          f"photos/s before, {after:.2f} after; fleet of {workers}: {fleet:.2f} photos/s, "
-          f"{fleet / (workers * single):.2f} of {workers} x one process")  # fmt: skip
+    failed = [
+        reason for state, reason in zip(table["state"], table["reason"], strict=True) if state == State.FAILED
+    ]
+    print(
+        f"{photos} photos, {options.method}{', sources' if options.sources else ''}: one process {before:.2f} "
+        f"photos/s before, {after:.2f} after; fleet of {workers}: {fleet:.2f} photos/s, "
+        f"{fleet / (workers * single):.2f} of {workers} x one process"
+    )
     print(f"{len(table['row'])} rows, {len(missing)} missing, {len(failed)} failed: {failed[:1]}")
     return 0 if not missing and len(table["row"]) == photos and len(failed) == 1 else 1
 
 
-def _fleet(root: Path, name: str, executor: Executor, options: PhotoOptions, workers: int, photos: int) -> float:
+def _fleet(
+    root: Path, name: str, executor: Executor, options: PhotoOptions, workers: int, photos: int
+) -> float:
     """Return photos per second of a fleet, of the first `photos` jobs."""
     table = pyarrow.parquet.read_table(root / "jobs.parquet").slice(0, photos)
     pyarrow.parquet.write_table(table, root / f"{name}.parquet")
     begin = time.perf_counter()
     cores = _cores(executor) / workers  # as many tasks at once as wanted
-    predict_fleet(root / f"{name}.parquet", root / name, executor, options=options, needs=Needs(cpus=cores, memory=1))
+    predict_fleet(
+        root / f"{name}.parquet", root / name, executor, options=options, needs=Needs(cpus=cores, memory=1)
+    )
     return photos / (time.perf_counter() - begin)
 
 
@@ -194,9 +239,13 @@ def measure_nodes(scene: Path, nodes: int, scenes: int) -> int:
                 killer.start()
                 begin = time.perf_counter()
                 found = train_fleet(
-                    root / "scenes", root / "runs", executor, FEW_STEPS, needs=Needs(memory=0.1),
+                    root / "scenes",
+                    root / "runs",
+                    executor,
+                    FEW_STEPS,
+                    needs=Needs(memory=0.1),
                     on_progress=_say,
-                )  # fmt: skip
+                )
                 seconds = time.perf_counter() - begin
                 killer.join()
         finally:
@@ -208,8 +257,10 @@ def measure_nodes(scene: Path, nodes: int, scenes: int) -> int:
     for name, lines in other.items():
         print("\n".join(f"{name}: {line}" for line in lines[:2]), end="\n" if lines else "")
     finished = scenes - len(found.failures)
-    print(f"{nodes} machines, one killed: {finished} of {scenes} scenes finished in {seconds:.0f} s, "
-          f"{len(resumed)} went on from a checkpoint, {same} have the bits of a training alone")  # fmt: skip
+    print(
+        f"{nodes} machines, one killed: {finished} of {scenes} scenes finished in {seconds:.0f} s, "
+        f"{len(resumed)} went on from a checkpoint, {same} have the bits of a training alone"
+    )
     return 0 if alone.state == State.DONE and not found.failures and same == scenes and resumed else 1
 
 
@@ -220,7 +271,10 @@ def _say(stage: str, done: int, total: int, note: str = "") -> None:
 def _kill(machines: object, doomed: object, runs: Path, count: int) -> None:
     """Kill a machine once as many runs have checkpoints as there are machines."""
     end = time.monotonic() + PATIENCE
-    while len({path.parents[1] for path in runs.glob("*/checkpoints/step-*")}) < count and time.monotonic() < end:
+    while (
+        len({path.parents[1] for path in runs.glob("*/checkpoints/step-*")}) < count
+        and time.monotonic() < end
+    ):
         time.sleep(0.02)
     print("a machine is killed", flush=True)
     machines.remove_node(doomed, allow_graceful=False)  # type: ignore[attr-defined]
@@ -228,7 +282,9 @@ def _kill(machines: object, doomed: object, runs: Path, count: int) -> None:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Read the command line, measure, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     kinds = parser.add_subparsers(dest="kind", required=True)
     load = kinds.add_parser("load")
     load.add_argument("--rows", type=int, default=100_000)

@@ -1,14 +1,16 @@
-"""Measure how the scores of a few-step training of the bundled scene spread over seeds; a test holds later code to it.
+"""Measure how the scores of a few-step training of the bundled scene spread over seeds; a test holds later
+code to it.
 
     python tools/measure_golden.py --seeds 8              # seeds 1 to 8, into tests/runs/golden_demo.json
     python tools/measure_golden.py --seeds 12 --more      # those that the file does not have yet
 
-After a change that is meant to move the scores, measure them anew and commit the file with the change. The test trains
-once with seed 0, which is in no such file, and expects every score within its prediction interval: of n seeds with
-mean m and standard deviation s, another falls outside of m ± t s sqrt(1 + 1/n) with the probability FALSE_ALARM
-divided by the number of scores, t being that quantile of Student's distribution with n - 1 degrees of freedom (Hahn
-1969). So all of them together raise a false alarm once in 1 / FALSE_ALARM changes at most. Training is the same on
-every machine only within rounding, which grows with the steps as another seed does: hence the seeds as a yardstick.
+After a change that is meant to move the scores, measure them anew and commit the file with the change. The
+test trains once with seed 0, which is in no such file, and expects every score within its prediction
+interval: of n seeds with mean m and standard deviation s, another falls outside of m ± t s sqrt(1 + 1/n) with
+the probability FALSE_ALARM divided by the number of scores, t being that quantile of Student's distribution
+with n - 1 degrees of freedom (Hahn 1969). So all of them together raise a false alarm once in 1 / FALSE_ALARM
+changes at most. Training is the same on every machine only within rounding, which grows with the steps as
+another seed does: hence the seeds as a yardstick.
 """
 
 import argparse
@@ -38,11 +40,27 @@ METHODS = (Method.SOLVE, Method.PROBE_MLP, Method.PROBE_NET)
 _SCORES = ("psnr", "light_log_rmse_channels", "diffuse_si_rmse")  # of each method
 _OBJECT = ("relight_psnr", "base_color_psnr_scaled", "roughness_mae", "normal_degrees", "chamfer")
 _DECOMPOSE = DecomposeConfig(
-    pass1_iterations=40, pass2_iterations=15, pass3_iterations=15, pass1_side=48, pass2_side=48, lattice_cells=20,
-    hull_voxels=32, hash_levels=6, hash_finest=64, light_resolution=8, teacher_resolution=8, texture_size=64,
-    pass3_texture_size=64, light_solve_pixels=512, light_solve_iterations=4, unwrap_seconds=0.0, trial_steps=0,
-)  # fmt: skip
-_DISTILL = DistillConfig(steps=40, samples=256, light_resolution=8, synthetic_lessons=8, sphere_steps=3, sphere_batch=2)
+    pass1_iterations=40,
+    pass2_iterations=15,
+    pass3_iterations=15,
+    pass1_side=48,
+    pass2_side=48,
+    lattice_cells=20,
+    hull_voxels=32,
+    hash_levels=6,
+    hash_finest=64,
+    light_resolution=8,
+    teacher_resolution=8,
+    texture_size=64,
+    pass3_texture_size=64,
+    light_solve_pixels=512,
+    light_solve_iterations=4,
+    unwrap_seconds=0.0,
+    trial_steps=0,
+)
+_DISTILL = DistillConfig(
+    steps=40, samples=256, light_resolution=8, synthetic_lessons=8, sphere_steps=3, sphere_batch=2
+)
 
 
 @dataclass(frozen=True)
@@ -67,13 +85,17 @@ def scores(scene: Scene, seed: int) -> dict[str, float]:
     """Return the scores of a few-step training with this seed: dB, log-RMSE, degrees, as `evaluate` has them."""
     decomposition = lightprobe.decompose(scene, _DECOMPOSE, seed=seed)
     model = lightprobe.distill(decomposition, scene, _DISTILL, seed=seed)
-    result = lightprobe.evaluate(decomposition, model, scene, methods=METHODS, protocols=Protocols(unseen=False))
+    result = lightprobe.evaluate(
+        decomposition, model, scene, methods=METHODS, protocols=Protocols(unseen=False)
+    )
     means = {method: result.mean(method) for method in METHODS}
     found = {f"{method.value} {name}": means[method][name] for method in METHODS for name in _SCORES}
     return found | {name: result.truth[name] for name in _OBJECT}
 
 
-def intervals(measured: Mapping[str, Mapping[str, float]], false_alarm: float = FALSE_ALARM) -> dict[str, Interval]:
+def intervals(
+    measured: Mapping[str, Mapping[str, float]], false_alarm: float = FALSE_ALARM
+) -> dict[str, Interval]:
     """Return the prediction interval of every score; `measured` has the scores of each seed, by its name.
 
     Raises `ValueError` for fewer than three seeds, whose spread says nothing.
@@ -93,12 +115,16 @@ def intervals(measured: Mapping[str, Mapping[str, float]], false_alarm: float = 
 def summary(measured: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
     """Return number, mean and standard deviation of every score, of two seeds at least."""
     values = {name: [run[name] for run in measured.values()] for name in next(iter(measured.values()))}
-    return {name: {"n": len(given), "mean": fmean(given), "sd": stdev(given)} for name, given in values.items()}
+    return {
+        name: {"n": len(given), "mean": fmean(given), "sd": stdev(given)} for name, given in values.items()
+    }
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Read the command line, measure, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--more", action="store_true", help="keep the seeds that the file has")
     parser.add_argument("--file", type=Path, default=FILE)

@@ -1,15 +1,17 @@
 """How right `lightprobe insert` is: a second object put into path-traced photos of the demo's coffee pot.
 
-    python tools/measure_insertion.py FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern camera]
+    python tools/measure_insertion.py FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern
+    camera]
 
-Three scenes: the pot on a matt ground under a photographed light of the demo, seen by a camera of its own. The photo
-is path-traced without the second object, rounded to 8 bits, and `insert` puts a GLB of the second object into it, once
-with the true light, object and mask, and with `--run`, a run that learnt the pot, also with what the run predicts and
-reconstructed. The truth is path-traced with both objects, at the place where `insert` put the second one.
+Three scenes: the pot on a matt ground under a photographed light of the demo, seen by a camera of its own.
+The photo is path-traced without the second object, rounded to 8 bits, and `insert` puts a GLB of the second
+object into it, once with the true light, object and mask, and with `--run`, a run that learnt the pot, also
+with what the run predicts and reconstructed. The truth is path-traced with both objects, at the place where
+`insert` put the second one.
 
-PSNR in dB of displayed (sRGB) values, over the pixels that either changes by more than 3 of 255: all of them, and
-apart those that the thing covers, those of the ground, and those of the pot. Pictures and scores.json go to FOLDER.
-Mitsuba is needed (`pip install 'lightprobe[dev]'`) with an LLVM library newer than 15.
+PSNR in dB of displayed (sRGB) values, over the pixels that either changes by more than 3 of 255: all of them,
+and apart those that the thing covers, those of the ground, and those of the pot. Pictures and scores.json go
+to FOLDER. Mitsuba is needed (`pip install 'lightprobe[dev]'`) with an LLVM library newer than 15.
 """
 
 import argparse
@@ -78,9 +80,16 @@ def make_scene(case: Case, folder: Path, side: int, samples: int) -> Scene:
 
 
 def _trace(
-    case: Case, folder: Path, pot: Model, other: Model, known: Decomposition, camera: Camera, environment: np.ndarray,
-    mask: np.ndarray, samples: int,
-) -> None:  # fmt: skip
+    case: Case,
+    folder: Path,
+    pot: Model,
+    other: Model,
+    known: Decomposition,
+    camera: Camera,
+    environment: np.ndarray,
+    mask: np.ndarray,
+    samples: int,
+) -> None:
     from insertion.truth import photograph
 
     thing = load_thing(folder / "thing.glb")
@@ -110,7 +119,9 @@ def score(scene: Scene, inserted: Insertion) -> dict[str, float]:
     cover, pot = inserted.mask > 0.5, scene.mask > 0.5
     parts = {"all": changed, "thing": cover, "ground": changed & ~cover & ~pot, "pot": changed & pot & ~cover}
     square = np.square(mine - truth).mean(-1)
-    found = {key: float(-10 * np.log10(square[part].mean())) for key, part in parts.items() if part.sum() > 20}
+    found = {
+        key: float(-10 * np.log10(square[part].mean())) for key, part in parts.items() if part.sum() > 20
+    }
     return found | {"changed": float(changed.mean())}
 
 
@@ -130,7 +141,9 @@ def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
 
 
 def _of_run(scene: Scene, predictor: Predictor, thing: Thing, wish: Wish) -> Insertion:
-    """Return the insertion under the light that a run predicts from the photo, beside the object it reconstructed."""
+    """Return the insertion under the light that a run predicts from the photo, beside the object it
+    reconstructed.
+    """
     pixels = Pixels.of(scene.photo * (scene.mask[..., None] > 0), scene.mask)
     behind = Background.of(scene.photo, scene.photo >= CLIPPED, scene.mask, scene.camera)
     predicted = predictor.predict(pixels, scene.camera, background=behind)
@@ -162,7 +175,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--side", type=int, default=256, help="pixels of the photos")
     parser.add_argument("--samples", type=int, default=512, help="paths of a pixel")
     parser.add_argument("--cases", nargs="+", default=[case.name for case in CASES])
-    parser.add_argument("--picture", type=Path, metavar="P.jpg", help="photo, insertion and truth of all scenes")
+    parser.add_argument(
+        "--picture", type=Path, metavar="P.jpg", help="photo, insertion and truth of all scenes"
+    )
     given = parser.parse_args(arguments)
     torch.set_num_threads(1)
     scores = {}
@@ -172,7 +187,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             scores[case.name] = measure(scene, given.run)
             for name, found in scores[case.name].items():
                 print(
-                    f"{case.name}, {name}: " + ", ".join(f"{key} {value:.2f}" for key, value in found.items()),
+                    f"{case.name}, {name}: "
+                    + ", ".join(f"{key} {value:.2f}" for key, value in found.items()),
                     flush=True,
                 )
     write_json(given.folder / "scores.json", scores)

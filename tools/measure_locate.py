@@ -1,10 +1,12 @@
 """How well new photos are located: poses, light, and photos without the object.
 
-    python tools/measure_locate.py --data DATA --runs RUNS --scenes spot chair [--tables poses free light wrong]
+    python tools/measure_locate.py --data DATA --runs RUNS --scenes spot chair [--tables poses free light
+    wrong]
         [--others vase cape]
 
-DATA holds scene folders, RUNS a trained run of the same name for each of --scenes. Test photos with a true environment
-are laid over it (`composed_photos`), others are taken as they are; neither camera nor mask is given. Tables:
+DATA holds scene folders, RUNS a trained run of the same name for each of --scenes. Test photos with a true
+environment are laid over it (`composed_photos`), others are taken as they are; neither camera nor mask is
+given. Tables:
 
     poses   the focal length is known: mean distance, in pixels of a photo with 320 on its longer side, between where
             the found and the given camera see the mesh's vertices that the given camera sees
@@ -86,10 +88,14 @@ def photo_files(name: str, scene: Scene, folder: Path) -> Iterator[tuple[str, Pa
 
 
 def pose_error(subject: Subject, found: Camera, given: Camera) -> float:
-    """Return the mean distance at the vertices that `given` sees, in pixels of 320, of two input-frame cameras."""
+    """Return the mean distance at the vertices that `given` sees, in pixels of 320, of two input-frame
+    cameras.
+    """
     similarity, mesh = subject.predictor.decomposition.similarity, subject.predictor.decomposition.asset.mesh
-    small = given.resized(max(1, round(320 * given.width / max(given.width, given.height))),
-                          max(1, round(320 * given.height / max(given.width, given.height))))  # fmt: skip
+    small = given.resized(
+        max(1, round(320 * given.width / max(given.width, given.height))),
+        max(1, round(320 * given.height / max(given.width, given.height))),
+    )
     surface = visible_surface(mesh.vertices, mesh.faces, View.of(small.normalised(similarity), CPU))
     points = similarity.invert(surface.position.numpy())
     other = found.resized(small.width, small.height)
@@ -125,7 +131,9 @@ def pose_row(subject: Subject, *, known: bool) -> str:
         got = answer(subject, subject.files[photo.name], focal, photo.camera)
         told = None if got.located is None else got.located.verdict
         numbers = "" if told is None else f" score {told.score:.2f}, leeway {told.leeway:.3f},"
-        print(f"# {subject.name} {photo.name}: {got.error:.2f} px, {got.status.value},{numbers} {got.seconds:.1f} s")
+        print(
+            f"# {subject.name} {photo.name}: {got.error:.2f} px, {got.status.value},{numbers} {got.seconds:.1f} s"
+        )
         answers.append(got)
     errors = np.array([got.error for got in answers])
     warned = np.array([got.status is not PoseStatus.GOOD for got in answers])
@@ -139,7 +147,8 @@ def pose_row(subject: Subject, *, known: bool) -> str:
 
 
 def light_row(subject: Subject) -> str:
-    """Return the table's row of one scene with true lights: given and located, over the photos located without doubt.
+    """Return the table's row of one scene with true lights: given and located, over the photos located
+    without doubt.
 
     PSNR in dB between renders of the next test view under the predicted and under the true light.
     """
@@ -176,7 +185,9 @@ def _shown(subject: Subject, environment: Environment, view: Camera) -> torch.Te
     return srgb_encode(image.clamp(0, 1))
 
 
-def wrong_files(subject: Subject, others: Mapping[str, Mapping[str, Path]], folder: Path) -> Iterator[tuple[str, Path]]:
+def wrong_files(
+    subject: Subject, others: Mapping[str, Mapping[str, Path]], folder: Path
+) -> Iterator[tuple[str, Path]]:
     """Yield kind and file of photos without the subject's object; others: photo files of scenes, by names."""
     for name, files in others.items():
         if name != subject.name:
@@ -208,7 +219,9 @@ def wrong_row(subject: Subject, others: Mapping[str, Mapping[str, Path]], folder
         got = answer(subject, file, None, None)
         counts[got.status] += 1
         if got.located is not None:
-            print(f"# {subject.name} in {kind} {file.stem}: {got.status.value}, {got.located.verdict.score:.2f}")
+            print(
+                f"# {subject.name} in {kind} {file.stem}: {got.status.value}, {got.located.verdict.score:.2f}"
+            )
     cells = " | ".join(str(counts[status]) for status in PoseStatus)
     return f"| {subject.name} | {sum(counts.values())} | {cells} |"
 
@@ -227,7 +240,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--scenes", nargs="+", required=True)
-    parser.add_argument("--others", nargs="*", default=[], help="more scenes for the table `wrong`; they need no run")
+    parser.add_argument(
+        "--others", nargs="*", default=[], help="more scenes for the table `wrong`; they need no run"
+    )
     parser.add_argument("--tables", nargs="+", choices=list(HEADS), default=list(HEADS))
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:

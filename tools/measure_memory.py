@@ -1,13 +1,14 @@
 """Peak memory of the commands whose memory a photo's size decides: the table of docs/limits.md.
 
-    python tools/measure_memory.py RUN [--megapixels 12 48 134] [--kinds jpg png] [--commands predict locate ...]
+    python tools/measure_memory.py RUN [--megapixels 12 48 134] [--kinds jpg png] [--commands predict locate
+    ...]
                                        [--max-memory SIZE]
 
-RUN is a trained run of the bundled scene (`lightprobe demo -o RUN`); it is copied and stays as it is. The photo is one
-of the scene's test photos in front of its light, enlarged. Every command runs in a process of its own, one after the
-other, and its largest resident set is counted, in GiB. `read` decodes the photo and does nothing else; `inspect`, `fit`
-and `prepare` get two such photos among smaller ones of the same scene. What a command said is printed as it ends; a
-cell in brackets is of one that was refused or failed.
+RUN is a trained run of the bundled scene (`lightprobe demo -o RUN`); it is copied and stays as it is. The
+photo is one of the scene's test photos in front of its light, enlarged. Every command runs in a process of
+its own, one after the other, and its largest resident set is counted, in GiB. `read` decodes the photo and
+does nothing else; `inspect`, `fit` and `prepare` get two such photos among smaller ones of the same scene.
+What a command said is printed as it ends; a cell in brackets is of one that was refused or failed.
 """
 
 import argparse
@@ -99,10 +100,20 @@ def _python(code: str, *words: object) -> list[str]:
 def _asked(shot: Shot) -> str:
     """Return the request that the service's worker gets for a photo with its camera."""
     request = {
-        "task": "predict", "run": str(shot.run), "folder": str(shot.scene), "name": "a", "photo": str(shot.photo),
-        "camera": str(shot.camera), "mask": str(shot.mask), "method": None, "outputs": ["exr"], "height": None,
-        "background": True, "sources": True, "sun": "inside",
-    }  # fmt: skip
+        "task": "predict",
+        "run": str(shot.run),
+        "folder": str(shot.scene),
+        "name": "a",
+        "photo": str(shot.photo),
+        "camera": str(shot.camera),
+        "mask": str(shot.mask),
+        "method": None,
+        "outputs": ["exr"],
+        "height": None,
+        "background": True,
+        "sources": True,
+        "sun": "inside",
+    }
     return json.dumps(request)
 
 
@@ -113,8 +124,17 @@ COMMANDS: dict[str, Callable[[Shot], list[str]]] = {
     "locate": lambda s: cli("locate", s.run, s.photo),
     "serve (worker)": lambda s: _python(_WORKER, _asked(s)),
     "insert": lambda s: cli(
-        "insert", s.run, s.photo, "--camera", s.camera, "--mask", s.mask, "--object", s.run / "mesh" / "object.glb",
-        "-o", s.scene.parent / "inserted.png",
+        "insert",
+        s.run,
+        s.photo,
+        "--camera",
+        s.camera,
+        "--mask",
+        s.mask,
+        "--object",
+        s.run / "mesh" / "object.glb",
+        "-o",
+        s.scene.parent / "inserted.png",
     ),
     "calibrate": lambda s: cli(
         "calibrate", s.run, "--photo", s.photo, "--camera", s.camera, "--mask", s.mask, "--env", s.light
@@ -123,20 +143,26 @@ COMMANDS: dict[str, Callable[[Shot], list[str]]] = {
     "fit (reading)": lambda s: _python(_LOADING, s.scene),
     "eval": lambda s: _python(_EVALUATION, s.run, s.scene),
     "prepare": lambda s: cli("prepare", s.scene / "images", "-o", s.scene.parent / "prepared"),
-}  # fmt: skip
+}
 
 
 def peak(command: Sequence[str]) -> tuple[float, int, str]:
     """Return the largest resident set of a command in GiB, its exit code, and what it said."""
-    done = subprocess.run([sys.executable, "-c", _LAUNCHER, *command], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", _LAUNCHER, *command], capture_output=True, text=True, check=False
+    )
     return int(done.stdout.split()[-1]) / 2**30, done.returncode, done.stderr
 
 
 def make_shot(run: Path, megapixels: float, kind: str, folder: Path) -> Shot:
     """Write the photo, its camera, mask and light, and a scene of it into `folder`, in a process that ends."""
-    subprocess.run([sys.executable, __file__, str(run), "--make", str(megapixels), kind, str(folder)], check=True)
+    subprocess.run(
+        [sys.executable, __file__, str(run), "--make", str(megapixels), kind, str(folder)], check=True
+    )
     light = next(folder.glob("light.*"))
-    return Shot(folder / f"photo.{kind}", folder / "camera.json", folder / "mask.png", light, folder / "scene", run)
+    return Shot(
+        folder / f"photo.{kind}", folder / "camera.json", folder / "mask.png", light, folder / "scene", run
+    )
 
 
 def write_shot(megapixels: float, kind: str, folder: Path) -> None:
@@ -172,12 +198,18 @@ def write_shot(megapixels: float, kind: str, folder: Path) -> None:
         cameras[f"{photo.name}.png"] = photo.camera
     frames = [
         {
-            "file_path": f"images/{name}", "mask_path": f"masks/{Path(name).stem}.png", "fl_x": camera.fx,
-            "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy, "w": camera.width, "h": camera.height,
+            "file_path": f"images/{name}",
+            "mask_path": f"masks/{Path(name).stem}.png",
+            "fl_x": camera.fx,
+            "fl_y": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+            "w": camera.width,
+            "h": camera.height,
             "transform_matrix": camera.camera_to_world.tolist(),
         }
         for name, camera in cameras.items()
-    ]  # fmt: skip
+    ]
     write_json(folder / "scene" / "transforms.json", {"camera_model": "PINHOLE", "frames": frames})
 
 
@@ -213,7 +245,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--kinds", nargs="+", default=["jpg", "png"], metavar="KIND", help="also exr tif heic webp avif"
     )
-    parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS), metavar="COMMAND")
+    parser.add_argument(
+        "--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS), metavar="COMMAND"
+    )
     parser.add_argument("--max-memory", metavar="SIZE", help="given to the commands that take it")
     parser.add_argument("--make", nargs=3, help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)

@@ -1,11 +1,14 @@
-"""Run Phase I alone on scenes that bring their truth, and score the object and the lights: a table in Markdown.
+"""Run Phase I alone on scenes that bring their truth, and score the object and the lights: a table in
+Markdown.
 
-    python tools/measure_object.py DATA/synthetic/vase DATA/synthetic/bottle [--set light_chroma=0 metallic_prior=.01]
+    python tools/measure_object.py DATA/synthetic/vase DATA/synthetic/bottle [--set light_chroma=0
+    metallic_prior=.01]
 
-For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide or add an
-error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training photos, compared
-with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, and of that the part in which channels
-differ (cast). The last columns are what the object's verdict rests on (`models.object_verdict`).
+For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide
+or add an error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training
+photos, compared with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, and of that
+the part in which channels differ (cast). The last columns are what the object's verdict rests on
+(`models.object_verdict`).
 """
 
 import argparse
@@ -33,15 +36,27 @@ from lightprobe.scene.photo import Scene
 _SIDE = 8  # texels along an edge of the cubemaps that are compared
 _FLOOR = 0.05  # of a map's mean radiance: what is darker counts as this
 _COLUMNS = {
-    "seconds": ".0f", "base_color_psnr": ".1f", "base_color_psnr_scaled": ".1f", "base_color_ratio": ".2f",
-    "roughness_mae": ".3f", "metallic_mae": ".3f", "normal_degrees": ".1f", "relight_psnr": ".1f",
-    "relight_psnr_scaled": ".1f", "light_log_rmse": ".2f", "light_cast": ".2f", "disagreement": ".4f",
-    "front_bias": ".2f", "surprise": ".1f",
-}  # fmt: skip
+    "seconds": ".0f",
+    "base_color_psnr": ".1f",
+    "base_color_psnr_scaled": ".1f",
+    "base_color_ratio": ".2f",
+    "roughness_mae": ".3f",
+    "metallic_mae": ".3f",
+    "normal_degrees": ".1f",
+    "relight_psnr": ".1f",
+    "relight_psnr_scaled": ".1f",
+    "light_log_rmse": ".2f",
+    "light_cast": ".2f",
+    "disagreement": ".4f",
+    "front_bias": ".2f",
+    "surprise": ".1f",
+}
 
 
 def changed(config: DecomposeConfig, changes: Sequence[str]) -> DecomposeConfig:
-    """Return the configuration with NAME=VALUE in place; raise `ConfigError` for a name or a value that is none."""
+    """Return the configuration with NAME=VALUE in place; raise `ConfigError` for a name or a value that is
+    none.
+    """
     kinds: dict[str, Any] = {field.name: type(getattr(config, field.name)) for field in fields(config)}
     for change in changes:
         name, _, value = change.partition("=")
@@ -55,7 +70,9 @@ def changed(config: DecomposeConfig, changes: Sequence[str]) -> DecomposeConfig:
 
 
 def light_errors(light: Tensor, truth: Tensor) -> tuple[float, float]:
-    """Return the log-RMSE of a light (6, R, R, 3) against the true one, and its cast; both as the module says."""
+    """Return the log-RMSE of a light (6, R, R, 3) against the true one, and its cast; both as the module
+    says.
+    """
     weight = cubemap.solid_angles(_SIDE)[..., None]
     weight = weight / (3 * weight.sum())
     logs = []
@@ -68,9 +85,13 @@ def light_errors(light: Tensor, truth: Tensor) -> tuple[float, float]:
 
 
 def light_scores(decomposition: Decomposition, scene: Scene) -> dict[str, float]:
-    """Return the mean errors of the training photos' lights, nothing for a scene that does not bring true ones."""
+    """Return the mean errors of the training photos' lights, nothing for a scene that does not bring true
+    ones.
+    """
     errors = [
-        light_errors(decomposition.lights[photo.name].texels.cpu(), Environment.load(photo.truth.environment).texels)
+        light_errors(
+            decomposition.lights[photo.name].texels.cpu(), Environment.load(photo.truth.environment).texels
+        )
         for photo in scene.train
         if photo.truth.environment is not None
     ]
@@ -95,7 +116,9 @@ def measure(folder: Path, config: DecomposeConfig, device: torch.device, seed: i
 
 def main() -> None:
     """Measure the scenes named on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("scenes", type=Path, nargs="+")
     parser.add_argument("--preset", type=Preset, default=Preset.QUICK, choices=list(Preset))
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")

@@ -1,10 +1,12 @@
-"""What the verdict on several photos says of photos of one light, and of photos of different ones: a table in Markdown.
+"""What the verdict on several photos says of photos of one light, and of photos of different ones: a table in
+Markdown.
 
     python tools/measure_one_light.py --data DATA --runs RUNS --scenes chair robot
 
-DATA holds synthetic scene folders, RUNS a trained run of the same name for each; both are only read. Sets of two to
-four photos: of each light of the relight split the first ones, and of the other photos, each of which has a light of
-its own, ten sets drawn at random. `apart` is the verdict's (`prediction.verdict`); warned are those above its limit.
+DATA holds synthetic scene folders, RUNS a trained run of the same name for each; both are only read. Sets of
+two to four photos: of each light of the relight split the first ones, and of the other photos, each of which
+has a light of its own, ten sets drawn at random. `apart` is the verdict's (`prediction.verdict`); warned are
+those above its limit.
 """
 
 import argparse
@@ -22,7 +24,9 @@ _DRAWN = 10  # sets of each size
 
 
 def of_one_light(scene: Scene, size: int) -> Iterator[list[Photo]]:
-    """Yield the first `size` photos of each light of the relight split, and nothing of a light that has fewer."""
+    """Yield the first `size` photos of each light of the relight split, and nothing of a light that has
+    fewer.
+    """
     for photos in photos_of_one_light(scene):
         if len(photos) >= size:
             yield photos[:size]
@@ -55,7 +59,9 @@ def row(name: str, kind: str, size: int, found: Sequence[tuple[float, bool]]) ->
 
 def main() -> None:
     """Read the command line and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--scenes", nargs="+", required=True)
@@ -66,7 +72,10 @@ def main() -> None:
     for name in given.scenes:
         scene, predictor = load_scene(given.data / name), Predictor.load(given.runs / name)
         for size in _SIZES:
-            kinds = {"one": of_one_light(scene, size), "different": of_different_lights(scene, size, given.seed)}
+            kinds = {
+                "one": of_one_light(scene, size),
+                "different": of_different_lights(scene, size, given.seed),
+            }
             for kind, sets in kinds.items():
                 found = [judged(predictor, photos) for photos in sets]
                 if found:

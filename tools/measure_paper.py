@@ -2,8 +2,9 @@
 
     python tools/measure_paper.py SCENE [--photos 8] [--steps 24] [--device cpu] [--page docs/paper-preset.md]
 
-A few steps of each pass and of Phase II are trained at full size on some of the scene's photos. The lines between the
-page's marks are replaced; without --page they are printed. `--note` adds a sentence on the circumstances.
+A few steps of each pass and of Phase II are trained at full size on some of the scene's photos. The lines
+between the page's marks are replaced; without --page they are printed. `--note` adds a sentence on the
+circumstances.
 """
 
 import argparse

@@ -2,9 +2,10 @@
 
     python tools/measure_plain_photos.py FOLDER ...
 
-Prints a row of a table for each folder of photos: the least, a tenth, the median and the greatest sharpness; the median
-under blurs of one, two and four pixels and a motion of nine; the least and the median texture; and the least difference
-of two photos. The bounds of `lightprobe inspect` for plain photos rest on these (docs/decisions/plain-photos.md).
+Prints a row of a table for each folder of photos: the least, a tenth, the median and the greatest sharpness;
+the median under blurs of one, two and four pixels and a motion of nine; the least and the median texture; and
+the least difference of two photos. The bounds of `lightprobe inspect` for plain photos rest on these
+(docs/decisions/plain-photos.md).
 """
 
 import argparse

@@ -1,12 +1,13 @@
-"""Measure what `lightprobe prepare` makes of plain photos whose cameras and masks are known: tables in Markdown.
+"""Measure what `lightprobe prepare` makes of plain photos whose cameras and masks are known: tables in
+Markdown.
 
     python tools/measure_prepare.py DATA --work WORK [--scenes cape liberty turntable] [--hint PHOTO]
 
 DATA/nerd/SCENE holds photos of real scenes with `poses_bounds.npy` and masks; the turntable is rendered by
-`tools/turntable_photos.py`. Only the photos are given to `prepare`, and the mask of one photo as hint: the photo in
-the middle of the list, which may be a close-up, or the one that `--hint` names. Cameras are compared after the
-similarity that fits their positions best; distance is that of a camera from the object.
-What is in WORK already is not made again, so that times are those of the first run.
+`tools/turntable_photos.py`. Only the photos are given to `prepare`, and the mask of one photo as hint: the
+photo in the middle of the list, which may be a close-up, or the one that `--hint` names. Cameras are compared
+after the similarity that fits their positions best; distance is that of a camera from the object. What is in
+WORK already is not made again, so that times are those of the first run.
 """
 
 import argparse
@@ -54,11 +55,15 @@ def turntable(folder: Path) -> Truth:
     if not (folder / "true_cameras.json").is_file():
         write(render(40, 640), folder)
     cameras = {n: Camera.from_json(v, source=n) for n, v in read_json(folder / "true_cameras.json").items()}
-    return Truth(folder / "images", cameras, {name: folder / "true_masks" / f"{name}.png" for name in cameras})
+    return Truth(
+        folder / "images", cameras, {name: folder / "true_masks" / f"{name}.png" for name in cameras}
+    )
 
 
 def compare(found: dict[str, Camera], true: dict[str, Camera]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the errors (K,) of rotation, degrees, and position, percent of the distance, after the best similarity."""
+    """Return the errors (K,) of rotation, degrees, and position, percent of the distance, after the best
+    similarity.
+    """
     names = sorted(set(found) & set(true))
     a = np.stack([found[name].position for name in names])
     b = np.stack([true[name].position for name in names])
@@ -75,7 +80,9 @@ def compare(found: dict[str, Camera], true: dict[str, Camera]) -> tuple[np.ndarr
 
 
 def similarity(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-    """Return rotation (3, 3), scale and shift (3,) that take points a (K, 3) to b robustly (Umeyama 1991, trimmed)."""
+    """Return rotation (3, 3), scale and shift (3,) that take points a (K, 3) to b robustly (Umeyama 1991,
+    trimmed).
+    """
     chosen = np.arange(len(a))
     for _ in range(5):
         x, y = a[chosen], b[chosen]
@@ -95,7 +102,9 @@ def mask_overlaps(scene: Path, true: dict[str, Path]) -> np.ndarray:
     found = []
     for frame in read_json(scene / "transforms.json")["frames"]:
         name = Path(frame["mask_path"]).stem
-        mine, wanted = (shrink_area(read_mask(p), _SIDE) >= 0.5 for p in (scene / frame["mask_path"], true[name]))
+        mine, wanted = (
+            shrink_area(read_mask(p), _SIDE) >= 0.5 for p in (scene / frame["mask_path"], true[name])
+        )
         found.append((mine & wanted).sum() / max((mine | wanted).sum(), 1))
     return np.array(found)
 
@@ -106,7 +115,9 @@ def written_cameras(scene: Path) -> dict[str, Camera]:
 
 
 def measure(name: str, truth: Truth, work: Path, hinted: bool, chosen: str | None = None) -> str:
-    """Prepare one scene and return its row of the table; chosen: the hint's photo, by default the one in the middle."""
+    """Prepare one scene and return its row of the table; chosen: the hint's photo, by default the one in the
+    middle.
+    """
     marked = chosen or sorted(truth.masks)[len(truth.masks) // 2]
     photo = next(path for path in sorted(truth.photos.iterdir()) if path.stem == marked)
     hint = f"{photo.name}={truth.masks[marked]}" if hinted else None
@@ -128,11 +139,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the scenes that the arguments name, and print the table."""
     parser = argparse.ArgumentParser(description="Measure prepare on photos whose cameras are known.")
     parser.add_argument("data", type=Path)
-    parser.add_argument("--work", type=Path, required=True, help="folder for scenes and the rendered turntable")
+    parser.add_argument(
+        "--work", type=Path, required=True, help="folder for scenes and the rendered turntable"
+    )
     parser.add_argument("--scenes", nargs="*", default=["cape", "liberty", "turntable"])
     hinted = parser.add_mutually_exclusive_group()
     hinted.add_argument("--bare", action="store_true", help="without the hint")
-    hinted.add_argument("--hint", metavar="PHOTO", help="name of the photo whose mask is the hint, for one scene")
+    hinted.add_argument(
+        "--hint", metavar="PHOTO", help="name of the photo whose mask is the hint, for one scene"
+    )
     given = parser.parse_args(arguments)
     if given.hint is not None and len(given.scenes) != 1:
         parser.error("--hint names a photo of one scene; give that scene with --scenes.")

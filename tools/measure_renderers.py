@@ -1,11 +1,12 @@
-"""How near pictures under known lights come to a scene's own renders, by either renderer: a table in Markdown.
+"""How near pictures under known lights come to a scene's own renders, by either renderer: a table in
+Markdown.
 
     python tools/measure_renderers.py DATA/synthetic/spot DATA/synthetic/chair [--runs RUNS] [--samples 1024]
 
-Of scenes that bring their object and renders under novel lights. The rows of true objects show what a renderer leaves
-to be gained (the true object's material is gathered from maps of the test photos: `evaluation.oracle`); with --runs,
-the objects of the runs RUNS/SCENE follow. PSNR and SSIM of the object's pixels, raw and after one factor per channel,
-and the seconds of all pictures.
+Of scenes that bring their object and renders under novel lights. The rows of true objects show what a
+renderer leaves to be gained (the true object's material is gathered from maps of the test photos:
+`evaluation.oracle`); with --runs, the objects of the runs RUNS/SCENE follow. PSNR and SSIM of the object's
+pixels, raw and after one factor per channel, and the seconds of all pictures.
 """
 
 import argparse
@@ -47,7 +48,9 @@ def rows(scene: Scene, run: Path | None, samples: int) -> Iterator[str]:
 
 def main() -> None:
     """Measure the scenes named on the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("scenes", type=Path, nargs="+")
     parser.add_argument("--runs", type=Path, help="folder of runs named as the scenes")
     parser.add_argument("--samples", type=int, default=1024, help="rays of a pixel")

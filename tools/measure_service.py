@@ -1,13 +1,14 @@
-"""How the service stands up to load: lost and wrong answers, seconds, memory, with hostile requests and killed workers.
+"""How the service stands up to load: lost and wrong answers, seconds, memory, with hostile requests and
+killed workers.
 
     python tools/measure_service.py RUN --scene SCENE --method probe-mlp --sources false --requests 10000
     python tools/measure_service.py RUN --scene SCENE --requests 1000
     python tools/measure_service.py RUN --scene SCENE --method probe-mlp --sources false --requests 10000 \\
         --hostile 0.2 --slow 4 --kill-every 20
 
-RUN is a finished run of SCENE, whose photos are sent with their cameras, 320 pixels on the longer side. `lightprobe
-serve` is started on a copy of the run with two workers; eight clients ask one request after the other. Each photo's map
-is asked for alone first; a map under load must have the same pixels.
+RUN is a finished run of SCENE, whose photos are sent with their cameras, 320 pixels on the longer side.
+`lightprobe serve` is started on a copy of the run with two workers; eight clients ask one request after the
+other. Each photo's map is asked for alone first; a map under load must have the same pixels.
 
     lost      requests without an answer: the connection broke or timed out, or no sentence says why it failed
     wrong     maps that differ, and hostile requests that were not refused with a 4xx
@@ -15,9 +16,9 @@ is asked for alone first; a map under load must have the same pixels.
     seconds   of honest requests that got a map, the wait in the queue included
     memory    resident sizes of the server and its workers together, after a tenth of the requests and at the end
 
-Hostile requests are truncated photos, a PNG that announces 60 000 x 60 000 pixels, damaged cameras, names that are
-paths, other kinds of bodies, unknown fields, forms that end early, and photos that are too large. Slow clients send a
-byte a second and never finish.
+Hostile requests are truncated photos, a PNG that announces 60 000 x 60 000 pixels, damaged cameras, names
+that are paths, other kinds of bodies, unknown fields, forms that end early, and photos that are too large.
+Slow clients send a byte a second and never finish.
 """
 
 import argparse
@@ -98,9 +99,10 @@ def scene_shots(scene: Path) -> list[Shot]:
 def ask(client: httpx2.Client, shot: Shot, fields: dict[str, str]) -> httpx2.Response:
     """Return the answer to a photo."""
     return client.post(
-        f"/objects/{_OBJECT}/predict", files={"photo": (f"{shot.name}.png", shot.data, "image/png")},
+        f"/objects/{_OBJECT}/predict",
+        files={"photo": (f"{shot.name}.png", shot.data, "image/png")},
         data={"camera": shot.camera, "formats": "exr", **fields},
-    )  # fmt: skip
+    )
 
 
 def map_of(answer: httpx2.Response) -> bytes:
@@ -127,7 +129,10 @@ def bomb() -> bytes:
 
     head = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
     return (
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", head)
+        + chunk(b"IDAT", zlib.compress(bytes(1000)))
+        + chunk(b"IEND", b"")
     )
 
 
@@ -157,8 +162,9 @@ def hostile(client: httpx2.Client, shot: Shot, draw: random.Random) -> httpx2.Re
     return client.post(path, files={"photo": ("a.png", draw.randbytes(500))})
 
 
-def one_request(client: httpx2.Client, shots: Sequence[Shot], number: int, options: argparse.Namespace,
-                tally: Tally) -> None:  # fmt: skip
+def one_request(
+    client: httpx2.Client, shots: Sequence[Shot], number: int, options: argparse.Namespace, tally: Tally
+) -> None:
     """Ask one request, honest or hostile by its number, and take down what came of it."""
     draw = random.Random(number)
     shot = shots[number % len(shots)]
@@ -221,7 +227,10 @@ def children(pid: int) -> list[int]:
     found = []
     for entry in Path("/proc").iterdir():
         try:
-            if entry.name.isdigit() and int((entry / "stat").read_text().rpartition(")")[2].split()[1]) == pid:
+            if (
+                entry.name.isdigit()
+                and int((entry / "stat").read_text().rpartition(")")[2].split()[1]) == pid
+            ):
                 found.append(int(entry.name))
         except (OSError, ValueError, IndexError):
             continue
@@ -279,7 +288,9 @@ def service(run: Path, options: argparse.Namespace) -> Iterator[tuple[str, int]]
     """Yield address and process of a service of a copy of a run, once a worker can be asked."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "runs" / _OBJECT
-        shutil.copytree(run, target, ignore=shutil.ignore_patterns("checkpoints", "report", "oracle", "predictions"))
+        shutil.copytree(
+            run, target, ignore=shutil.ignore_patterns("checkpoints", "report", "oracle", "predictions")
+        )
         command = [sys.executable, "-m", "lightprobe", "serve", str(target.parent), "--port", "0"]
         command += ["--log-level", "warning"]
         command += ["--workers", str(options.workers), "--deadline", str(options.deadline)]
@@ -300,15 +311,18 @@ def row(tally: Tally, counts: Counter[str], end: float, seconds: float, options:
     """Return the results as lines."""
     p50, p95 = np.percentile(tally.seconds, [50, 95]) if tally.seconds else (np.nan, np.nan)
     growth = 100 * (end / tally.memory_early - 1) if tally.memory_early else np.nan
-    return "\n".join([
-        "| method | requests | maps | lost | wrong | p50 s | p95 s | maps per s | memory early, end MiB | growth |",
-        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
-        f"| {options.method or 'default'}, sources {options.sources} | {options.requests} | {len(tally.seconds)} | "
-        f"{len(tally.lost)} | {len(tally.wrong)} | {p50:.2f} | {p95:.2f} | {len(tally.seconds) / seconds:.2f} | "
-        f"{tally.memory_early:.0f}, {end:.0f} | {growth:.1f} % |",
-        f"refused: {dict(tally.refused)}; hostile: {dict(tally.hostile)}; {dict(counts)}; {seconds:.0f} s",
-        *tally.lost[:10], *tally.wrong[:10],
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "| method | requests | maps | lost | wrong | p50 s | p95 s | maps per s | memory early, end MiB | growth |",
+            "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+            f"| {options.method or 'default'}, sources {options.sources} | {options.requests} | {len(tally.seconds)} | "
+            f"{len(tally.lost)} | {len(tally.wrong)} | {p50:.2f} | {p95:.2f} | {len(tally.seconds) / seconds:.2f} | "
+            f"{tally.memory_early:.0f}, {end:.0f} | {growth:.1f} % |",
+            f"refused: {dict(tally.refused)}; hostile: {dict(tally.hostile)}; {dict(counts)}; {seconds:.0f} s",
+            *tally.lost[:10],
+            *tally.wrong[:10],
+        ]
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -329,13 +343,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with service(options.run, options) as (url, pid):
         with httpx2.Client(base_url=url, timeout=_PATIENCE) as client:
             alone = [ask(client, shot, options.fields) for shot in shots]
-        shots = [Shot(shot.name, shot.data, shot.camera, map_of(one)) for shot, one in zip(shots, alone, strict=True)]
+        shots = [
+            Shot(shot.name, shot.data, shot.camera, map_of(one))
+            for shot, one in zip(shots, alone, strict=True)
+        ]
         begin = time.perf_counter()
         with disturbances(url, pid, options) as counts:
             tally = load(url, [pid], shots, options)
         seconds = time.perf_counter() - begin
         print(row(tally, counts, memory(pid), seconds, options))
-        print(f"still up: {httpx2.get(f'{url}health', timeout=30).status_code == 200}; load average {os.getloadavg()}")
+        print(
+            f"still up: {httpx2.get(f'{url}health', timeout=30).status_code == 200}; load average {os.getloadavg()}"
+        )
 
 
 if __name__ == "__main__":

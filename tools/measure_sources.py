@@ -1,12 +1,14 @@
-"""Measures how well the key light of a photo is found: its direction and irradiance, and what its uncertainty is worth.
+"""Measures how well the key light of a photo is found: its direction and irradiance, and what its uncertainty
+is worth.
 
     python tools/measure_sources.py RUN [RUN ...] [--lights FOLDER ...] [--record FILE.json]
 
-For every test photo of each run's scene whose true light has one dominant sun or lamp (`dominant`) the light is
-predicted and its sources fitted to the photo. "key" is the strongest source, "map" what the predicted map alone says.
-With --lights, the photos are instead renders of the scene's true object (`evaluation.oracle`) under each dominant light
-of the folders' maps, from the test cameras in turn, 256 pixels wide, exposed for the object and clipped at white: the
-run's own errors stay. Prints a line for each photo, and medians. Truth is read from the scene's files.
+For every test photo of each run's scene whose true light has one dominant sun or lamp (`dominant`) the light
+is predicted and its sources fitted to the photo. "key" is the strongest source, "map" what the predicted map
+alone says. With --lights, the photos are instead renders of the scene's true object (`evaluation.oracle`)
+under each dominant light of the folders' maps, from the test cameras in turn, 256 pixels wide, exposed for
+the object and clipped at white: the run's own errors stay. Prints a line for each photo, and medians. Truth
+is read from the scene's files.
 """
 
 import argparse
@@ -36,10 +38,18 @@ from lightprobe.scene import load_pixels
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels, Scene
 
-LAMP = math.radians(22)  # radius up to which a source is a sun or a lamp; beyond it is a window or a bright sky
+LAMP = math.radians(
+    22
+)  # radius up to which a source is a sun or a lamp; beyond it is a window or a bright sky
 RESOLUTION = 32  # of the lights that sources are looked for in
-WIDTH, EXPOSED = 256, 0.5  # of renders: pixels, and the linear value that four fifths of the object stay under
-SHARE, RIVAL = 0.25, 0.5  # a dominant source's least share of the whole flux, and the most that another lamp has of it
+WIDTH, EXPOSED = (
+    256,
+    0.5,
+)  # of renders: pixels, and the linear value that four fifths of the object stay under
+SHARE, RIVAL = (
+    0.25,
+    0.5,
+)  # a dominant source's least share of the whole flux, and the most that another lamp has of it
 
 
 @dataclass(frozen=True)
@@ -107,7 +117,10 @@ def rendered_shots(scene: Scene, folders: list[Path]) -> Shots:
         turn += 1
         camera = camera.resized(WIDTH, round(WIDTH * camera.height / camera.width))
         picture = Picture.of(
-            asset, camera.normalised(scene.similarity), prefilter.cached(light.resolution, light.device), light.device
+            asset,
+            camera.normalised(scene.similarity),
+            prefilter.cached(light.resolution, light.device),
+            light.device,
         )
         image, cover = picture.render(light.texels)
         exposure = EXPOSED / float(image[cover > 0.99].mean(-1).quantile(0.8))
@@ -117,25 +130,32 @@ def rendered_shots(scene: Scene, folders: list[Path]) -> Shots:
 
 
 def measure(run: Path, folders: list[Path]) -> list[Measured]:
-    """Return what is found in a run's test photos, or in renders under the maps of `folders` where there are some."""
+    """Return what is found in a run's test photos, or in renders under the maps of `folders` where there are
+    some.
+    """
     predictor, scene = Predictor.load(run), open_scene(RunFolder.open(run), None)
     shots = rendered_shots(scene, folders) if folders else own_shots(scene)
     return [measured(predictor, run.name, *shot) for shot in shots]
 
 
-def measured(predictor: Predictor, run: str, name: str, pixels: Pixels, camera: Camera, true: LightSource) -> Measured:
+def measured(
+    predictor: Predictor, run: str, name: str, pixels: Pixels, camera: Camera, true: LightSource
+) -> Measured:
     """Return one photo's key light against the true one."""
     prediction = predictor.predict(pixels, camera, refuse=False, sources=True)
     before = key(find_sources(prediction.environment))
     after = key(() if prediction.split is None else prediction.split.sources)
     turn = None if after is None else after.direction_uncertainty
     return Measured(
-        run, name,
-        None if before is None else apart(before, true), None if after is None else apart(after, true),
+        run,
+        name,
+        None if before is None else apart(before, true),
+        None if after is None else apart(after, true),
         None if before is None else strength(before) / strength(true),
         None if after is None else strength(after) / strength(true),
-        None if after is None else after.uncertainty, None if turn is None else math.degrees(turn),
-    )  # fmt: skip
+        None if after is None else after.uncertainty,
+        None if turn is None else math.degrees(turn),
+    )
 
 
 def summary(found: list[Measured]) -> dict[str, float]:
@@ -144,24 +164,35 @@ def summary(found: list[Measured]) -> dict[str, float]:
     before = [180.0 if one.map_degrees is None else one.map_degrees for one in found]
     errors = [1.0 if one.ratio is None else abs(one.ratio - 1) for one in found]
     map_errors = [1.0 if one.map_ratio is None else abs(one.map_ratio - 1) for one in found]
-    known = [(abs(one.ratio - 1) / max(one.ratio * one.uncertainty, 1e-9)) for one in found
-             if one.ratio is not None and one.uncertainty is not None]  # fmt: skip
-    turned = [one.degrees / one.direction_uncertainty for one in found
-              if one.degrees is not None and one.direction_uncertainty is not None]  # fmt: skip
+    known = [
+        (abs(one.ratio - 1) / max(one.ratio * one.uncertainty, 1e-9))
+        for one in found
+        if one.ratio is not None and one.uncertainty is not None
+    ]
+    turned = [
+        one.degrees / one.direction_uncertainty
+        for one in found
+        if one.degrees is not None and one.direction_uncertainty is not None
+    ]
     return {
-        "photos": len(found), "degrees": float(np.median(degrees)), "map_degrees": float(np.median(before)),
-        "irradiance_error": float(np.median(errors)), "map_irradiance_error": float(np.median(map_errors)),
+        "photos": len(found),
+        "degrees": float(np.median(degrees)),
+        "map_degrees": float(np.median(before)),
+        "irradiance_error": float(np.median(errors)),
+        "map_irradiance_error": float(np.median(map_errors)),
         "within_one_deviation": float(np.mean([z <= 1 for z in known])) if known else math.nan,
         "within_two_deviations": float(np.mean([z <= 2 for z in known])) if known else math.nan,
         "direction_within_two_deviations": float(np.mean([z <= 2 for z in turned])) if turned else math.nan,
-    }  # fmt: skip
+    }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure the runs of the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("runs", nargs="+", type=Path)
-    parser.add_argument("--lights", nargs="+", type=Path, default=[], help="folders of maps to render photos under")
+    parser.add_argument(
+        "--lights", nargs="+", type=Path, default=[], help="folders of maps to render photos under"
+    )
     parser.add_argument("--record", type=Path, help="also write all numbers here, as JSON")
     given = parser.parse_args(arguments)
     try:

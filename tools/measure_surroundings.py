@@ -2,10 +2,11 @@
 
     python tools/measure_surroundings.py HDRIS DATA/synthetic/spot DATA/synthetic/bottle
 
-What `reconstruction.surroundings` rests on, as two tables in Markdown. The first: photographed environments (a folder
-of maps) under pinhole cameras of 56 degrees that look from all sides at a point, exposed so that a matte grey object of
-.5 shows .25 on average. The second: true objects with base colours times a factor, the lights of 20 training photos
-solved anew (preset quick), over what these photos would show of their true environments around the object.
+What `reconstruction.surroundings` rests on, as two tables in Markdown. The first: photographed environments
+(a folder of maps) under pinhole cameras of 56 degrees that look from all sides at a point, exposed so that a
+matte grey object of .5 shows .25 on average. The second: true objects with base colours times a factor, the
+lights of 20 training photos solved anew (preset quick), over what these photos would show of their true
+environments around the object.
 """
 
 import argparse
@@ -101,7 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     maps = [read_hdr(path)[..., :3] for path in environment_files(given.hdris)]
     found = [[environment_excess(image, elevation) for image in maps] for elevation in _ELEVATIONS]
     between = _row("between maps", [[float(np.mean(one)) for one in maps_of] for maps_of in found])
-    within = _row("within one", [[v - float(np.mean(one)) for one in maps_of for v in one] for maps_of in found])
+    within = _row(
+        "within one", [[v - float(np.mean(one)) for one in maps_of for v in one] for maps_of in found]
+    )
     print("\n".join(markdown_table(["", *(f"{elevation}°" for elevation in _ELEVATIONS)], [between, within])))
     config, rows = settings(Preset.QUICK).decompose, []
     for folder in given.scenes:
@@ -110,7 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         values = [photo_excess(asset, scene, photo, config) for photo in photos]
         rows.append(_row(folder.name, zip(*values, strict=True)))
     if rows:
-        print("\n" + "\n".join(markdown_table(["object", *(f"times {factor:g}" for factor in _FACTORS)], rows)))
+        print(
+            "\n" + "\n".join(markdown_table(["object", *(f"times {factor:g}" for factor in _FACTORS)], rows))
+        )
 
 
 if __name__ == "__main__":

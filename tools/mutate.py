@@ -2,13 +2,15 @@
 
     python tools/mutate.py lightprobe.light lightprobe.render lightprobe.evaluation --count 200 --seed 0
 
-A mutant is a module with one small change: a comparison, an operator, a number, a condition or a step left out
-(`mutation.changes`). Of all mutants of the packages, `--count` are drawn at random. Each is imported in place of its
-module in a process of its own, in which first the module's own tests run, slow ones too, then the quick ones of all
-other files of tests that import it. A mutant that fails a test, or takes far longer, is killed. The survivors are
-listed: each is a test that is missing, or a change that makes no difference to anybody.
+A mutant is a module with one small change: a comparison, an operator, a number, a condition or a step left
+out (`mutation.changes`). Of all mutants of the packages, `--count` are drawn at random. Each is imported in
+place of its module in a process of its own, in which first the module's own tests run, slow ones too, then
+the quick ones of all other files of tests that import it. A mutant that fails a test, or takes far longer, is
+killed. The survivors are listed: each is a test that is missing, or a change that makes no difference to
+anybody.
 
-Processes are forked from one that has imported the large libraries, so a mutant costs seconds. Needs fork: not Windows.
+Processes are forked from one that has imported the large libraries, so a mutant costs seconds. Needs fork:
+not Windows.
 """
 
 import argparse
@@ -24,7 +26,9 @@ _ROOT = Path(__file__).parents[1]
 
 def main() -> int:
     """Judge mutants of the packages on the command line; 1 when tests fail without any mutation."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("packages", nargs="+", metavar="PACKAGE", help="as they are imported")
     parser.add_argument("--count", type=int, default=200, help="mutants to draw, all where there are fewer")
     parser.add_argument("--seed", type=int, default=0)

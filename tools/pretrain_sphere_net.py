@@ -3,10 +3,11 @@
     python tools/pretrain_sphere_net.py      # rewrites src/lightprobe/assets/sphere_net.safetensors, 29 minutes
     torchrun --nproc-per-node 2 tools/pretrain_sphere_net.py --device cuda       # the same on two GPUs
 
-What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to trust, how
-far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on one object has time
-for a few hundred lights; this one sees 17 000, turned and mirrored, on random solids of random materials under the
-generated places of `lightprobe.lessons.generated_lights`. No photo and no light of any scene enters.
+What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to
+trust, how far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on
+one object has time for a few hundred lights; this one sees 17 000, turned and mirrored, on random solids of
+random materials under the generated places of `lightprobe.lessons.generated_lights`. No photo and no light of
+any scene enters.
 """
 
 import argparse
@@ -27,17 +28,25 @@ TARGET = Path(__file__).parents[1] / "src/lightprobe/assets/sphere_net.safetenso
 
 def main() -> None:
     """Make the lessons, train, and write the weights."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--solids", type=int, default=360)
-    parser.add_argument("--steps", type=int, default=3000, help="of the illumination MLP, whose colours are evidence")
+    parser.add_argument(
+        "--steps", type=int, default=3000, help="of the illumination MLP, whose colours are evidence"
+    )
     parser.add_argument("--sphere-steps", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--device", default="cpu", help="that trains; lessons are made on the CPU")
     parser.add_argument("--out", type=Path, default=TARGET)
     given = parser.parse_args()
     config = replace(
-        quick(), steps=given.steps, sphere_steps=given.sphere_steps, sphere_learning_rate=2e-3, pretrained=False
-    )  # fmt: skip
+        quick(),
+        steps=given.steps,
+        sphere_steps=given.sphere_steps,
+        sphere_learning_rate=2e-3,
+        pretrained=False,
+    )
     with joined(given.device) as processes:
         learn(config, given.solids, given.seed, given.out, processes)
 

@@ -47,7 +47,9 @@ def by_photo(pictures: list[Titled]) -> list[list[Titled]]:
 
 def sheet(photos: list[list[Titled]]) -> Image.Image:
     """Return a row of pictures per photo under a line of titles."""
-    rows = [[(title, picture) for title, picture in photo if title not in LEFT_OUT] for photo in photos[:ROWS]]
+    rows = [
+        [(title, picture) for title, picture in photo if title not in LEFT_OUT] for photo in photos[:ROWS]
+    ]
     widths = [SIDE * (2 if picture.width > 1.5 * picture.height else 1) for _, picture in rows[0]]
     page = Image.new("RGB", (sum(widths), TITLE + len(rows) * SIDE), "white")
     draw, font = ImageDraw.Draw(page), ImageFont.load_default(12)

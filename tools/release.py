@@ -2,11 +2,12 @@
 
     python tools/release.py [--check] [--without-wheel]
 
-The version is that of pyproject.toml and a semantic one: X.Y.Z, raised in X where a run folder, a command or a function
-of `lightprobe` no longer does what it did, in Y where there is something new, else in Z; before 1.0.0, Y stands for X.
-Nothing may be left uncommitted, CHANGELOG.md must begin with the version's section and its date, the version must be
-higher than the last tag's, licences must be allowed, and the wheel must work (`tools/check_wheel.py`). With --check no
-tag is made. Ends with 1 and one sentence for each thing that is in the way.
+The version is that of pyproject.toml and a semantic one: X.Y.Z, raised in X where a run folder, a command or
+a function of `lightprobe` no longer does what it did, in Y where there is something new, else in Z; before
+1.0.0, Y stands for X. Nothing may be left uncommitted, CHANGELOG.md must begin with the version's section and
+its date, the version must be higher than the last tag's, licences must be allowed, and the wheel must work
+(`tools/check_wheel.py`). With --check no tag is made. Ends with 1 and one sentence for each thing that is in
+the way.
 """
 
 import argparse
@@ -55,7 +56,9 @@ def obstacles(root: Path = ROOT) -> Iterator[str]:
 
 
 def tag(root: Path = ROOT) -> str:
-    """Tag the commit at hand with the version, with its section of the changelog as message; return the tag's name."""
+    """Tag the commit at hand with the version, with its section of the changelog as message; return the tag's
+    name.
+    """
     version = version_of(root)
     text = f"lightprobe {version}\n\n{notes((root / 'CHANGELOG.md').read_text(), version)}\n"
     _git(root, "tag", "--annotate", f"v{version}", "--cleanup=verbatim", "--message", text)
@@ -76,7 +79,9 @@ def _passes(name: str) -> bool:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Read the command line, check, tag, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--check", action="store_true", help="make no tag")
     parser.add_argument("--without-wheel", action="store_true", help="the wheel was checked elsewhere")
     given = parser.parse_args(words)

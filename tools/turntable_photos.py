@@ -1,11 +1,13 @@
-"""Render photos of an object that is turned before a background that stays: what misleads structure from motion.
+"""Render photos of an object that is turned before a background that stays: what misleads structure from
+motion.
 
     python tools/turntable_photos.py OUT --photos 40 --side 640
 
-A lumpy solid, painted with patches, under another light in every photo: soft light from one side, a warm lamp, some
-gloss. The background is one textured picture, as bright as each photo's light: from a tripod it is the same in all
-photos. Writes OUT/images/*.jpg, the true masks as OUT/true_masks/*.png and cameras as OUT/true_cameras.json: frames
-of `camera_to_world` (OpenGL axes, z up, the object at the origin) with fx, fy, cx, cy, width and height.
+A lumpy solid, painted with patches, under another light in every photo: soft light from one side, a warm
+lamp, some gloss. The background is one textured picture, as bright as each photo's light: from a tripod it is
+the same in all photos. Writes OUT/images/*.jpg, the true masks as OUT/true_masks/*.png and cameras as
+OUT/true_cameras.json: frames of `camera_to_world` (OpenGL axes, z up, the object at the origin) with fx, fy,
+cx, cy, width and height.
 """
 
 import argparse
@@ -48,7 +50,9 @@ def render(count: int, side: int, *, focal: float = 1.5, arc: float = 360.0, see
     cameras = [_camera(np.deg2rad(arc) * i / count, focal * side, side) for i in range(count)]
     photos = []
     for index, camera in enumerate(cameras):
-        color, alpha = _object(camera, vertices, faces, paint, colors, np.random.default_rng(1000 * seed + index))
+        color, alpha = _object(
+            camera, vertices, faces, paint, colors, np.random.default_rng(1000 * seed + index)
+        )
         level = color[alpha > 0.5].mean()
         composed = color + np.clip(1.5 * level * back, 0, 1) * (1 - alpha[..., None])
         photos.append(Rendered(np.clip(composed * 0.4 / level, 0, 1).astype(np.float32), alpha, camera))
@@ -75,15 +79,25 @@ def _solid(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return directions * radius[:, None] * [1.0, 0.8, 1.15], np.asarray(ball.faces)
 
 
-def _object(camera: Camera, vertices: np.ndarray, faces: np.ndarray, paint: scipy.spatial.cKDTree, colors: np.ndarray,
-            rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the premultiplied linear colour (H, W, 3) and coverage (H, W) of the object under a light of its own."""
+def _object(
+    camera: Camera,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    paint: scipy.spatial.cKDTree,
+    colors: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the premultiplied linear colour (H, W, 3) and coverage (H, W) of the object under a light of its
+    own.
+    """
     fine = camera.resized(_OVERSAMPLING * camera.width, _OVERSAMPLING * camera.height)
     screen = torch.from_numpy(fine.project(vertices).astype(np.float32))
     face = rasterize(screen, torch.from_numpy(faces.astype(np.int32)), fine.height, fine.width).face.numpy()
     rows, columns = np.nonzero(face >= 0)
     corners = vertices[faces[face[rows, columns]]]
-    rays = np.stack([(columns + 0.5 - fine.cx) / fine.fx, -(rows + 0.5 - fine.cy) / fine.fy, -np.ones(len(rows))], 1)
+    rays = np.stack(
+        [(columns + 0.5 - fine.cx) / fine.fx, -(rows + 0.5 - fine.cy) / fine.fy, -np.ones(len(rows))], 1
+    )
     rays = rays @ fine.camera_to_world[:3, :3].T
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
@@ -101,7 +115,9 @@ def _light(normals: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return irradiance (K, 3): light from everywhere, more from one side, and a lamp of some colour."""
     side, lamp = (direction / np.linalg.norm(direction) for direction in rng.normal(size=(2, 3)))
     soft = 0.35 + 0.25 * (normals @ side)[:, None]
-    return soft * rng.uniform(0.7, 1.3, 3) + 0.7 * np.maximum(normals @ lamp, 0)[:, None] * rng.uniform(0.6, 1.2, 3)
+    return soft * rng.uniform(0.7, 1.3, 3) + 0.7 * np.maximum(normals @ lamp, 0)[:, None] * rng.uniform(
+        0.6, 1.2, 3
+    )
 
 
 def _gloss(normals: np.ndarray, view: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -134,7 +150,9 @@ def write(photos: Sequence[Rendered], folder: Path) -> None:
         name = f"p_{index:03d}"
         encoded = np.clip(srgb_encode(photo.color) * 255 + 0.5, 0, 255).astype(np.uint8)
         Image.fromarray(encoded).save(folder / "images" / f"{name}.jpg", quality=95)
-        write_png(folder / "true_masks" / f"{name}.png", np.repeat(photo.alpha[..., None], 3, axis=2), srgb=False)
+        write_png(
+            folder / "true_masks" / f"{name}.png", np.repeat(photo.alpha[..., None], 3, axis=2), srgb=False
+        )
         frames[name] = photo.camera.to_json()
     write_json(folder / "true_cameras.json", frames)
 

@@ -1,7 +1,7 @@
 """Code spans that name something of the package become links to its reference.
 
-So pages and docstrings can say `render.brdf.environment_brdf`, as they do for readers of the plain files, and need no
-markup that only Sphinx understands. Names are given with or without `lightprobe.` in front.
+So pages and docstrings can say `render.brdf.environment_brdf`, as they do for readers of the plain files, and
+need no markup that only Sphinx understands. Names are given with or without `lightprobe.` in front.
 """
 
 from docutils import nodes

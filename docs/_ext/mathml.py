@@ -1,6 +1,7 @@
 """Equations as MathML, made by docutils' own converter: browsers draw it, so that no script has to be loaded.
 
-The converter is called provisional by docutils; `constraints.txt` says with which version it is known to work.
+The converter is called provisional by docutils; `constraints.txt` says with which version it is known to
+work.
 """
 
 from docutils import nodes

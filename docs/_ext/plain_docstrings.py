@@ -1,8 +1,8 @@
 """Docstrings as they are written here, made into what Sphinx reads.
 
-They are plain text: names in single backticks, equations and tables in indented or aligned blocks, no markup. So blocks
-become literal, names code, and whatever Sphinx would take for markup is escaped. The fields of a dataclass are shown
-with the comments behind them, where shapes and units stand.
+They are plain text: names in single backticks, equations and tables in indented or aligned blocks, no markup.
+So blocks become literal, names code, and whatever Sphinx would take for markup is escaped. The fields of a
+dataclass are shown with the comments behind them, where shapes and units stand.
 """
 
 import ast
@@ -31,7 +31,9 @@ def to_rest(lines: list[str]) -> list[str]:
 
 
 def _blocks(lines: list[str]) -> list[list[str]]:
-    """Split lines where a blank line, an indented block or a list begins; a literal block may hold blank lines."""
+    """Split lines where a blank line, an indented block or a list begins; a literal block may hold blank
+    lines.
+    """
     blocks: list[list[str]] = []
     fresh = True
     for line in lines:
@@ -56,7 +58,9 @@ def _is_literal(block: list[str]) -> bool:
 def _prose(block: list[str]) -> list[str]:
     rest = ""
     for part in _SPAN.split("\n".join(block)):
-        glued = rest.endswith("``") and re.match(r"[^\s.,;:!?'\")\]}>/-]", part)  # markup ends at a blank or a mark
+        glued = rest.endswith("``") and re.match(
+            r"[^\s.,;:!?'\")\]}>/-]", part
+        )  # markup ends at a blank or a mark
         rest += ("\\ " if glued else "") + _inline(part)
     return rest.split("\n")
 
@@ -73,12 +77,21 @@ def fields(cls: type) -> list[str]:
     after = [*body[1:], None]
     if any(isinstance(one, ast.AnnAssign) and _is_string(two) for one, two in zip(body, after, strict=True)):
         return []
-    rows = [row for item in body if isinstance(item, ast.AnnAssign) for row in range(item.lineno - 1, item.end_lineno)]
+    rows = [
+        row
+        for item in body
+        if isinstance(item, ast.AnnAssign)
+        for row in range(item.lineno - 1, item.end_lineno)
+    ]
     return [source.splitlines()[row].removeprefix("    ") for row in rows]
 
 
 def _is_string(node: ast.stmt | None) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
 
 
 def process(app: Sphinx, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
@@ -88,7 +101,9 @@ def process(app: Sphinx, what: str, name: str, value: Any, options: Any, lines: 
         lines += [".. code-block:: python", "", *("    " + row for row in rows), ""]
 
 
-def shown_defaults(app: Sphinx, what: str, name: str, value: Any, options: Any, given: str, returned: str) -> Any:
+def shown_defaults(
+    app: Sphinx, what: str, name: str, value: Any, options: Any, given: str, returned: str
+) -> Any:
     """Return a signature whose defaults are Python again: Sphinx reads it, and links its types, only then."""
     return re.sub(r"<(\w+\.\w+): [^<>]*>", r"\1", (given or "").replace("<factory>", "...")) or None, returned
 

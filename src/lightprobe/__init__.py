@@ -26,18 +26,35 @@ if TYPE_CHECKING:
     from lightprobe.scene import load_photo, load_scene
 
 __all__ = [
-    "Locator", "Meter", "Predictor", "decompose", "distill", "evaluate", "load_photo", "load_scene", "locate",
-    "prepare", "relight", "train",
-]  # fmt: skip
+    "Locator",
+    "Meter",
+    "Predictor",
+    "decompose",
+    "distill",
+    "evaluate",
+    "load_photo",
+    "load_scene",
+    "locate",
+    "prepare",
+    "relight",
+    "train",
+]
 
 # name -> its package, and its name there where that is another
 _HOME = {
     "Meter": "cli.progress",
-    "Locator": "localization", "Predictor": "prediction", "decompose": "reconstruction", "distill": "distillation",
-    "evaluate": "evaluation", "load_photo": "scene", "load_scene": "scene", "locate": "localization",
+    "Locator": "localization",
+    "Predictor": "prediction",
+    "decompose": "reconstruction",
+    "distill": "distillation",
+    "evaluate": "evaluation",
+    "load_photo": "scene",
+    "load_scene": "scene",
+    "locate": "localization",
     "prepare": "runs:prepare_scene",
-    "relight": "evaluation", "train": "runs:train_run",
-}  # fmt: skip
+    "relight": "evaluation",
+    "train": "runs:train_run",
+}
 
 
 def __getattr__(name: str) -> Any:

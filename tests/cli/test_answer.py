@@ -37,7 +37,11 @@ def test_programs_get_one_object_and_nothing_else(capsys):
         command()
         assert is_for_programs()
     printed = capsys.readouterr()
-    assert json.loads(printed.out) == {"report": "page", "mean": None, "photos": [{"name": "a"}, {"name": "b"}]}
+    assert json.loads(printed.out) == {
+        "report": "page",
+        "mean": None,
+        "photos": [{"name": "a"}, {"name": "b"}],
+    }
     assert printed.err == "a library's own words\n"
 
 
@@ -117,9 +121,7 @@ program()
 
 
 def test_an_answer_is_json_in_any_encoding():
-    script = (
-        "from lightprobe.cli.answer import answering, say\nwith answering(as_object=True): say('', name='caf\\u00e9')"
-    )
+    script = "from lightprobe.cli.answer import answering, say\nwith answering(as_object=True): say('', name='caf\\u00e9')"
     told = {**os.environ, "PYTHONIOENCODING": "ascii:backslashreplace"}
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, env=told, check=True)
     assert json.loads(done.stdout) == {"name": "café"}

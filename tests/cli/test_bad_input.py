@@ -1,4 +1,6 @@
-"""What a person reads when something is wrong: one sentence, no traceback, a non-zero exit, nothing half-written."""
+"""What a person reads when something is wrong: one sentence, no traceback, a non-zero exit, nothing
+half-written.
+"""
 
 import errno
 import json
@@ -34,7 +36,12 @@ def png_header(width: int, height: int) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     header = struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b""))
+        + chunk(b"IEND", b"")
+    )
 
 
 def empty_folder(scene):
@@ -149,7 +156,9 @@ def test_commands_on_something_that_is_no_run(tmp_path, capsys):
     (tmp_path / "photos" / "a.txt").write_text("x")
     for command in (["distill"], ["eval"], ["export", "-o", tmp_path / "out"]):
         fails(
-            [command[0], tmp_path / "photos", *command[1:]], capsys, ["photos", "not a run folder", "lightprobe train"]
+            [command[0], tmp_path / "photos", *command[1:]],
+            capsys,
+            ["photos", "not a run folder", "lightprobe train"],
         )
     assert not (tmp_path / "out").exists()
 
@@ -212,12 +221,23 @@ def test_bad_environments_of_the_user_cost_no_phase(scene, tmp_path, capsys):
         (["fit", "SCENE", "-o", "RUN", "--decompose.texture-size", "0"], ["texture_size", "at least 2"]),
         (["fit", "SCENE", "-o", "RUN", "--device", "mps"], ["mps", "not supported"]),
         (["fit", "SCENE", "-o", "RUN", "--decompose.hull-voxels", "0"], ["hull_voxels", "at least 8"]),
-        (["fit", "SCENE", "-o", "RUN", "--decompose.learning-rate-light", "nan"], ["learning_rate_light", "finite"]),
-        (["train", "SCENE", "-o", "RUN", "--distill.light-resolution", "12"], ["light_resolution", "power of two"]),
+        (
+            ["fit", "SCENE", "-o", "RUN", "--decompose.learning-rate-light", "nan"],
+            ["learning_rate_light", "finite"],
+        ),
+        (
+            ["train", "SCENE", "-o", "RUN", "--distill.light-resolution", "12"],
+            ["light_resolution", "power of two"],
+        ),
         (["inspect", "SCENE", "-o", "sheet.jpg"], ["sheet.jpg", ".png"]),
-        (["render", "RUN", "--camera", "c.json", "--env", "e.exr", "-o", "out.gif"], [".gif", ".png or .exr"]),
+        (
+            ["render", "RUN", "--camera", "c.json", "--env", "e.exr", "-o", "out.gif"],
+            [".gif", ".png or .exr"],
+        ),
     ],
 )
 def test_bad_options_are_one_sentence(scene, tmp_path, capsys, arguments, words):
-    given = [str(scene) if a == "SCENE" else str(tmp_path / a) if a in ("RUN", "out.gif") else a for a in arguments]
+    given = [
+        str(scene) if a == "SCENE" else str(tmp_path / a) if a in ("RUN", "out.gif") else a for a in arguments
+    ]
     fails(given, capsys, words)

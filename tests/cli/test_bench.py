@@ -20,7 +20,9 @@ def test_commands_are_named_and_given_to_the_program(folders, monkeypatch, capsy
     with pytest.raises(ResourceError, match=r"failed.*: cup training\.$"):
         bench.bench(scenes=("cup",), steps=(Step.RUN,), **folders)
     run = folders["output"] / "runs" / "cup"
-    assert given == [["train", str(folders["data"] / "cup"), "-o", str(run), "--preset", "quick", "--seed", "0"]]
+    assert given == [
+        ["train", str(folders["data"] / "cup"), "-o", str(run), "--preset", "quick", "--seed", "0"]
+    ]
     printed = capsys.readouterr().out
     assert f"lightprobe {' '.join(given[0])}\n" in printed
     assert f"Results: {folders['results']}\n" in printed

@@ -109,7 +109,9 @@ def test_help_shows_the_values_of_the_chosen_preset(capsys):
 
 
 def test_help_loads_no_torch():
-    code = "import sys; from lightprobe.cli.main import main; main(['--help']); sys.exit('torch' in sys.modules)"
+    code = (
+        "import sys; from lightprobe.cli.main import main; main(['--help']); sys.exit('torch' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
 
 

@@ -28,7 +28,9 @@ def script(scripts, shell, capsys):
 def run(shell: str, program: str) -> list[str]:
     if shutil.which(shell) is None:
         pytest.skip(f"needs the shell {shell}")
-    done = subprocess.run([shell, "-c", program], capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"})
+    done = subprocess.run(
+        [shell, "-c", program], capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"}
+    )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return done.stdout.split("\n")[:-1]
@@ -46,7 +48,9 @@ def test_options_are_those_of_the_parser(name, capsys):
 
 
 def test_a_limit_is_offered_where_it_is_taken():
-    offered = {name: [each.names for each in command_options(name)] for name in ("train", "serve", "fleet predict")}
+    offered = {
+        name: [each.names for each in command_options(name)] for name in ("train", "serve", "fleet predict")
+    }
     assert [("--max-memory",) in names for names in offered.values()] == [True, False, False]
 
 
@@ -83,15 +87,22 @@ def test_fish_completes(scripts, capsys):
     assert [value.split("\t")[0] for value in values] == ["paper", "quick", "standard"]
     words = run("fish", f'{source} complete -C "lightprobe fleet "')
     assert [word.split("\t")[0] for word in words] == ["predict", "train"]
-    assert run("fish", f'{source} complete -C "lightprobe fleet predict --retry"')[0].startswith("--retry-failed")
+    assert run("fish", f'{source} complete -C "lightprobe fleet predict --retry"')[0].startswith(
+        "--retry-failed"
+    )
     assert run("fish", f'{source} complete -C "lightprobe predict --retry"') == []
-    assert run("fish", f'{source} complete -C "lightprobe predict --save-c"')[0].startswith("--save-camera\tName of")
+    assert run("fish", f'{source} complete -C "lightprobe predict --save-c"')[0].startswith(
+        "--save-camera\tName of"
+    )
 
 
 def test_zsh_reads_the_script(scripts, capsys):
     path = script(scripts, "zsh", capsys)
     assert path.read_text().startswith("#compdef lightprobe\n")
-    run("zsh", f"autoload -Uz compinit; compinit -u -D; source {path}; [[ $_comps[lightprobe] == _lightprobe ]]")
+    run(
+        "zsh",
+        f"autoload -Uz compinit; compinit -u -D; source {path}; [[ $_comps[lightprobe] == _lightprobe ]]",
+    )
     program = f"""
     compadd() {{ print -l -- "$@" }}; compdef() {{ }}; _files() {{ print files }}
     _describe() {{ local name=${{@[-1]}}; print -l -- ${{(P)name}} }}

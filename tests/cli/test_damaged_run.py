@@ -1,4 +1,6 @@
-"""A run whose files are damaged, or made to do harm: every command says so in one sentence, and writes nothing else."""
+"""A run whose files are damaged, or made to do harm: every command says so in one sentence, and writes
+nothing else.
+"""
 
 import json
 import math
@@ -52,7 +54,18 @@ class Damaged:
             "predict": ("predict", self.run.path, scene / "test" / "test_00.png", "-o", self.out / "l.exr"),
             "export": ("export", self.run.path, "-o", self.out / "files"),
             "render": ("render", self.run.path, *view, "-o", self.out / "r.png"),
-            "relight": ("relight", self.run.path, "--env", view[-1], "-o", self.out / "p", "--frames", 1, "--side", 8),
+            "relight": (
+                "relight",
+                self.run.path,
+                "--env",
+                view[-1],
+                "-o",
+                self.out / "p",
+                "--frames",
+                1,
+                "--side",
+                8,
+            ),
             "eval": ("eval", self.run.path, "--no-unseen", "--methods", "constant"),
             "train": train,
             "fit": ("fit", *train[1:4], *TINY_WITHOUT_TRIALS),
@@ -160,9 +173,14 @@ def all_one_more(tensor: torch.Tensor) -> torch.Tensor:
 
 WHOLE_FILE = (emptied, cut, a_folder, removed, text("[]"), text("{}"), text("null"), text("[" * 100_000))
 TENSORS = (
-    filled_first(math.nan), lambda t: t[None], lambda t: t[:-1], lambda t: None,
-    lambda t: t.double(), lambda t: t.new_zeros((0, *t.shape[1:])), lambda t: t.to(torch.uint8).bool(),
-)  # fmt: skip
+    filled_first(math.nan),
+    lambda t: t[None],
+    lambda t: t[:-1],
+    lambda t: None,
+    lambda t: t.double(),
+    lambda t: t.new_zeros((0, *t.shape[1:])),
+    lambda t: t.to(torch.uint8).bool(),
+)
 INDICES = (filled_first(2**31 - 1), filled_first(-1), all_one_more, lambda t: t.long(), lambda t: t[:, :2])
 
 
@@ -180,10 +198,16 @@ def try_all(
         for command in commands:
             shutil.rmtree(damaged.out, ignore_errors=True)
             code = run_main(*damaged.commands[command])
-            place = "run/model/" if file.parent.name == "model" else file.name  # two files that do not fit each other
-            if file == damaged.run.config_file:  # settings that are not those of the run are named by its folder
+            place = (
+                "run/model/" if file.parent.name == "model" else file.name
+            )  # two files that do not fit each other
+            if (
+                file == damaged.run.config_file
+            ):  # settings that are not those of the run are named by its folder
                 place = str(damaged.run.path)
-            if file == damaged.run.asset_file and not file.exists():  # as in a run whose first phase has not finished
+            if (
+                file == damaged.run.asset_file and not file.exists()
+            ):  # as in a run whose first phase has not finished
                 place = "no reconstructed object"
             check(code, capsys.readouterr(), place, may_work=may_work)
             if command == "predict" and code == 0:
@@ -225,17 +249,27 @@ def test_names_in_a_run_are_never_paths(damaged, tmp_path, capsys):
         ("scene.json", cases(WHOLE_FILE), ["predict", "export", "render", "relight", "eval"], False),
         ("scene.json", cases((*WHOLE_FILE[:3], *WHOLE_FILE[4:])), ["train"], False),
         ("scene.json", cases((), 25), ["predict", "render"], True),
-        ("metrics.jsonl", cases((emptied, cut, text("[]\n"), text("1\n{}\n"), text("{" * 9999))), ["train"], True),
+        (
+            "metrics.jsonl",
+            cases((emptied, cut, text("[]\n"), text("1\n{}\n"), text("{" * 9999))),
+            ["train"],
+            True,
+        ),
         ("mesh/lights.safetensors", cases(WHOLE_FILE), ["predict", "export"], False),
         ("mesh/asset.safetensors", cases(WHOLE_FILE), ["predict", "export"], False),
         ("model/config.json", cases((emptied, cut, *WHOLE_FILE[4:])), ["predict", "train"], True),
         ("model/config.json", cases((), 15), ["predict"], True),
-        ("model/light_accuracy.json", cases((*WHOLE_FILE[:3], *WHOLE_FILE[4:])), ["predict", "eval", "train"], False),
+        (
+            "model/light_accuracy.json",
+            cases((*WHOLE_FILE[:3], *WHOLE_FILE[4:])),
+            ["predict", "eval", "train"],
+            False,
+        ),
         ("model/light_accuracy.json", cases((), 15), ["predict"], True),
         ("model/illumination_mlp.safetensors", cases(WHOLE_FILE), ["predict", "train"], False),
         ("model/sphere_net.safetensors", cases(WHOLE_FILE), ["predict", "train"], False),
     ],
-)  # fmt: skip
+)
 def test_a_damaged_file_is_one_sentence(damaged, capsys, name, changes, commands, may_work):
     try_all(damaged, capsys, damaged.run.path / name, changes, commands, may_work=may_work)
 
@@ -258,7 +292,9 @@ def test_a_damaged_tensor_is_one_sentence(damaged, capsys, name, tensors):
 @pytest.mark.slow
 def test_an_index_beyond_its_array_is_one_sentence(damaged, capsys):
     changes = [odd_tensor(name, c) for name in ("uv_faces", "faces") for c in INDICES]
-    changes += [odd_tensor("normal_faces", c) for c in INDICES if c is not all_one_more]  # one more normal is no error
+    changes += [
+        odd_tensor("normal_faces", c) for c in INDICES if c is not all_one_more
+    ]  # one more normal is no error
     changes += [odd_tensor("roughness", filled_first(40.0)), odd_tensor("vertices", filled_first(1e30))]
     try_all(damaged, capsys, damaged.run.asset_file, changes, ["predict"], may_work=False)
 
@@ -293,13 +329,22 @@ def test_a_checkpoint_of_another_training_is_named(damaged, capsys, step, first,
     """In each pass; all its files are sound in themselves."""
     folder = damaged.unfinish(step)
     misfits = [
-        state(stage="pass9"), state(stage=[]), state(iteration=99), state(iteration="x"), state(iteration=-1),
-        state(phase="Phase II"), tensor(f"parameter.{first}", lambda t: t.flatten()[:1]),
-        tensor(f"parameter.{second}", lambda t: None), tensor("buffer.lights", lambda t: t[:1]),
+        state(stage="pass9"),
+        state(stage=[]),
+        state(iteration=99),
+        state(iteration="x"),
+        state(iteration=-1),
+        state(phase="Phase II"),
+        tensor(f"parameter.{first}", lambda t: t.flatten()[:1]),
+        tensor(f"parameter.{second}", lambda t: None),
+        tensor("buffer.lights", lambda t: t[:1]),
         tensor(f"adam_mean.{first}", lambda t: t[:1]),
-    ]  # fmt: skip
+    ]
     if step > 5:
-        misfits += [tensor("start.faces", filled_first(2**31 - 1)), tensor("start.roughness", lambda t: 40 * t)]
+        misfits += [
+            tensor("start.faces", filled_first(2**31 - 1)),
+            tensor("start.roughness", lambda t: 40 * t),
+        ]
     for name, change in misfits:
         original = (folder / name).read_bytes()
         change(folder / name)
@@ -320,7 +365,12 @@ def test_a_damaged_checkpoint_is_passed_over(damaged, name, change):
 
 @pytest.mark.long
 def test_restart_mends_a_run_whatever_its_files_hold(damaged, capsys):
-    for file in (damaged.run.config_file, damaged.run.scene_file, damaged.run.asset_file, damaged.run.metrics_log):
+    for file in (
+        damaged.run.config_file,
+        damaged.run.scene_file,
+        damaged.run.asset_file,
+        damaged.run.metrics_log,
+    ):
         emptied(file)
     assert run_main(*damaged.commands["train"]) == 2
     assert "--restart" in capsys.readouterr().err

@@ -56,7 +56,10 @@ def test_tracebacks_go_to_a_new_private_file(scene, tmp_path, capsys, monkeypatc
     (tmp_path / "temporary" / "lightprobe-error.txt").symlink_to(tmp_path / "precious")
     monkeypatch.setattr("lightprobe.runs.training.load_scene", lambda *a: 1 // 0)
     for _ in range(2):
-        assert fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["ZeroDivisionError", "lightprobe-error-"]) == 70
+        assert (
+            fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["ZeroDivisionError", "lightprobe-error-"])
+            == 70
+        )
     files = [path for path in (tmp_path / "temporary").iterdir() if not path.is_symlink()]
     assert [path.stat().st_mode & 0o777 for path in files] == [0o600, 0o600]
     assert all("Traceback" in path.read_text() for path in files)

@@ -33,8 +33,11 @@ def test_a_thing_is_put_into_a_photo_of_the_run(trained, thing, tmp_path, capsys
         assert alpha is not None  # of a cut-out photo
         stem = name.removesuffix(".png")
         assert {p.name for p in tmp_path.glob(f"{stem}.*")} == {
-            name, f"{stem}.beauty.exr", f"{stem}.shadow.exr", f"{stem}.mask.exr",
-        }  # fmt: skip
+            name,
+            f"{stem}.beauty.exr",
+            f"{stem}.shadow.exr",
+            f"{stem}.mask.exr",
+        }
 
 
 @pytest.mark.slow
@@ -63,10 +66,13 @@ def test_what_cannot_be_inserted_leaves_no_file(trained, thing, tmp_path, capsys
     outside.document["images"] = [{"uri": "secret.png"}]
     bad = write(tmp_path / "outside.glb", outside)
     for name, object_, more, word in (
-        ("a.png", bad, [], "refers to other files"), ("a.jpg", thing, [], ".png"),
-        ("a.png", thing, ["--at", "here"], "--at"), ("a.png", thing, ["--at", "500,500"], "outside"),
-        ("a.png", thing, ["--scale", "nan"], "--scale"), ("a.png", tmp_path / "none.glb", [], "does not exist"),
-    ):  # fmt: skip
+        ("a.png", bad, [], "refers to other files"),
+        ("a.jpg", thing, [], ".png"),
+        ("a.png", thing, ["--at", "here"], "--at"),
+        ("a.png", thing, ["--at", "500,500"], "outside"),
+        ("a.png", thing, ["--scale", "nan"], "--scale"),
+        ("a.png", tmp_path / "none.glb", [], "does not exist"),
+    ):
         arguments = ["insert", run.path, photo, "--object", object_, "-o", folder / name, *more]
         fails(arguments, capsys, [word])
         assert not list(folder.iterdir())
@@ -98,7 +104,9 @@ def turned_scene(run, folder, degrees):
     return turned
 
 
-@pytest.mark.parametrize(("degrees", "told"), [(0, None), (30, None), (60, "60 degrees"), (108, "108 degrees")])
+@pytest.mark.parametrize(
+    ("degrees", "told"), [(0, None), (30, None), (60, "60 degrees"), (108, "108 degrees")]
+)
 def test_a_scene_whose_z_axis_is_not_up_is_told(trained, tmp_path, degrees, told):
     sentences = doubt_about_up(turned_scene(trained[1], tmp_path / "run", degrees))
     assert len(sentences) == (told is not None)

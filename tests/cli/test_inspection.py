@@ -18,7 +18,9 @@ def test_plain_photos_are_reported_and_nothing_is_written(tmp_path, capsys, monk
 
 
 def test_too_few_plain_photos_fail(tmp_path, capsys):
-    code = fails(["inspect", take(tmp_path / "photos", 3)], capsys, ["photos cannot be used as it is", "1 problem(s)"])
+    code = fails(
+        ["inspect", take(tmp_path / "photos", 3)], capsys, ["photos cannot be used as it is", "1 problem(s)"]
+    )
     assert code == 2
 
 

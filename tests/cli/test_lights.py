@@ -13,10 +13,25 @@ from tests.cli.commands import fails, succeed
 from tests.export.glb_reader import Glb
 
 KEYS = {
-    "format", "version", "map", "units", "color_space", "axes", "up", "sources", "sources_sought",
-    "spherical_harmonics", "white_balance", "exposure", "photometry", "calibration", "confidence",
-    "photo", "verdict", "background",
-}  # fmt: skip
+    "format",
+    "version",
+    "map",
+    "units",
+    "color_space",
+    "axes",
+    "up",
+    "sources",
+    "sources_sought",
+    "spherical_harmonics",
+    "white_balance",
+    "exposure",
+    "photometry",
+    "calibration",
+    "confidence",
+    "photo",
+    "verdict",
+    "background",
+}
 
 
 @pytest.mark.slow
@@ -24,7 +39,9 @@ def test_predict_writes_a_map_of_the_size_that_is_asked_for_and_what_else_is_kno
     scene, run = trained
     image, out = scene / "test/test_00.png", tmp_path / "light.hdr"
     small = tmp_path / "small.exr"
-    succeed("predict", run.path, image, "-o", out, "--size", "256x128", "--sun", "separate", "--device", "cpu")
+    succeed(
+        "predict", run.path, image, "-o", out, "--size", "256x128", "--sun", "separate", "--device", "cpu"
+    )
     succeed("predict", run.path, image, "-o", small, "--size", "128", "--device", "cpu")
     assert read_hdr(out).shape == (128, 256, 3)
     assert read_hdr(small).shape == (64, 128, 3)
@@ -62,7 +79,9 @@ def test_export_with_a_light_has_its_lamps_beside_the_map_or_in_it(trained, tmp_
     solid_angle = 2 * math.pi * (1 - math.cos(math.radians(4)))
     assert lamp["intensity"] == pytest.approx(400 * solid_angle, rel=0.15)
     assert read_hdr(tmp_path / "apart/light.exr").max() < 40
-    succeed("export", run.path, "-o", tmp_path / "inside", "--env", tmp_path / "studio.exr", "--sun", "inside")
+    succeed(
+        "export", run.path, "-o", tmp_path / "inside", "--env", tmp_path / "studio.exr", "--sun", "inside"
+    )
     assert "extensions" not in Glb((tmp_path / "inside/scene.glb").read_bytes()).document
     assert np.array_equal(read_hdr(tmp_path / "inside/light.exr"), light)
 
@@ -77,7 +96,10 @@ def test_a_predicted_light_brings_its_own_lamps(trained, tmp_path):
     document = Glb((tmp_path / "out/scene.glb").read_bytes()).document
     assert document["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"] == 2
     (tmp_path / "light.light.json").write_text(json.dumps(told | {"sources": [{}]}))
-    assert main(["export", str(run.path), "-o", str(tmp_path / "bad"), "--env", str(tmp_path / "light.exr")]) == 2
+    assert (
+        main(["export", str(run.path), "-o", str(tmp_path / "bad"), "--env", str(tmp_path / "light.exr")])
+        == 2
+    )
     assert not (tmp_path / "bad").exists()
 
 
@@ -85,7 +107,9 @@ def test_bad_sizes_and_calibrations_are_one_sentence(trained, tmp_path, capsys):
     scene, run = trained
     image = str(scene / "test/test_00.png")
     fails(
-        ["predict", run.path, image, "-o", tmp_path / "l.exr", "--size", "100"], capsys, ["--size '100'", "4096x2048"]
+        ["predict", run.path, image, "-o", tmp_path / "l.exr", "--size", "100"],
+        capsys,
+        ["--size '100'", "4096x2048"],
     )
     fails(["export", run.path, "-o", tmp_path / "o", "--size", "2x1"], capsys, ["--size '2x1'"])
     fails(["calibrate", run.path], capsys, ["--photo", "--reset"])
@@ -94,7 +118,14 @@ def test_bad_sizes_and_calibrations_are_one_sentence(trained, tmp_path, capsys):
     fails(["calibrate", run.path, "--photo", image, "--albedo", ".2"], capsys, ["--at"])
     fails(["calibrate", run.path, "--photo", image, "--albedo", ".2", "--at", "1"], capsys, ["--at"])
     fails(["calibrate", run.path, "--photo", image, "--lux", "5", "--up"], capsys, ["--up is about a card"])
-    for more in (["--photo", image], ["--lux", "5"], ["--at", "1,2"], ["--mask", image], ["--camera", image], ["--up"]):
+    for more in (
+        ["--photo", image],
+        ["--lux", "5"],
+        ["--at", "1,2"],
+        ["--mask", image],
+        ["--camera", image],
+        ["--up"],
+    ):
         fails(["calibrate", run.path, "--reset", *more], capsys, ["--reset forgets"])
     assert not list(tmp_path.iterdir())
 

@@ -39,7 +39,9 @@ def photo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def known_run(run):
-    """The run with its views, which cannot be read from the scene's folder: the scene is not in a known layout."""
+    """The run with its views, which cannot be read from the scene's folder: the scene is not in a known
+    layout.
+    """
     from lightprobe.localization import KnownViews
     from lightprobe.scene.photo import Scene
 
@@ -68,7 +70,9 @@ def test_locate_writes_where_it_is_told(known_run, photo, tmp_path, capsys):
     assert not (tmp_path / "new.camera.json").exists()
     assert "pose good" in capsys.readouterr().out
     again = tmp_path / "again.exr"  # the files are what predict takes
-    succeed("predict", known_run.path, file, "--camera", camera, "--mask", tmp_path / "new.mask.png", "-o", again)
+    succeed(
+        "predict", known_run.path, file, "--camera", camera, "--mask", tmp_path / "new.mask.png", "-o", again
+    )
 
 
 def test_gone_photos_are_one_sentence(run, photo, tmp_path, capsys):

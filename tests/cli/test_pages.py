@@ -53,7 +53,9 @@ def test_compare_writes_a_page_and_prints_the_differences(tmp_path, capsys):
 
 
 def test_a_difference_over_one_photo_has_no_interval(tmp_path, capsys):
-    runs = [evaluated_run(tmp_path / name, {"a": value}).path for name, value in (("old", 20.0), ("new", 21.0))]
+    runs = [
+        evaluated_run(tmp_path / name, {"a": value}).path for name, value in (("old", 20.0), ("new", 21.0))
+    ]
     succeed("compare", *runs, "-o", tmp_path / "page.html")
     printed = capsys.readouterr().out
     assert "+1.00" in printed
@@ -65,7 +67,9 @@ def test_a_gallery_needs_nothing_outside_of_its_folder(tmp_path, capsys):
     second = evaluated_run(tmp_path / "y" / "pot", SCORES)
     for _ in range(2):  # the same command writes it anew
         succeed("gallery", first.path, second.path, "-o", tmp_path / "gallery")
-    files = {path.relative_to(tmp_path / "gallery").as_posix() for path in (tmp_path / "gallery").rglob("*.html")}
+    files = {
+        path.relative_to(tmp_path / "gallery").as_posix() for path in (tmp_path / "gallery").rglob("*.html")
+    }
     assert files == {"index.html", "pot/index.html", "pot-2/index.html"}
     page = (tmp_path / "gallery" / "index.html").read_text()
     assert re.findall(r'href="([^"#]+)"', page) == ["pot/index.html", "pot-2/index.html"]
@@ -101,7 +105,13 @@ def test_a_gallery_that_was_interrupted_goes_on(tmp_path, monkeypatch):
 def test_photos_of_one_name_that_are_not_the_same_are_told(tmp_path, capsys):
     first, second = (evaluated_run(tmp_path / name, SCORES) for name in ("first", "second"))
     for run, digests in ((first, ("1", "2")), (second, ("1", "3"))):
-        photos = {name: {"image": f"{name}.png", "image_checksum": d} for name, d in zip(SCORES, digests, strict=True)}
+        photos = {
+            name: {"image": f"{name}.png", "image_checksum": d}
+            for name, d in zip(SCORES, digests, strict=True)
+        }
         write_json(run.scene_file, {"root": "/scene", "photos": {"test": photos}})
     succeed("compare", first.path, second.path, "-o", tmp_path / "page.html")
-    assert "1 of 2 test photos that both runs have by name are different ones, such as b" in capsys.readouterr().err
+    assert (
+        "1 of 2 test photos that both runs have by name are different ones, such as b"
+        in capsys.readouterr().err
+    )

@@ -82,7 +82,9 @@ def test_several_photos_are_predicted_into_a_folder(trained, tmp_path, capsys):
     }
     assert not np.array_equal(*(read_hdr(out / f"{image.stem}.exr") for image in images))
     assert main(["predict", str(run.path), *map(str, images), "-o", str(tmp_path / "one.exr")]) == 3
-    assert main(["predict", str(run.path), str(images[0]), str(images[0]), "-o", str(tmp_path / "twice")]) == 3
+    assert (
+        main(["predict", str(run.path), str(images[0]), str(images[0]), "-o", str(tmp_path / "twice")]) == 3
+    )
     assert "same name" in capsys.readouterr().err
 
 
@@ -98,7 +100,9 @@ def test_a_camera_of_another_photo_is_noticed(trained, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_photo_that_shows_nothing_of_the_object_is_refused_and_costs_no_other_its_map(trained, tmp_path, capsys):
+def test_a_photo_that_shows_nothing_of_the_object_is_refused_and_costs_no_other_its_map(
+    trained, tmp_path, capsys
+):
     scene, run = trained
     good = scene / "test" / "test_00.png"
     color, alpha = read_ldr(good)
@@ -117,8 +121,11 @@ def test_a_photo_that_shows_nothing_of_the_object_is_refused_and_costs_no_other_
 def test_maps_are_refused_under_names_that_hide_what_they_are(trained, tmp_path, capsys):
     scene, run = trained
     image, out = scene / "test" / "test_00.png", tmp_path / "light.exr"
-    for names in (("-o", tmp_path / "light.png"), ("-o", out, "--confidence", tmp_path / "c.png"),
-                  ("-o", out, "--confidence", out)):  # fmt: skip
+    for names in (
+        ("-o", tmp_path / "light.png"),
+        ("-o", out, "--confidence", tmp_path / "c.png"),
+        ("-o", out, "--confidence", out),
+    ):
         assert main(["predict", str(run.path), str(image), *map(str, names)]) == 3
     assert not list(tmp_path.iterdir())
     assert capsys.readouterr().out == ""

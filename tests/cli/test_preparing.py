@@ -56,7 +56,9 @@ def test_photos_that_nothing_joins_are_one_sentence(photos, tmp_path, capsys, bl
     assert code == 2
     assert said.startswith("lightprobe: No cameras were found")
     assert "overlap, sharp" in said
-    assert [path.name for path in (tmp_path / "scene").iterdir()] == [".prepare"]  # what a next call goes on from
+    assert [path.name for path in (tmp_path / "scene").iterdir()] == [
+        ".prepare"
+    ]  # what a next call goes on from
 
 
 @pytest.mark.parametrize("name", ["pycolmap"])

@@ -1,4 +1,6 @@
-"""Equal seeds leave equal files, whether the program is killed on the way, compiles its kernels or finds them."""
+"""Equal seeds leave equal files, whether the program is killed on the way, compiles its kernels or finds
+them.
+"""
 
 import os
 import signal
@@ -13,7 +15,8 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.run import RunFolder
 from tests.toy_scene import TINY, TINY_DISTILL, write_toy_scene
 
-# Killed once these checkpoints hold this step, in each pass and in Phase II; `make kills` tries many more moments.
+# Killed once these checkpoints hold this step, in each pass and in Phase II; `make kills` tries many more
+# moments.
 KILLED_AT = (("checkpoints", 5), ("checkpoints", 17), ("checkpoints", 25), ("model_checkpoints", 5))
 _LONG = 300.0  # seconds without a checkpoint after which something hangs
 

@@ -68,9 +68,22 @@ def test_a_photo_that_cannot_serve_is_left_out_and_named(trained, opaque, tmp_pa
     images, masks, _ = opaque
     empty = tmp_path / "masks"
     for mask in masks.iterdir():
-        write_png(empty / mask.name, read_ldr(mask, srgb=False)[0] * (mask.stem != images[1].stem), srgb=False)
+        write_png(
+            empty / mask.name, read_ldr(mask, srgb=False)[0] * (mask.stem != images[1].stem), srgb=False
+        )
     out = tmp_path / "light.exr"
-    arguments = ["predict", trained[1].path, *images, "--camera", opaque[2], "--mask", empty, "--one-light", "-o", out]
+    arguments = [
+        "predict",
+        trained[1].path,
+        *images,
+        "--camera",
+        opaque[2],
+        "--mask",
+        empty,
+        "--one-light",
+        "-o",
+        out,
+    ]
     assert main([str(argument) for argument in arguments]) == 2
     assert f"{images[1]} is not in the map. " in capsys.readouterr().err
     assert out.is_file()
@@ -94,7 +107,9 @@ def test_the_background_is_used_unless_told_otherwise(trained, opaque, tmp_path,
     image = opaque[0][0]
     succeed("predict", trained[1].path, image, *given(opaque), "-o", tmp_path / "with.exr")
     assert "; background " in capsys.readouterr().out
-    succeed("predict", trained[1].path, image, *given(opaque), "--no-background", "-o", tmp_path / "without.exr")
+    succeed(
+        "predict", trained[1].path, image, *given(opaque), "--no-background", "-o", tmp_path / "without.exr"
+    )
     assert "; background " not in capsys.readouterr().out
 
 
@@ -109,9 +124,13 @@ def test_a_video_gives_a_map_for_every_few_frames_or_one_for_all(trained, opaque
     common = ["--camera", camera, "--mask", mask]
     out = tmp_path / "lights"
     succeed("predict", trained[1].path, clip, *common, "--every", "3", "-o", out)
-    assert sorted(path.name for path in out.glob("*.exr")) == [f"frame_00000{index}.exr" for index in (0, 3, 6)]
+    assert sorted(path.name for path in out.glob("*.exr")) == [
+        f"frame_00000{index}.exr" for index in (0, 3, 6)
+    ]
     assert "3 maps in" in capsys.readouterr().out
-    succeed("predict", trained[1].path, clip, *common, "--every", "3", "--one-light", "-o", tmp_path / "one.exr")
+    succeed(
+        "predict", trained[1].path, clip, *common, "--every", "3", "--one-light", "-o", tmp_path / "one.exr"
+    )
     assert read_hdr(tmp_path / "one.exr").shape == read_hdr(out / "frame_000000.exr").shape
     frames = ["frame_000000.png", "frame_000003.png", "frame_000006.png"]
     assert sorted(path.name for path in (tmp_path / "one" / "frames").iterdir()) == frames
@@ -128,7 +147,11 @@ def test_what_cannot_be_predicted_from_together_is_refused(trained, opaque, tmp_
     fails(["predict", trained[1].path, clip, opaque[0][0]], capsys, ["is a video; predict from it alone"])
     fails(["predict", trained[1].path, clip, "--one-light", "-o", tmp_path / "one.png"], capsys, ["one.png"])
     assert not (tmp_path / "one").exists()
-    fails(["predict", trained[1].path, opaque[0][0], "--every", "2"], capsys, ["--every is about a video's frames"])
+    fails(
+        ["predict", trained[1].path, opaque[0][0], "--every", "2"],
+        capsys,
+        ["--every is about a video's frames"],
+    )
     fails(["predict", trained[1].path, clip, "--every", "0"], capsys, ["--every must be at least 1"])
     fails(["predict", trained[1].path, clip, "-o", tmp_path / "one.exr"], capsys, ["need a folder"])
     assert not (tmp_path / "one.exr").exists()
@@ -157,7 +180,16 @@ def test_a_photo_is_not_replaced_by_what_is_made_of_it(trained, opaque, tmp_path
     (write_png if photo.suffix == ".png" else write_exr)(photo, color)
     before = photo.read_bytes()
     output = [] if option == "-o" else ["-o", tmp_path / "light.exr"]
-    arguments = ["predict", trained[1].path, photo, "--mask", opaque[1] / opaque[0][0].name, *output, option, photo]
+    arguments = [
+        "predict",
+        trained[1].path,
+        photo,
+        "--mask",
+        opaque[1] / opaque[0][0].name,
+        *output,
+        option,
+        photo,
+    ]
     fails(arguments, capsys, ["would be replaced"])
     assert photo.read_bytes() == before
     folder = tmp_path / "many"
@@ -171,5 +203,9 @@ def test_a_photo_is_not_replaced_by_what_is_made_of_it(trained, opaque, tmp_path
 def test_files_of_a_camera_that_is_given_are_not_asked_for(trained, opaque, tmp_path, capsys):
     wanted = ["--save-overlay", tmp_path / "seen.png", "-o", tmp_path / "light.exr"]
     for more in ([], ["--one-light"]):
-        fails(["predict", trained[1].path, opaque[0][0], *given(opaque), *wanted, *more], capsys, ["--save-overlay"])
+        fails(
+            ["predict", trained[1].path, opaque[0][0], *given(opaque), *wanted, *more],
+            capsys,
+            ["--save-overlay"],
+        )
     assert not list(tmp_path.iterdir())

@@ -19,15 +19,22 @@ from lightprobe.core.run import RunFolder
 from tests.cli.commands import succeed
 from tests.toy_scene import TINY_DISTILL, changed
 
-OPTIONS = [*changed(TINY_DISTILL, samples=65, sphere_batch=3), "--device", "cpu", "--restart"]  # odd: uneven halves
+OPTIONS = [
+    *changed(TINY_DISTILL, samples=65, sphere_batch=3),
+    "--device",
+    "cpu",
+    "--restart",
+]  # odd: uneven halves
 ROUNDING = 1e-6  # of a weight; one step moves it by as much as 5e-4
-# Exchanges of a process before the steps: after recording the options, opening the scene and finding checkpoints two
-# each; a step of the first stage takes two. After 5 steps of 12 there is a checkpoint.
+# Exchanges of a process before the steps: after recording the options, opening the scene and finding
+# checkpoints two each; a step of the first stage takes two. After 5 steps of 12 there is a checkpoint.
 KILLED = 2 + 2 + 2 + 2 * 8
 
 
 def torchrun(run: Path, killed: int, options: list[str]) -> subprocess.CompletedProcess[str]:
-    """Start two processes of `distill`, of which the second writes nothing and is killed after some exchanges."""
+    """Start two processes of `distill`, of which the second writes nothing and is killed after some
+    exchanges.
+    """
     starter = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
     program = [str(Path(__file__).with_name("watched_program.py")), str(run), str(killed)]
     root = str(Path(__file__).parents[2])
@@ -68,7 +75,9 @@ def test_two_processes_learn_what_one_learns_also_after_one_was_killed(trained, 
     assert log.count("distill finished") == log.count("distill starts") == 2  # of the fixture, and ours
 
 
-@pytest.mark.parametrize("command", [lambda: train(Path(), output=Path()), lambda: fit(Path(), output=Path()), demo])
+@pytest.mark.parametrize(
+    "command", [lambda: train(Path(), output=Path()), lambda: fit(Path(), output=Path()), demo]
+)
 def test_only_phase_two_can_be_divided(command, monkeypatch):
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "test")
     monkeypatch.setenv("WORLD_SIZE", "2")

@@ -18,7 +18,9 @@ def test_the_command_of_a_training_gives_its_settings_again(tmp_path, monkeypatc
     first = dataclasses.replace(
         reconstruction.standard(), shadows=False, sdf=reconstruction.SdfMode.MLP, laplacian=0.25
     )
-    second = dataclasses.replace(distillation.standard(), pretrained=True, alpha_rule=distillation.AlphaRule.R2)
+    second = dataclasses.replace(
+        distillation.standard(), pretrained=True, alpha_rule=distillation.AlphaRule.R2
+    )
     run.record_config("decompose", {"seed": 5, **dataclasses.asdict(first)})
     run.record_config("distill", {"seed": 5, "hdri": None, **dataclasses.asdict(second)})
     given = []
@@ -44,7 +46,10 @@ def test_phase_two_asks_for_the_preset_of_phase_one(tmp_path, monkeypatch, capsy
 
 
 def test_a_training_ends_with_what_to_expect_of_its_maps(tmp_path, monkeypatch, capsys):
-    run, accuracy = RunFolder.create(tmp_path / "run"), LightAccuracy("probe-net", 24, 0.5, (0.1, 0.2, 0.6), 0.8, 0.9)
+    run, accuracy = (
+        RunFolder.create(tmp_path / "run"),
+        LightAccuracy("probe-net", 24, 0.5, (0.1, 0.2, 0.6), 0.8, 0.9),
+    )
     accuracy.save(run.model_folder)
     run.record_config("decompose", {"seed": 0, **dataclasses.asdict(reconstruction.quick())})
     monkeypatch.setattr(training, "train_run", lambda *folders, **options: run)

@@ -30,7 +30,16 @@ def test_render_writes_the_camera_s_picture(trained, tmp_path, capsys):
     for suffix in ("png", "exr"):
         out = tmp_path / f"view.{suffix}"
         succeed("render", run.path, "--camera", tmp_path / "camera.json", "--env", env, "-o", out)
-    many = ["render", run.path, "--camera", scene / "transforms_test.json", "--env", env, "-o", tmp_path / "frame.png"]
+    many = [
+        "render",
+        run.path,
+        "--camera",
+        scene / "transforms_test.json",
+        "--env",
+        env,
+        "-o",
+        tmp_path / "frame.png",
+    ]
     assert main([str(word) for word in many]) == 2
     assert "holds 2 cameras" in capsys.readouterr().err
     succeed(*many, "--frame", "test_01")
@@ -62,7 +71,17 @@ def test_relight_writes_turntable_and_test_views(trained, tmp_path):
 def test_a_path_tracer_makes_the_picture_when_asked(trained, tmp_path):
     scene, run = trained
     env = run.environment_file("train_01")
-    view = ["render", run.path, "--camera", scene / "transforms_test.json", "--frame", "test_01", "--env", env, "-o"]
+    view = [
+        "render",
+        run.path,
+        "--camera",
+        scene / "transforms_test.json",
+        "--frame",
+        "test_01",
+        "--env",
+        env,
+        "-o",
+    ]
     try:
         check_path_tracer()
     except ConfigError as missing:
@@ -77,7 +96,15 @@ def test_a_path_tracer_makes_the_picture_when_asked(trained, tmp_path):
 
 def test_a_number_of_rays_that_makes_no_picture_is_refused(trained, tmp_path, capsys):
     _, run = trained
-    command = ["relight", run.path, "--env", run.environment_file("train_01"), "-o", tmp_path / "new", "--samples"]
+    command = [
+        "relight",
+        run.path,
+        "--env",
+        run.environment_file("train_01"),
+        "-o",
+        tmp_path / "new",
+        "--samples",
+    ]
     for more, told in (
         ([0, "--renderer", "path"], "--samples 0 must be from 1 to 65536"),
         ([16], "--samples 16 is for --renderer path"),
@@ -103,12 +130,18 @@ def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
     shutil.copytree(scene, tmp_path / "scenes" / "cup")
     shutil.copytree(run.path, tmp_path / "runs" / "cup")
     color, alpha = read_ldr(scene / "test" / "test_00.png")
-    Image.fromarray((255 * srgb_encode(torch.from_numpy(color)).numpy()).astype(np.uint8)).save(tmp_path / "new.jpg")
+    Image.fromarray((255 * srgb_encode(torch.from_numpy(color)).numpy()).astype(np.uint8)).save(
+        tmp_path / "new.jpg"
+    )
     write_png(tmp_path / "new_mask.png", np.repeat(alpha[..., None], 3, 2))
     (tmp_path / "new.json").write_text(json.dumps(run.scene()["photos"]["test"]["test_00"]["camera"]))
-    stored = {phase: {k: v for k, v in run.config(phase).items() if k not in ("seed", "hdri")} for phase in PHASES}
-    short = {"decompose": DecomposeConfig.from_json(stored["decompose"]),
-             "distill": DistillConfig.from_json(stored["distill"])}  # fmt: skip
+    stored = {
+        phase: {k: v for k, v in run.config(phase).items() if k not in ("seed", "hdri")} for phase in PHASES
+    }
+    short = {
+        "decompose": DecomposeConfig.from_json(stored["decompose"]),
+        "distill": DistillConfig.from_json(stored["distill"]),
+    }
     monkeypatch.setattr("lightprobe.reconstruction.phase1.DecomposeConfig", lambda: short["decompose"])
     monkeypatch.setattr("lightprobe.distillation.training.DistillConfig", lambda: short["distill"])
     monkeypatch.chdir(tmp_path)

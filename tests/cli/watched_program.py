@@ -1,4 +1,5 @@
-"""The program as torchrun starts it, watched: the second process may write nothing into the run, or dies on the way.
+"""The program as torchrun starts it, watched: the second process may write nothing into the run, or dies on
+the way.
 
     torchrun --nproc-per-node 2 tests/cli/watched_program.py RUN EXCHANGES distill RUN ...
 

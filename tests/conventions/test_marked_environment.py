@@ -21,7 +21,8 @@ from tests.shapes import sphere_mesh
 
 
 def blender_lookup(image: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Blender's Environment Texture, equirectangular: u = -atan2(y, x) / 2 pi + 1/2, v = atan2(z, |xy|) / pi + 1/2.
+    """Blender's Environment Texture, equirectangular: u = -atan2(y, x) / 2 pi + 1/2, v = atan2(z, |xy|) / pi
+    + 1/2.
 
     u runs to the right and v upwards over the picture; the frame is Blender's, z up.
     """

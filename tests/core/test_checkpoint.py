@@ -107,7 +107,9 @@ for step in range(1, 100000):
 
 @pytest.mark.slow
 def test_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
-    process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
     process.stdout.readline()
     time.sleep(0.4)
     process.send_signal(signal.SIGKILL)

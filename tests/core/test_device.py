@@ -8,10 +8,17 @@ from lightprobe.core.errors import ConfigError
 
 
 def rounding() -> list[object]:
-    """What PyTorch rounds float32 factors to in convolutions and products of matrices on a GPU, by all its names."""
+    """What PyTorch rounds float32 factors to in convolutions and products of matrices on a GPU, by all its
+    names.
+    """
     backends = torch.backends
-    return [backends.cudnn.conv.fp32_precision, backends.cudnn.rnn.fp32_precision, backends.cuda.matmul.fp32_precision,
-            backends.cudnn.allow_tf32, backends.cuda.matmul.allow_tf32]  # fmt: skip
+    return [
+        backends.cudnn.conv.fp32_precision,
+        backends.cudnn.rnn.fp32_precision,
+        backends.cuda.matmul.fp32_precision,
+        backends.cudnn.allow_tf32,
+        backends.cuda.matmul.allow_tf32,
+    ]
 
 
 @pytest.fixture
@@ -53,7 +60,9 @@ def test_without_a_gpu(monkeypatch):
         resolve_device("cuda")
 
 
-@pytest.mark.parametrize("take", [lambda: resolve_device("cuda"), lambda: full_precision(torch.device("cuda", 1))])
+@pytest.mark.parametrize(
+    "take", [lambda: resolve_device("cuda"), lambda: full_precision(torch.device("cuda", 1))]
+)
 def test_a_gpu_keeps_the_bits_of_its_factors(two_gpus, rounded_products, take):
     assert rounding()[3:] == [True, True]
     take()

@@ -1,4 +1,6 @@
-"""Compilation of the loops: a machine without a writable cache folder still works, and thread counts follow PyTorch."""
+"""Compilation of the loops: a machine without a writable cache folder still works, and thread counts follow
+PyTorch.
+"""
 
 import subprocess
 import sys

@@ -1,4 +1,6 @@
-"""Only regular files of a sane size are opened: anything else is one sentence, and neither hangs nor takes memory."""
+"""Only regular files of a sane size are opened: anything else is one sentence, and neither hangs nor takes
+memory.
+"""
 
 import os
 import signal
@@ -32,7 +34,9 @@ def patience():
 @pytest.mark.parametrize("reader", READERS)
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path, reader):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match=r"pipe cannot be read: it is a pipe, not a regular file; name the file"):
+    with pytest.raises(
+        InputError, match=r"pipe cannot be read: it is a pipe, not a regular file; name the file"
+    ):
         READERS[reader](tmp_path / "pipe")
 
 

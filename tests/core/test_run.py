@@ -121,7 +121,9 @@ def test_only_one_process_writes(tmp_path):
         "import sys\nfrom lightprobe.core.run import RunFolder\n"
         f"with RunFolder({str(tmp_path)!r}).writing():\n    print('held', flush=True)\n    sys.stdin.read()"
     )
-    other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    other = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     assert other.stdout.readline() == "held\n"
     with pytest.raises(ResourceError, match="another lightprobe process"), run.writing():
         pass
@@ -136,14 +138,24 @@ def test_paths_are_those_of_the_documented_layout(tmp_path):
     relative = {
         str(p.relative_to(tmp_path))
         for p in (
-            run.environment_file("a"), run.prediction_file("a", ".exr"), run.asset_file, run.report_file,
-            run.prediction_file("a", ".confidence.exr", "solve"), run.model_checkpoints.folder, run.checkpoints.folder,
+            run.environment_file("a"),
+            run.prediction_file("a", ".exr"),
+            run.asset_file,
+            run.report_file,
+            run.prediction_file("a", ".confidence.exr", "solve"),
+            run.model_checkpoints.folder,
+            run.checkpoints.folder,
         )
-    }  # fmt: skip
+    }
     assert relative == {
-        "env/a.exr", "predictions/a.exr", "predictions/solve/a.confidence.exr", "mesh/asset.safetensors",
-        "report/index.html", "model/checkpoints", "checkpoints",
-    }  # fmt: skip
+        "env/a.exr",
+        "predictions/a.exr",
+        "predictions/solve/a.confidence.exr",
+        "mesh/asset.safetensors",
+        "report/index.html",
+        "model/checkpoints",
+        "checkpoints",
+    }
 
 
 def test_another_writer_of_a_new_run_is_told_so(tmp_path, monkeypatch):
@@ -155,7 +167,9 @@ def test_another_writer_of_a_new_run_is_told_so(tmp_path, monkeypatch):
 
 
 def test_a_stalled_creation_takes_nothing_back(tmp_path, monkeypatch):
-    """Between the look for config.json and its writing another process made the run and recorded its settings."""
+    """Between the look for config.json and its writing another process made the run and recorded its
+    settings.
+    """
     original, stalled = RunFolder.writing, []
 
     def stall(self):
@@ -180,7 +194,9 @@ def test_damaged_records_are_named_with_the_remedy(tmp_path):
             run.config("distill")
 
 
-@pytest.mark.parametrize("line", ["[]", "1", '{"phase": "distill"}', "{" * 9999, '{"phase": "distill", "step": "x"}'])
+@pytest.mark.parametrize(
+    "line", ["[]", "1", '{"phase": "distill"}', "{" * 9999, '{"phase": "distill", "step": "x"}']
+)
 def test_a_damaged_line_of_metrics_ends_what_is_kept(tmp_path, line):
     run = RunFolder.create(tmp_path)
     run.append_metrics("decompose", 10, {})

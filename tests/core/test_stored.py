@@ -12,7 +12,10 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.stored import TensorRule, check_tensors, read_object
 
 FILE = Path("run/x.safetensors")
-RULES = {"points": TensorRule(("N", 3), low=-5, high=5), "faces": TensorRule(("F", 3), torch.int32, below="N")}
+RULES = {
+    "points": TensorRule(("N", 3), low=-5, high=5),
+    "faces": TensorRule(("F", 3), torch.int32, below="N"),
+}
 
 
 def sound() -> dict[str, torch.Tensor]:
@@ -60,7 +63,14 @@ def test_a_stored_configuration_has_the_types_of_its_fields(kind):
     assert kind.from_json(stored) == kind()
     whole = next(name for name, value in stored.items() if type(value) is int)
     real = next(name for name, value in stored.items() if type(value) is float)
-    for name, value in ((whole, 16.5), (whole, "16"), (whole, None), (whole, True), (real, "x"), (real, 10**400)):
+    for name, value in (
+        (whole, 16.5),
+        (whole, "16"),
+        (whole, None),
+        (whole, True),
+        (real, "x"),
+        (real, 10**400),
+    ):
         with pytest.raises(ConfigError, match=f"configuration .{name}. cannot be used"):
             kind.from_json({**stored, name: value})
     assert kind.from_json({**stored, real: 1}) == kind.from_json({**stored, real: 1.0})
@@ -70,7 +80,8 @@ def test_a_stored_configuration_has_the_types_of_its_fields(kind):
 
 
 @pytest.mark.parametrize(
-    ("file", "content"), [("state.json", b"[]"), ("state.json", b'{"state": 3}'), ("state.json", b""), (None, b"")]
+    ("file", "content"),
+    [("state.json", b"[]"), ("state.json", b'{"state": 3}'), ("state.json", b""), (None, b"")],
 )
 def test_a_checkpoint_with_nan_or_without_a_state_is_passed_over(tmp_path, file, content):
     checkpoints = Checkpoints(tmp_path)

@@ -10,7 +10,10 @@ def test_timings_are_kept_by_phase_and_replaced(tmp_path):
     write_timing(path, "decompose", PhaseTiming(3.25))
     write_timing(path, "distill", PhaseTiming(1.5, 0.5, True))
     write_timing(path, "decompose", PhaseTiming(7.5, 1.25, True))
-    assert read_timings(path) == {"decompose": PhaseTiming(7.5, 1.25, True), "distill": PhaseTiming(1.5, 0.5, True)}
+    assert read_timings(path) == {
+        "decompose": PhaseTiming(7.5, 1.25, True),
+        "distill": PhaseTiming(1.5, 0.5, True),
+    }
     forget_timing(path, "decompose")
     forget_timing(path, "decompose")
     assert read_timings(path) == {"distill": PhaseTiming(1.5, 0.5, True)}
@@ -18,9 +21,17 @@ def test_timings_are_kept_by_phase_and_replaced(tmp_path):
 
 @pytest.mark.parametrize(
     "content",
-    ["", "[]", "{" * 9999, '{"decompose": 3}', '{"decompose": {"seconds": -1}}', '{"decompose": {"seconds": true}}',
-     '{"decompose": {"seconds": NaN}}', f'{{"decompose": {{"seconds": 1{"0" * 400}}}}}'],
-)  # fmt: skip
+    [
+        "",
+        "[]",
+        "{" * 9999,
+        '{"decompose": 3}',
+        '{"decompose": {"seconds": -1}}',
+        '{"decompose": {"seconds": true}}',
+        '{"decompose": {"seconds": NaN}}',
+        f'{{"decompose": {{"seconds": 1{"0" * 400}}}}}',
+    ],
+)
 def test_a_damaged_record_counts_as_none(tmp_path, content):
     path = tmp_path / "timings.json"
     path.write_text(content)

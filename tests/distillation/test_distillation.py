@@ -28,7 +28,14 @@ from tests.lit_sphere import CPU, PATCHES, glossy_sphere, lessons
 from tests.tape import compute_as_a_gpu_does, record_on_tape
 
 CONFIG = DistillConfig(
-    steps=40, samples=256, width=32, depth=2, checkpoint_every=20, sphere_steps=10, sphere_batch=2, sphere_width=4
+    steps=40,
+    samples=256,
+    width=32,
+    depth=2,
+    checkpoint_every=20,
+    sphere_steps=10,
+    sphere_batch=2,
+    sphere_width=4,
 )
 MLP_ONLY = replace(CONFIG, sphere_steps=0)
 DIRECTIONS = cubemap.directions(16).reshape(-1, 3)
@@ -48,7 +55,9 @@ def predicted(model, lesson):
 def log_error(model, lesson):
     """Root mean square of the log difference where the photo looks."""
     seen = lesson.distribution > lesson.distribution.mean()
-    return float((torch.log1p(predicted(model, lesson)) - torch.log1p(lesson.teacher))[seen].square().mean().sqrt())
+    return float(
+        (torch.log1p(predicted(model, lesson)) - torch.log1p(lesson.teacher))[seen].square().mean().sqrt()
+    )
 
 
 @pytest.mark.slow
@@ -67,7 +76,11 @@ def test_a_few_lights_are_learned_and_stay_where_they_are(photos):
 
 def weights(model):
     """Return the weights of both networks by name."""
-    return {f"{part}.{k}": v for part in ("network", "sphere") for k, v in getattr(model, part).state_dict().items()}
+    return {
+        f"{part}.{k}": v
+        for part in ("network", "sphere")
+        for k, v in getattr(model, part).state_dict().items()
+    }
 
 
 @pytest.mark.slow
@@ -116,13 +129,18 @@ def test_networks_give_floats_in_mixed_precision(photos):
 def test_a_gpu_learns_from_recordings_what_it_learns_step_by_step(photos, monkeypatch):
     device = torch.device("cuda", 0)
     moved = [
-        replace(photo, **{name: value.to(device) for name, value in vars(photo).items() if hasattr(value, "to")})
+        replace(
+            photo, **{name: value.to(device) for name, value in vars(photo).items() if hasattr(value, "to")}
+        )
         for photo in photos
     ]
     for module in (mlp_training, sphere_training):
         monkeypatch.setattr(module, "mixed_precision", lambda network, device: network)
-    start = {f"{part}.{k}": v for part, net in (("network", new_network(CONFIG, 3)), ("sphere", new_sphere(CONFIG, 3)))
-             for k, v in net.state_dict().items()}  # fmt: skip
+    start = {
+        f"{part}.{k}": v
+        for part, net in (("network", new_network(CONFIG, 3)), ("sphere", new_sphere(CONFIG, 3)))
+        for k, v in net.state_dict().items()
+    }
     recorded = weights(train(moved, CONFIG, device, seed=3))
     monkeypatch.setattr(descent, "recorder_for", lambda device: None)
     single = weights(train(moved, CONFIG, device, seed=3))
@@ -183,7 +201,9 @@ OPTIONS = {
 @pytest.mark.parametrize("options", [{key: value} for key, value in OPTIONS.items()], ids=list(OPTIONS))
 def test_every_option_changes_what_is_learned(photos, options):
     config = replace(MLP_ONLY, steps=2)
-    plain, changed = (train(photos[:1], c, CPU, 0).network.state_dict() for c in (config, replace(config, **options)))
+    plain, changed = (
+        train(photos[:1], c, CPU, 0).network.state_dict() for c in (config, replace(config, **options))
+    )
     assert not torch.equal(plain["layers.0.weight"], changed["layers.0.weight"])
 
 
@@ -193,7 +213,9 @@ def test_the_network_follows_exposure_and_starts_at_the_average_light_a_pixel_sa
     brighter = replace(pixels, color=4 * pixels.color)
     torch.testing.assert_close(network(brighter, brighter.light_level()), 4 * network(pixels, level))
     grey = replace(pixels, color=3 * pixels.furnace)  # as under a constant light of 3
-    torch.testing.assert_close(network(grey, grey.light_level()), torch.full_like(grey.color, 3.0), rtol=0.5, atol=0)
+    torch.testing.assert_close(
+        network(grey, grey.light_level()), torch.full_like(grey.color, 3.0), rtol=0.5, atol=0
+    )
 
 
 def test_printed_roughness_gives_wider_lobes(photos):
@@ -254,7 +276,9 @@ def test_the_printed_loss_is_in_the_photo_s_own_radiance(photos):
     angles = cubemap.solid_angles(16).reshape(-1)
     network = new_network(config).requires_grad_(False)
     relative, own = (
-        float(mlp_training.lesson_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit)))
+        float(
+            mlp_training.lesson_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit))
+        )
         for unit in (RadianceUnit.LEVEL, RadianceUnit.PHOTO)
     )
     assert own == pytest.approx(relative * float(photos[0].light_level) ** 2, rel=1e-4)

@@ -36,9 +36,15 @@ def test_all_combinations_match_the_loop(use_sample, use_intensity, space):
     weight = weight * sample_weight(sampled, total) if use_sample else weight
     weight = weight * intensity_weight(teacher) if use_intensity else weight
     expected = naive_loss(
-        predicted.tolist(), teacher.tolist(), sampled.tolist(), total.tolist(), angle.tolist(),
-        use_sample=use_sample, use_intensity=use_intensity, log=space is LossSpace.LOG,
-    )  # fmt: skip
+        predicted.tolist(),
+        teacher.tolist(),
+        sampled.tolist(),
+        total.tolist(),
+        angle.tolist(),
+        use_sample=use_sample,
+        use_intensity=use_intensity,
+        log=space is LossSpace.LOG,
+    )
     assert float(weighted_l2(predicted, teacher, weight, angle, space)) == pytest.approx(expected, rel=1e-12)
 
 
@@ -49,15 +55,21 @@ def test_intensity_weight_is_least_at_the_light_level():
 
 def test_the_printed_intensity_weight_is_not_bounded():
     grey = torch.tensor([0.0, 0.5, 1.0, 20.0])[:, None].expand(-1, 3)
-    torch.testing.assert_close(intensity_weight(grey, RadianceUnit.PHOTO), torch.tensor([1.0, 0.5, 1.0, 20.0]))
+    torch.testing.assert_close(
+        intensity_weight(grey, RadianceUnit.PHOTO), torch.tensor([1.0, 0.5, 1.0, 20.0])
+    )
 
 
 @pytest.mark.golden
 def test_golden_number():
     teacher = torch.tensor([[0.0, 0.0, 0.0], [2.0, 1.0, 0.5], [8.0, 8.0, 8.0]], dtype=torch.float64)
     predicted = torch.tensor([[0.5, 0.5, 0.5], [1.0, 1.0, 1.0], [4.0, 8.0, 2.0]], dtype=torch.float64)
-    weight = sample_weight(torch.tensor([1.0, 3.0, 0.5]), torch.tensor([2.0, 2.0, 0.5])) * intensity_weight(teacher)
+    weight = sample_weight(torch.tensor([1.0, 3.0, 0.5]), torch.tensor([2.0, 2.0, 0.5])) * intensity_weight(
+        teacher
+    )
     angle = torch.full((3,), 4 * math.pi / 3, dtype=torch.float64)
     # by hand: w Y = .5 * 1, 1.5 * (.5 + |1.242/2 - .5|), 1 * 1; squared differences .75, 1.25, 52
     expected = (0.5 * 0.75 + 1.5 * 0.621 * 1.25 + 52) / 3
-    assert float(weighted_l2(predicted, teacher, weight, angle, LossSpace.LINEAR)) == pytest.approx(expected, rel=1e-6)
+    assert float(weighted_l2(predicted, teacher, weight, angle, LossSpace.LINEAR)) == pytest.approx(
+        expected, rel=1e-6
+    )

@@ -19,7 +19,9 @@ def page_id(page: Path) -> str:
 
 
 def exists(name: str) -> bool:
-    """Whether `name`, without the leading `lightprobe.`, is a module or can be reached from one by attributes."""
+    """Whether `name`, without the leading `lightprobe.`, is a module or can be reached from one by
+    attributes.
+    """
     parts = ["lightprobe", *name.split(".")]
     for length in range(len(parts), 1, -1):
         try:
@@ -52,7 +54,9 @@ def test_every_equation_of_the_theory_stands_beside_the_function_that_computes_i
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_links_to_files_lead_somewhere(page):
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.S)
-    targets = {target.partition("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target}
+    targets = {
+        target.partition("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target
+    }
     missing = {target for target in targets if target and not (page.parent / target).exists()}
     assert not missing
 
@@ -65,7 +69,9 @@ def contract() -> list[set[str]]:
 
 
 def drawn(page: Path) -> list[set[str]]:
-    """Return the layers that the indented lines of a page draw: names of packages, and behind blanks what they are."""
+    """Return the layers that the indented lines of a page draw: names of packages, and behind blanks what
+    they are.
+    """
     layers = []
     for line in re.findall(r"^ {4}(.+)", page.read_text(), flags=re.M):
         names = re.split(r" {2,}", line.strip().removeprefix("→ "))[0]
@@ -87,7 +93,9 @@ def test_the_reference_has_every_package_and_every_public_name():
 
     folder = ROOT / "docs" / "api"
     assert {page.stem for page in folder.glob("*.rst")} == set(PACKAGES) - {"cli"}
-    modules = re.findall(r"automodule:: lightprobe\.(\S+)", "".join(page.read_text() for page in folder.glob("*.rst")))
+    modules = re.findall(
+        r"automodule:: lightprobe\.(\S+)", "".join(page.read_text() for page in folder.glob("*.rst"))
+    )
     assert not {module for module in modules if not exists(module)}
     index = (folder / "index.md").read_text()
     assert not {name for name in lightprobe.__all__ if f"`lightprobe.{name}`" not in index}

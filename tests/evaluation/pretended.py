@@ -19,7 +19,9 @@ GOOD = Verdict(0.01, 0.95, 0.95, 0.0, 0.2, 0.99, 0.001)
 
 
 class Lamp:
-    """A predictor whose light is as bright as the object's pixels are many, and that takes the time it is told."""
+    """A predictor whose light is as bright as the object's pixels are many, and that takes the time it is
+    told.
+    """
 
     def __init__(self, *seconds: float) -> None:
         self.seconds, self.asked = list(seconds), list[tuple[Pixels, Method]]()

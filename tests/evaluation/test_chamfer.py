@@ -46,7 +46,9 @@ def test_the_distance_is_the_mean_of_both_ways_and_either_may_be_larger() -> Non
 
 
 def test_samples_follow_area_and_stay_within_their_triangle() -> None:
-    """A triangle of three quarters of the area far from one of a quarter, with edges that are not at right angles."""
+    """A triangle of three quarters of the area far from one of a quarter, with edges that are not at right
+    angles.
+    """
     vertices = np.array([[0.0, 0, 0], [3, 1, 0], [2, 3, 0], [10, 0, 5], [12, 0, 5], [10, 7 / 6, 5]])
     points = sample_surface(vertices, np.array([[0, 1, 2], [3, 4, 5]]), count=8000, seed=2)
     here, there = points[points[:, 2] == 0], points[points[:, 2] == 5]
@@ -58,7 +60,9 @@ def test_samples_follow_area_and_stay_within_their_triangle() -> None:
         assert min(u.min(), v.min()) >= -1e-9
         assert (u + v).max() <= 1 + 1e-9
         assert ((u + v) < 0.5).mean() == pytest.approx(0.25, abs=0.03)  # a similar triangle of half the size
-    assert not np.array_equal(points, sample_surface(vertices, np.array([[0, 1, 2], [3, 4, 5]]), count=8000, seed=3))
+    assert not np.array_equal(
+        points, sample_surface(vertices, np.array([[0, 1, 2], [3, 4, 5]]), count=8000, seed=3)
+    )
 
 
 def test_the_same_surface_is_as_far_away_however_its_faces_are_listed():

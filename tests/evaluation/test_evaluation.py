@@ -89,7 +89,9 @@ def test_the_place_without_a_name_is_only_for_the_run_s_own_default(known, tmp_p
 @pytest.mark.slow
 def test_a_photo_that_cannot_be_scored_is_named_and_costs_no_other(known, tmp_path):
     decomposition, scene = known
-    away = dataclasses.replace(scene.test[1].camera, camera_to_world=scene.test[1].camera.camera_to_world.copy())
+    away = dataclasses.replace(
+        scene.test[1].camera, camera_to_world=scene.test[1].camera.camera_to_world.copy()
+    )
     away.camera_to_world[:3, 3] *= -1  # looks away from the object
     lost = dataclasses.replace(scene.test[1], camera=away)
     methods, quickly = (Method.CONSTANT,), Protocols(unseen=False)
@@ -107,11 +109,15 @@ def test_a_photo_that_cannot_be_scored_is_named_and_costs_no_other(known, tmp_pa
 
 def test_photos_under_one_light_are_one_piece_of_evidence():
     scores = {"a": 1.0, "b": 2.0, "c": 4.0}
-    result = Evaluation(Method.SOLVE, {name: {Method.SOLVE: {"psnr": value}} for name, value in scores.items()})
+    result = Evaluation(
+        Method.SOLVE, {name: {Method.SOLVE: {"psnr": value}} for name, value in scores.items()}
+    )
     apart = result.interval(Method.SOLVE)["psnr"]
     result.lights = {"a": "sky", "b": "sky"}
     metrics = result.to_json()
-    assert metrics["interval"]["solve"]["psnr"] == pytest.approx(interval([1.0, 2.0, 4.0], ["sky", "sky", "c"]))
+    assert metrics["interval"]["solve"]["psnr"] == pytest.approx(
+        interval([1.0, 2.0, 4.0], ["sky", "sky", "c"])
+    )
     assert metrics["interval"]["solve"]["psnr"] != pytest.approx(apart)
     assert [photo.get("light") for photo in metrics["photos"].values()] == ["sky", "sky", None]
     result.lights = dict.fromkeys(scores, "sky")
@@ -149,7 +155,9 @@ def test_a_shrunken_surface_is_found_out(known):
 def test_a_scene_without_test_photos_says_so(known):
     decomposition, scene = known
     with pytest.raises(InputError, match="no test photos"):
-        evaluate(decomposition, None, dataclasses.replace(scene, test=()), methods=methods_for(None), device=CPU)
+        evaluate(
+            decomposition, None, dataclasses.replace(scene, test=()), methods=methods_for(None), device=CPU
+        )
 
 
 @pytest.mark.slow
@@ -192,19 +200,26 @@ def test_scores_that_are_not_finite_are_left_out_photo_by_photo() -> None:
         lights={"a": "sky"},
     )
     assert result.values(Method.SOLVE) == {
-        "psnr": {"a": 20.0, "c": 26.0}, "ssim": {"a": 0.5, "b": 0.7}, "normal": {}, "extra": {"b": 3.0}
-    }  # fmt: skip
+        "psnr": {"a": 20.0, "c": 26.0},
+        "ssim": {"a": 0.5, "b": 0.7},
+        "normal": {},
+        "extra": {"b": 3.0},
+    }
     assert result.mean(Method.SOLVE) == pytest.approx({"psnr": 23.0, "ssim": 0.6, "extra": 3.0})
-    assert result.interval(Method.SOLVE) == pytest.approx({"psnr": 12.7062 * 3.0, "ssim": 12.7062 * 0.1}, rel=1e-4)
+    assert result.interval(Method.SOLVE) == pytest.approx(
+        {"psnr": 12.7062 * 3.0, "ssim": 12.7062 * 0.1}, rel=1e-4
+    )
     assert result.interval(Method.CONSTANT) == {}
     found = result.to_json()
     assert found["mean"] == pytest.approx({"psnr": 23.0, "ssim": 0.6, "extra": 3.0, "chamfer": 0.125})
     assert found["methods"]["constant"] == {"psnr": 12.0}
     assert found["interval"]["constant"] == {}
     assert found["photos"]["a"] == {
-        "psnr": 20.0, "ssim": 0.5, "methods": {"solve": {"psnr": 20.0, "ssim": 0.5}, "constant": {"psnr": 12.0}},
+        "psnr": 20.0,
+        "ssim": 0.5,
+        "methods": {"solve": {"psnr": 20.0, "ssim": 0.5}, "constant": {"psnr": 12.0}},
         "light": "sky",
-    }  # fmt: skip
+    }
     assert found["photos"]["c"] == {"psnr": 26.0, "methods": {"solve": {"psnr": 26.0}}}
     assert "skipped" not in found
 
@@ -220,8 +235,9 @@ def test_bins_and_doubtful_photos_are_counted() -> None:
     )
     found = result.to_json()
     assert found["confidence"] == {
-        "solve": {"bins": rising, "falls": False}, "constant": {"bins": rising[::-1], "falls": True}
-    }  # fmt: skip
+        "solve": {"bins": rising, "falls": False},
+        "constant": {"bins": rising[::-1], "falls": True},
+    }
     assert found["verdicts"]["doubtful"] == 2
     assert found["verdicts"]["photos"]["b"]["overlap"] == 0.5
 
@@ -247,7 +263,9 @@ def test_each_half_of_the_object_is_scored_under_the_light_of_the_other() -> Non
 
 
 def test_a_half_with_too_little_of_the_object_is_left_out() -> None:
-    """Of one row of four pixels the halves are two wide, of which no light is found, nothing above and all below."""
+    """Of one row of four pixels the halves are two wide, of which no light is found, nothing above and all
+    below.
+    """
     found = judge_of(Lamp(30.0, 30.0)).score(cast(TestView, Shown(rows=1)), None, Method.SOLVE)
     assert "psnr_unseen" not in found.scores  # nothing is left to score the light of the lower half on
     without = judge_of(Lamp(30.0), unseen=False).score(cast(TestView, Shown()), None, Method.SOLVE)
@@ -265,9 +283,12 @@ def test_the_first_call_of_a_quick_method_is_not_the_one_that_is_timed() -> None
 
 
 @pytest.mark.parametrize(
-    ("seconds", "done", "slow"), [(0.5, 9, False), (0.6, 2, True), (0.6, 1, False), (0.6, 3, True), (None, 9, False)]
+    ("seconds", "done", "slow"),
+    [(0.5, 9, False), (0.6, 2, True), (0.6, 1, False), (0.6, 3, True), (None, 9, False)],
 )
-def test_a_method_that_was_too_slow_is_left_out_after_some_photos(seconds: float | None, done: int, slow: bool) -> None:
+def test_a_method_that_was_too_slow_is_left_out_after_some_photos(
+    seconds: float | None, done: int, slow: bool
+) -> None:
     judge = judge_of(Lamp(), slow_seconds=0.5, slow_photos=2)
     judge.slowest = {} if seconds is None else {Method.SOLVE: seconds}
     assert judge.too_slow(Method.SOLVE, done) == slow
@@ -279,7 +300,9 @@ def test_usually_unseen_halves_are_scored_and_methods_of_over_twenty_seconds_on_
 
 
 @pytest.mark.slow
-def test_whoever_waits_hears_of_each_photo_that_was_scored(known: tuple[Decomposition, Scene], tmp_path: Path) -> None:
+def test_whoever_waits_hears_of_each_photo_that_was_scored(
+    known: tuple[Decomposition, Scene], tmp_path: Path
+) -> None:
     """A photo that cannot be read is not reported, and names of lights come from the photos."""
     decomposition, scene = known
     lost = replace(scene.test[0], name="lost", image_path=tmp_path / "none.png")
@@ -287,9 +310,14 @@ def test_whoever_waits_hears_of_each_photo_that_was_scored(known: tuple[Decompos
     some = replace(scene, test=(scene.test[0], lost, named), relight=(), root=tmp_path)
     heard: list[tuple[int, int]] = []
     result = evaluate(
-        decomposition, None, some, methods=(Method.CONSTANT,), device=CPU, protocols=Protocols(unseen=False),
+        decomposition,
+        None,
+        some,
+        methods=(Method.CONSTANT,),
+        device=CPU,
+        protocols=Protocols(unseen=False),
         on_photo=lambda done, count: heard.append((done, count)),
-    )  # fmt: skip
+    )
     assert heard == [(1, 3), (3, 3)]
     assert result.lights == {"bb": "sky"}
     assert result.skipped.keys() == {"lost"}
@@ -302,6 +330,12 @@ def test_whoever_waits_hears_of_each_photo_that_was_scored(known: tuple[Decompos
     plain = evaluate(
         decomposition, None, bare, methods=(Method.CONSTANT,), device=CPU, protocols=Protocols(unseen=False)
     )
-    assert plain.photos["a"][Method.CONSTANT].keys() == {"psnr", "ssim", "psnr_masked", "ssim_masked", "seconds"}
+    assert plain.photos["a"][Method.CONSTANT].keys() == {
+        "psnr",
+        "ssim",
+        "psnr_masked",
+        "ssim_masked",
+        "seconds",
+    }
     assert plain.truth == {}
     assert plain.to_json()["confidence"] == {}

@@ -9,7 +9,8 @@ import pytest
 
 SIDE = 3464  # pixels: a photo of 12 megapixels
 
-# One photo of the bundled scene, enlarged, against a ball of about half its object's size; five lights are rendered.
+# One photo of the bundled scene, enlarged, against a ball of about half its object's size; five lights are
+# rendered.
 EVALUATION = """
 import json, sys
 from pathlib import Path

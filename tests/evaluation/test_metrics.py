@@ -24,12 +24,16 @@ from lightprobe.light import cubemap
 
 def picture(seed: int, height: int = 40, width: int = 52) -> torch.Tensor:
     rng = np.random.default_rng(seed)
-    smooth = correlate1d(correlate1d(rng.random((height, width, 3)), np.ones(5) / 5, axis=0), np.ones(5) / 5, axis=1)
+    smooth = correlate1d(
+        correlate1d(rng.random((height, width, 3)), np.ones(5) / 5, axis=0), np.ones(5) / 5, axis=1
+    )
     return torch.from_numpy(smooth.astype(np.float32))
 
 
 def reference_ssim(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """SSIM map by Wang et al. 2004, equation 13: window 11 x 11, sigma 1.5, K1 = .01, K2 = .03, mirrored border."""
+    """SSIM map by Wang et al. 2004, equation 13: window 11 x 11, sigma 1.5, K1 = .01, K2 = .03, mirrored
+    border.
+    """
     x = np.arange(-5, 6)
     window = np.exp(-(x**2) / (2 * 1.5**2))
     window /= window.sum()
@@ -40,7 +44,9 @@ def reference_ssim(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     mu_a, mu_b = blur(a), blur(b)
     var_a, var_b, cov = blur(a * a) - mu_a**2, blur(b * b) - mu_b**2, blur(a * b) - mu_a * mu_b
     c1, c2 = 0.01**2, 0.03**2
-    return ((2 * mu_a * mu_b + c1) * (2 * cov + c2) / ((mu_a**2 + mu_b**2 + c1) * (var_a + var_b + c2))).mean(-1)
+    return ((2 * mu_a * mu_b + c1) * (2 * cov + c2) / ((mu_a**2 + mu_b**2 + c1) * (var_a + var_b + c2))).mean(
+        -1
+    )
 
 
 def test_large_images_are_compared_in_bands(monkeypatch):
@@ -166,11 +172,15 @@ def test_values_of_one_group_are_one_piece_of_evidence():
 def test_photos_without_a_named_light_are_a_group_each():
     values = {"a": 1.0, "b": 2.0, "c": 4.0}
     assert photo_interval(values, {}) == pytest.approx(interval([1.0, 2.0, 4.0]))
-    assert photo_interval(values, {"a": "sky", "b": "sky"}) == pytest.approx(interval([1.0, 2.0, 4.0], ["x", "x", "y"]))
+    assert photo_interval(values, {"a": "sky", "b": "sky"}) == pytest.approx(
+        interval([1.0, 2.0, 4.0], ["x", "x", "y"])
+    )
     assert photo_interval({"a": 1.0, "b": 2.0}, {"a": "b"}) == pytest.approx(interval([1.0, 2.0]))
 
 
-@pytest.mark.parametrize(("difference", "decibels"), [(1e-2, 40), (1.1e-5, 99.1721), (0.9e-5, 100), (0.0, 100)])
+@pytest.mark.parametrize(
+    ("difference", "decibels"), [(1e-2, 40), (1.1e-5, 99.1721), (0.9e-5, 100), (0.0, 100)]
+)
 def test_psnr_ends_at_100_db(difference: float, decibels: float) -> None:
     values = torch.tensor([[0.25, 0.5], [0.75, 0.125]], dtype=torch.float64)
     assert psnr(values - difference, values) == pytest.approx(decibels, abs=1e-3)
@@ -210,8 +220,12 @@ def test_the_floor_of_a_log_difference_is_a_percent_of_the_mean_by_solid_angle()
     environment = torch.zeros(6, 4, 4, 3)
     environment[0], environment[2], environment[3] = 2.0, -1.0, 0.5
     floor, found = 0.01 * 6 / 9, log_difference(environment, truth)
-    assert found[0, 1, 2].tolist() == pytest.approx([math.log((2 + floor) / (t + floor)) for t in (4, 1, 1)], rel=1e-4)
-    assert found[1, 0, 3].tolist() == pytest.approx([math.log(floor / (t + floor)) for t in (4, 1, 1)], rel=1e-4)
+    assert found[0, 1, 2].tolist() == pytest.approx(
+        [math.log((2 + floor) / (t + floor)) for t in (4, 1, 1)], rel=1e-4
+    )
+    assert found[1, 0, 3].tolist() == pytest.approx(
+        [math.log(floor / (t + floor)) for t in (4, 1, 1)], rel=1e-4
+    )
     assert found[2].abs().max() == 0  # negative light counts as none
     assert found[3, 0, 0].tolist() == pytest.approx([math.log((0.5 + floor) / floor)] * 3, rel=1e-4)
 
@@ -223,7 +237,9 @@ def test_a_log_difference_is_aligned_by_its_mean_over_solid_angle() -> None:
     inner, outer = float(solid[3, 1, 1]) / (4 * math.pi), float(solid[5, 0, 0]) / (4 * math.pi)
     assert inner > 1.5 * outer
     means = [3 * inner, 9 * outer, 6 * inner]
-    assert aligned(difference, per_channel=True)[0, 0, 0].tolist() == pytest.approx([-mean for mean in means], rel=1e-4)
+    assert aligned(difference, per_channel=True)[0, 0, 0].tolist() == pytest.approx(
+        [-mean for mean in means], rel=1e-4
+    )
     assert aligned(difference)[3, 1, 1].tolist() == pytest.approx(
         [value - sum(means) / 3 for value in (3, 0, 6)], rel=1e-4
     )
@@ -234,5 +250,9 @@ def test_the_brightest_texels_are_those_of_the_greatest_mean_over_channels() -> 
     truth[1], truth[4] = torch.tensor([3.0, 0.0, 0.6]), 1.1
     assert brightest(truth).flatten().nonzero().flatten().tolist() == [1]  # 1.2
     assert brightest(truth, 0.2).flatten().nonzero().flatten().tolist() == [1, 4]
-    assert brightest(truth, 0.4).flatten().nonzero().flatten().tolist() == [0, 1, 4]  # of equal ones the first
+    assert brightest(truth, 0.4).flatten().nonzero().flatten().tolist() == [
+        0,
+        1,
+        4,
+    ]  # of equal ones the first
     assert metrics.BRIGHTEST == 0.01

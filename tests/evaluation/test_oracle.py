@@ -21,7 +21,13 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.photo import Photo, Scene, Truth
 from tests.known_scene import CPU, SIMILARITY, known_decomposition, write_photo
 
-AROUND = {"a": (3, 1, 1), "bb": (-1, 3, 0.5), "ccc": (-2, -2, -1.5), "dddd": (1, -1, -3), "eeeee": (0.5, 0.5, 3)}
+AROUND = {
+    "a": (3, 1, 1),
+    "bb": (-1, 3, 0.5),
+    "ccc": (-2, -2, -1.5),
+    "dddd": (1, -1, -3),
+    "eeeee": (0.5, 0.5, 3),
+}
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +56,18 @@ def test_the_true_object_is_found_again(oracle, scene):
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     pose[:3] = turn @ pose[:3]
     camera = dataclasses.replace(camera, camera_to_world=pose)
-    mine, true = (rasterize_asset(asset, camera, CPU) for asset in (oracle.asset, known_decomposition().asset))
+    mine, true = (
+        rasterize_asset(asset, camera, CPU) for asset in (oracle.asset, known_decomposition().asset)
+    )
     common = np.intersect1d(mine.pixel.numpy(), true.pixel.numpy())
     assert len(common) > 0.97 * len(true.pixel)
     a, b = (g.select(torch.from_numpy(np.searchsorted(g.pixel.numpy(), common))) for g in (mine, true))
-    for name, tolerance in (("base_color", 0.02), ("roughness", 0.02), ("metallic", 0.01), ("position", 0.01)):
+    for name, tolerance in (
+        ("base_color", 0.02),
+        ("roughness", 0.02),
+        ("metallic", 0.01),
+        ("position", 0.01),
+    ):
         assert float((getattr(a, name) - getattr(b, name)).abs().mean()) < tolerance, name
     angle = torch.rad2deg(torch.acos((a.normal * b.normal).sum(1).clamp(-1, 1)))
     assert float(angle.mean()) < 2
@@ -87,7 +100,9 @@ def test_a_mesh_in_another_frame_or_none_at_all_is_noticed(scene, tmp_path):
         oracle_decomposition(known_decomposition(), moved)
 
 
-FLAT = Camera(np.eye(4) + np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2.0], [0, 0, 0, 0]]), 2, 2, 3, 2, 6, 4)
+FLAT = Camera(
+    np.eye(4) + np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2.0], [0, 0, 0, 0]]), 2, 2, 3, 2, 6, 4
+)
 
 
 def at(column: float, row: float) -> list[float]:
@@ -100,7 +115,9 @@ class Spot:
     """A point of the plane, what photo and mesh say of its surroundings, and the weight that it deserves."""
 
     place: tuple[float, float] = (4.5, 1.5)  # the middle of pixel column 4, row 1
-    inverse: dict[tuple[int, int], float] = dataclasses.field(default_factory=dict)  # by row and column; else 1/2
+    inverse: dict[tuple[int, int], float] = dataclasses.field(
+        default_factory=dict
+    )  # by row and column; else 1/2
     unknown: tuple[tuple[int, int], ...] = ()
     mapped: tuple[float, float, float] = (0.0, 0.0, 1.0)
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -129,7 +146,9 @@ class Spot:
         Spot(normal=(1.0, 0.0, 0.0), mapped=(1.0, 0.0, 0.0), cosine=0),  # looks away from the camera's side
     ],
 )
-def test_a_photo_tells_of_the_points_that_it_shows_squarely(spot: Spot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_photo_tells_of_the_points_that_it_shows_squarely(
+    spot: Spot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rows, columns = torch.meshgrid(torch.arange(4.0), torch.arange(6.0), indexing="ij")
     maps = torch.zeros(4, 6, 8)
     maps[..., 0], maps[..., 3], maps[..., 4] = 10 * rows + columns, 0.25, 0.75
@@ -179,7 +198,9 @@ def test_maps_are_read_in_the_order_of_textures_and_known_where_there_is_a_norma
     assert maps[0, 2].tolist() == pytest.approx([*material, 0, -1, 0], abs=1e-3)
     for missing in ("base_color", "orm", "normal"):
         with pytest.raises(ValueError, match="photo-b"):
-            oracle_module._maps(Photo("photo-b", camera, tmp_path, truth=dataclasses.replace(truth, **{missing: None})))
+            oracle_module._maps(
+                Photo("photo-b", camera, tmp_path, truth=dataclasses.replace(truth, **{missing: None}))
+            )
     with pytest.raises(InputError, match=r"color\.png has 3 x 1 pixels, but its photo 6 x 4"):
         oracle_module._maps(Photo("a", FLAT, tmp_path / "a.png", truth=truth))
 
@@ -228,7 +249,9 @@ def test_photos_are_averaged_and_what_none_shows_is_taken_from_the_nearest(
     expected = [mean, [*mixed[:5], 0, 0, 2], [*mixed[:5], 0, 0, 3], [*b[:5], 0, 0, 4], b, a]
     for found, row in zip(gathered(), expected, strict=True):
         assert found == pytest.approx(row, rel=1e-3)
-    monkeypatch.setattr(oracle_module, "_NEIGHBOURS", 2)  # of the four seen points only the first and the third
+    monkeypatch.setattr(
+        oracle_module, "_NEIGHBOURS", 2
+    )  # of the four seen points only the first and the third
     assert gathered()[2] == pytest.approx([*mean[:5], 0, 0, 3], rel=1e-3)
     monkeypatch.setattr(oracle_module, "_NEIGHBOURS", 4)
     assert gathered()[2] == pytest.approx(expected[2], rel=1e-3)
@@ -247,7 +270,12 @@ LEANING = (0.6, 0.0, 0.8)
             (0, 0.6, 0.8),
             (0, -0.6, 0.8),
         ),  # v runs along y, the bitangent against it
-        ([[0, 0], [0, 1], [1, 0]], (0, 0, 1), (0.6, 0, 0.8), (0, -0.6, 0.8)),  # a mirrored chart: u along y, v along x
+        (
+            [[0, 0], [0, 1], [1, 0]],
+            (0, 0, 1),
+            (0.6, 0, 0.8),
+            (0, -0.6, 0.8),
+        ),  # a mirrored chart: u along y, v along x
         ([[0, 0], [0, 1], [1, 0]], (0, 0, 1), (0, 0.6, 0.8), (0.6, 0, 0.8)),
         ([[0, 0], [1, 0], [0, 1]], LEANING, (0, 0, 1), (-0.6, 0, 0.8)),
         ([[0, 0], [1, 0], [0, 1]], LEANING, LEANING, (0, 0, 1)),
@@ -266,11 +294,20 @@ def test_normals_are_stored_along_u_against_v_and_outwards(
     assert found[0].tolist() == pytest.approx(local, abs=1e-6)
 
 
-def test_the_mesh_is_brought_into_the_normalised_frame_and_its_edges_are_short_and_sharp(tmp_path: Path) -> None:
+def test_the_mesh_is_brought_into_the_normalised_frame_and_its_edges_are_short_and_sharp(
+    tmp_path: Path,
+) -> None:
     """Two rectangles meet at an edge along y: rough at 45 degrees, smooth at 35."""
     for degrees, sharp in ((45.0, True), (35.0, False)):
         x, z = 3.2 * math.cos(math.radians(degrees)), 3.2 * math.sin(math.radians(degrees))
-        lines = ["v 7 0 1", "v 10.2 0 1", "v 10.2 3.2 1", "v 7 3.2 1", f"v {7 - x} 3.2 {1 - z}", f"v {7 - x} 0 {1 - z}"]
+        lines = [
+            "v 7 0 1",
+            "v 10.2 0 1",
+            "v 10.2 3.2 1",
+            "v 7 3.2 1",
+            f"v {7 - x} 3.2 {1 - z}",
+            f"v {7 - x} 0 {1 - z}",
+        ]
         (tmp_path / "mesh.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4", "f 1 4 5", "f 1 5 6"]))
         scene = Scene(tmp_path, "transforms", (), (), (), Similarity(np.array([7.0, 0, 1]), 2.0))
         mesh = oracle_module._true_mesh(scene)

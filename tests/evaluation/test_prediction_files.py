@@ -16,7 +16,9 @@ GOOD = Verdict(0.01, 0.95, 0.95, 0.0, 0.2, 0.99, 0.001)
 
 
 def prediction() -> Prediction:
-    """A light that is brighter above than below, more trusted along +x; without its suns it has a third of it."""
+    """A light that is brighter above than below, more trusted along +x; without its suns it has a third of
+    it.
+    """
     light = torch.ones(6, 8, 8, 3) * torch.tensor([0.5, 0.25, 1.0])
     light[4] *= 4
     trust = torch.full((6, 8, 8), 0.125)
@@ -37,7 +39,9 @@ def test_a_map_has_its_picture_and_its_confidence_beside_it(
     assert light[0, 0] == pytest.approx(share * np.array([2.0, 1.0, 4.0]), rel=1e-2)
     assert light[-1, 0] == pytest.approx(share * np.array([0.5, 0.25, 1.0]), rel=1e-2)
     assert confidence.shape[:2] == (16, 32)
-    assert float(confidence[8, 16].flat[0]) == pytest.approx(0.75, abs=1e-3)  # the middle column looks along +x
+    assert float(confidence[8, 16].flat[0]) == pytest.approx(
+        0.75, abs=1e-3
+    )  # the middle column looks along +x
     assert float(confidence[8, 0].flat[0]) == pytest.approx(0.125, abs=1e-3)
     picture, _ = read_ldr(tmp_path / "a.png")
     assert picture.shape == light.shape

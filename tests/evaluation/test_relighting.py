@@ -25,7 +25,9 @@ def camera(width: int = 60, height: int = 40) -> Camera:
 
 
 def test_the_object_has_its_size_and_place_in_the_user_s_frame() -> None:
-    """A ball of radius 2 at 9 units and a focal length of 50 pixels: its outline has the radius 50 tan(asin(2 / 9))."""
+    """A ball of radius 2 at 9 units and a focal length of 50 pixels: its outline has the radius 50 tan(asin(2
+    / 9)).
+    """
     light = Environment(torch.full((6, 16, 16, 3), 0.5))
     image, cover = relight(known_decomposition(), light, camera())
     assert image.shape == (40, 60, 3)

@@ -63,13 +63,18 @@ def test_lights_come_from_the_same_side_of_every_camera(sphere):
 
 
 def test_the_light_of_a_photo_explains_it(sphere):
-    """Maps solved from photos without regard to their lights are nearer to these than to other photos' lights."""
+    """Maps solved from photos without regard to their lights are nearer to these than to other photos'
+    lights.
+    """
     predictor = Predictor(sphere, config=replace(CONFIG, light_resolution=16))
     photos = list(simulated_photos(sphere, CAMERAS, 4, 16, CPU))
     found = [
-        predictor.predict(photo.pixels, photo.camera, Method.SOLVE, refuse=False).environment.texels for photo in photos
+        predictor.predict(photo.pixels, photo.camera, Method.SOLVE, refuse=False).environment.texels
+        for photo in photos
     ]
-    errors = torch.tensor([[float(directional_error(map_, photo.light).mean()) for photo in photos] for map_ in found])
+    errors = torch.tensor(
+        [[float(directional_error(map_, photo.light).mean()) for photo in photos] for map_ in found]
+    )
     others = (errors.sum() - errors.trace()) / 12
     assert float(errors.trace() / 4) < 0.8 * float(others), errors
 
@@ -98,7 +103,10 @@ def test_scales_bring_the_expected_error_to_the_true_one(sphere, model):
     assert told == [(k, 3) for k in range(1, 4)]
     assert found.photos == 3
     assert 0 < found.spheres[0] < found.spheres[2] < 2  # a mirror tells most of a wrong map
-    for method, scale in ((Method.PROBE_NET_OPTIMIZE, found.fitted_scale), (Method.PROBE_NET, found.estimated_scale)):
+    for method, scale in (
+        (Method.PROBE_NET_OPTIMIZE, found.fitted_scale),
+        (Method.PROBE_NET, found.estimated_scale),
+    ):
         predictor = Predictor(sphere, model, config=CONFIG, accuracy=found)
         errors, expected = [], []
         for photo in simulated_photos(sphere, CAMERAS, 3, 8, CPU):
@@ -106,7 +114,9 @@ def test_scales_bring_the_expected_error_to_the_true_one(sphere, model):
             errors.append(directional_error(got.environment.texels, photo.light))
             expected.append(-got.confidence.log() - got.verdict.doubt)
         assert 0.1 < scale < 10
-        assert float(torch.stack(expected).mean()) == pytest.approx(float(torch.stack(errors).mean()), rel=0.05)
+        assert float(torch.stack(expected).mean()) == pytest.approx(
+            float(torch.stack(errors).mean()), rel=0.05
+        )
 
 
 @pytest.mark.slow
@@ -127,7 +137,7 @@ def test_what_is_told_is_of_the_runs_own_method(sphere, chosen, shown):
     used = replace(CONFIG, method=chosen)
     found = light_accuracy(
         sphere, model, [*CAMERAS, AWAY], used, CPU, 0, lambda *done: told.append(done), count=3
-    )  # fmt: skip
+    )
     assert found is not None
     assert (found.method, found.photos) == (shown, 2)
     assert told == [(1, 3), (2, 3), (3, 3)]  # also where the object is not in the photo

@@ -20,7 +20,10 @@ from tests.shapes import camera_at
 @pytest.fixture(scope="module")
 def stand_in():
     asset = glossy_sphere()
-    cameras = {"a": camera_at((3.0, 0, 0.5), size=32, focal=40), "b": camera_at((0, 3.0, 0.5), size=32, focal=40)}
+    cameras = {
+        "a": camera_at((3.0, 0, 0.5), size=32, focal=40),
+        "b": camera_at((0, 3.0, 0.5), size=32, focal=40),
+    }
     return StandIn({name: rasterize_asset(asset, camera, CPU) for name, camera in cameras.items()})
 
 
@@ -36,7 +39,9 @@ def test_the_true_light_relights_perfectly_and_a_factor_shows_only_unscaled(stan
 
 def test_a_light_elsewhere_is_worse_than_a_blurred_one(stand_in):
     elsewhere = stand_in.scores("c", Environment(patch_light((-1.0, -1.0, 0.5), brightness=2.0)), LIGHT)
-    even = stand_in.scores("c", Environment(LIGHT.texels.mean((0, 1, 2)).expand_as(LIGHT.texels).contiguous()), LIGHT)
+    even = stand_in.scores(
+        "c", Environment(LIGHT.texels.mean((0, 1, 2)).expand_as(LIGHT.texels).contiguous()), LIGHT
+    )
     assert elsewhere["relit_psnr_scaled"] + 1 < even["relit_psnr_scaled"]
 
 
@@ -62,7 +67,9 @@ def scene(folder: Path, sizes: list[tuple[int, int]]) -> Scene:
 
 
 @pytest.mark.parametrize(("count", "chosen"), [(3, [0, 1, 2]), (5, [0, 1, 2, 3, 4]), (12, [0, 2, 4, 7, 9])])
-def test_five_of_the_test_cameras_at_most_are_taken_evenly(tmp_path: Path, count: int, chosen: list[int]) -> None:
+def test_five_of_the_test_cameras_at_most_are_taken_evenly(
+    tmp_path: Path, count: int, chosen: list[int]
+) -> None:
     known = known_decomposition()
     found = StandIn.of(known, scene(tmp_path, [(20, 20)] * count), CPU)
     assert list(found.views) == [f"p{k}" for k in chosen]
@@ -92,11 +99,15 @@ def decibels(mine: list[float], true: list[float]) -> float:
     def srgb(x: float) -> float:
         return float(1.055 * min(x, 1.0) ** (1 / 2.4) - 0.055)
 
-    return -10 * math.log10(sum((srgb(a) - srgb(b)) ** 2 for a, b in zip(mine, true, strict=True)) / len(mine))
+    return -10 * math.log10(
+        sum((srgb(a) - srgb(b)) ** 2 for a, b in zip(mine, true, strict=True)) / len(mine)
+    )
 
 
 def test_displayed_values_of_the_other_views_are_compared_and_white_is_the_brightest() -> None:
-    """Of an even light L a surface shows L times some colour c, which a light of 1/8 tells; red is above white."""
+    """Of an even light L a surface shows L times some colour c, which a light of 1/8 tells; red is above
+    white.
+    """
     found = StandIn(white_views([(0.2, 0.4, 0.1), (0.6, 0.1, 0.3), (0.9, 0.9, 0.9)]))
     even = Environment(torch.ones(6, 16, 16, 3))
     operator = prefilter.cached(16, CPU)

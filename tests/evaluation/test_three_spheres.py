@@ -28,7 +28,10 @@ def marked_map(height: int = 128) -> torch.Tensor:
     sky = 0.4 + 0.3 * d[..., 2:] * torch.tensor([0.6, 0.8, 1.0])
     ground = torch.tensor([0.15, 0.1, 0.07]).expand_as(d)
     light = torch.where(d[..., 2:] > 0, sky, ground)
-    for axis, sharp, color in (((0.5, 0.6, 0.6), 300.0, (90.0, 70.0, 40.0)), ((-1.0, -0.2, 0.1), 40.0, (0.5, 1, 3))):
+    for axis, sharp, color in (
+        ((0.5, 0.6, 0.6), 300.0, (90.0, 70.0, 40.0)),
+        ((-1.0, -0.2, 0.1), 40.0, (0.5, 1, 3)),
+    ):
         towards = torch.nn.functional.normalize(torch.tensor(axis), dim=0)
         light = light + torch.exp(sharp * (d @ towards - 1))[..., None] * torch.tensor(color)
     return light
@@ -53,7 +56,10 @@ def test_rough_spheres_against_plain_sums(spheres):
     """One pixel of each, summed in float64 over all texels of the 32 x 64 map."""
     light = marked_map(32)
     discs = spheres.light(light)
-    bent, d = balanced(light).double().reshape(-1, 3).numpy(), equirect.directions(32).double().reshape(-1, 3).numpy()
+    bent, d = (
+        balanced(light).double().reshape(-1, 3).numpy(),
+        equirect.directions(32).double().reshape(-1, 3).numpy(),
+    )
     solid = equirect.solid_angles(32).double().reshape(-1).numpy()
     view = VIEW.double().numpy() / np.linalg.norm(VIEW.double().numpy())
     for pixel in (3, 200, 501, 780):
@@ -64,7 +70,9 @@ def test_rough_spheres_against_plain_sums(spheres):
         alpha2 = 0.369**4
         ggx = alpha2 / (math.pi * ((half @ n) ** 2 * (alpha2 - 1) + 1) ** 2)
         matte = (solid * ggx * cosine) @ bent / (solid * ggx * cosine).sum()
-        assert discs["diffuse"].values[pixel].numpy() == pytest.approx((solid * cosine) @ bent / math.pi, rel=1e-4)
+        assert discs["diffuse"].values[pixel].numpy() == pytest.approx(
+            (solid * cosine) @ bent / math.pi, rel=1e-4
+        )
         assert discs["matte"].values[pixel].numpy() == pytest.approx(matte, rel=1e-3)
 
 
@@ -84,7 +92,9 @@ def test_the_mirror_sees_all_directions_alike(spheres):
 def test_spheres_turn_with_the_camera():
     """A light from the camera's right brightens the right half of the picture."""
     towards = torch.linalg.cross(UP, VIEW)
-    light = 0.1 + torch.exp(8 * (equirect.directions(64) @ (towards / towards.norm()) - 1))[..., None].expand(-1, -1, 3)
+    light = 0.1 + torch.exp(8 * (equirect.directions(64) @ (towards / towards.norm()) - 1))[..., None].expand(
+        -1, -1, 3
+    )
     picture = ThreeSpheres(VIEW, UP).picture(light, 64)
     assert picture.shape == (64, 192, 3)
     for ball in picture.split(64, 1):
@@ -98,7 +108,9 @@ def test_errors_by_hand():
     even = torch.tensor([0.5, 0.5], dtype=torch.float64)
     true = torch.tensor([[1.0, 0, 0], [0, 2.0, 0]], dtype=torch.float64)
     assert si_rmse(3 * true, true, even) == pytest.approx(0, abs=1e-9)
-    grey = torch.ones(2, 3, dtype=torch.float64)  # best factor (1 + 2) / 6 = 1/2: errors .75 and 2.75, summed over RGB
+    grey = torch.ones(
+        2, 3, dtype=torch.float64
+    )  # best factor (1 + 2) / 6 = 1/2: errors .75 and 2.75, summed over RGB
     assert si_rmse(grey, true, even) == pytest.approx(math.sqrt((0.75 + 2.75) / 2))
     assert angular_error(grey, true, even) == pytest.approx(math.degrees(math.acos(1 / math.sqrt(3))))
     assert math.isnan(angular_error(torch.zeros_like(true), true, even))  # black has no hue
@@ -132,7 +144,11 @@ def test_stored_numbers(spheres):
 
     def errors(map):
         scores = sphere_scores(spheres.light(map), true)
-        return [round(scores[f"{name}_{error}"], 4) for error in ("si_rmse", "angular", "n_rmse") for name in SPHERES]
+        return [
+            round(scores[f"{name}_{error}"], 4)
+            for error in ("si_rmse", "angular", "n_rmse")
+            for name in SPHERES
+        ]
 
     def coarse(height):
         return reduced(light, height).repeat_interleave(128 // height, 0).repeat_interleave(128 // height, 1)
@@ -165,7 +181,9 @@ def test_weighted_errors_by_hand() -> None:
     assert si_rmse(values, true, weight) == pytest.approx(
         math.sqrt(0.5 * squares[0] + 0.25 * squares[1] + 0.25 * squares[2])
     )
-    assert si_rmse(0 * values, true, weight) == pytest.approx(math.sqrt(0.5 * 0.02 + 0.25 * 0.09 + 0.25 * 0.64))
+    assert si_rmse(0 * values, true, weight) == pytest.approx(
+        math.sqrt(0.5 * 0.02 + 0.25 * 0.09 + 0.25 * 0.64)
+    )
     assert angular_error(values, true, weight) == pytest.approx((0.5 * 45 + 0.25 * 0) / 0.75)
     assert angular_error(true, values, weight) == pytest.approx(30)
     low_to_high = torch.tensor([[1.0, 1, 1], [3, 3, 3], [2, 2, 2]], dtype=torch.float64)  # to 0, 1 and 1/2
@@ -248,7 +266,9 @@ def test_under_an_even_light_all_spheres_are_of_its_colour_and_all_else_is_black
         torch.testing.assert_close(discs[name].values, color.expand_as(discs[name].values), rtol=0.01, atol=0)
         assert float(discs[name].weight.sum()) == pytest.approx(1, abs=1e-4)
         assert len(discs[name].weight) == len(discs[name].values)
-    assert discs["diffuse"].weight.tolist() == pytest.approx([1 / len(spheres.normals)] * len(spheres.normals))
+    assert discs["diffuse"].weight.tolist() == pytest.approx(
+        [1 / len(spheres.normals)] * len(spheres.normals)
+    )
     if rows == 8:
         picture = spheres.picture(light)
         _, inside = protocol._disc_normals(128)

@@ -92,16 +92,22 @@ def test_a_clipped_sun_costs_the_brightest_percent_most(true_light):
     assert scores["light_log_rmse_bright"] > 3 * scores["light_log_rmse"]
     brighter = true_light.scores(guess(3 * clipped))  # one factor for the whole map brings the sun no nearer
     assert brighter["light_log_rmse_bright"] < scores["light_log_rmse_bright"]
-    assert brighter["light_log_rmse_bright_scaled"] == pytest.approx(scores["light_log_rmse_bright_scaled"], rel=0.05)
+    assert brighter["light_log_rmse_bright_scaled"] == pytest.approx(
+        scores["light_log_rmse_bright_scaled"], rel=0.05
+    )
     exact = true_light.scores(guess(true_light.environment.texels))
     assert exact["light_log_rmse_bright"] == pytest.approx(0, abs=1e-6)
 
 
 def test_bins_are_means_by_solid_angle_of_texels_in_the_order_of_confidence() -> None:
-    """Six texels of a sixth of the sphere: by their middles, the third and fourth share the middle bin of five."""
+    """Six texels of a sixth of the sphere: by their middles, the third and fourth share the middle bin of
+    five.
+    """
     true = torch.tensor([[2.0, 1.0, 0.5]]).expand(6, 3).reshape(6, 1, 1, 3).contiguous()
     floor = 0.01 * 3.5 / 3
-    errors = torch.tensor([[0.6, -0.2, 0.1], [-1.0, 0.4, 0.3], [0.2, 0.2, 0.5], [0, 0, -0.3], [0.8, 0, 0], [0.1, 0, 0]])
+    errors = torch.tensor(
+        [[0.6, -0.2, 0.1], [-1.0, 0.4, 0.3], [0.2, 0.2, 0.5], [0, 0, -0.3], [0.8, 0, 0], [0.1, 0, 0]]
+    )
     light = (true.reshape(6, 3) + floor) * torch.exp(errors) - floor
     confidence = torch.tensor([0.5, 0.1, 0.9, 0.3, 0.2, 0.4])
     bins = ConfidenceBins()
@@ -111,7 +117,9 @@ def test_bins_are_means_by_solid_angle_of_texels_in_the_order_of_confidence() ->
     for found, texels in zip(bins.result(), members, strict=True):
         assert found["confidence"] == pytest.approx(float(confidence[texels].mean()))
         assert found["log_rmse"] == pytest.approx(float(errors[texels].square().mean().sqrt()), rel=1e-4)
-        assert found["log_rmse_scaled"] == pytest.approx(float(scaled[texels].square().mean().sqrt()), rel=1e-4)
+        assert found["log_rmse_scaled"] == pytest.approx(
+            float(scaled[texels].square().mean().sqrt()), rel=1e-4
+        )
 
 
 def test_bins_gather_photos_and_weigh_texels_by_solid_angle() -> None:
@@ -143,7 +151,9 @@ def test_an_error_that_stays_or_rises_somewhere_does_not_fall() -> None:
 
 
 def test_spheres_are_seen_from_the_camera_and_stand_upright_in_the_photo(tmp_path: Path) -> None:
-    """The middle of the object is not the origin; maps are read with their first three channels and made smaller."""
+    """The middle of the object is not the origin; maps are read with their first three channels and made
+    smaller.
+    """
     image = np.random.default_rng(5).random((200, 400, 4)).astype(np.float32) + 0.1
     write_exr(tmp_path / "sky.exr", image)
     center = np.array([1.0, -2.0, 0.5])
@@ -163,7 +173,9 @@ def test_spheres_are_seen_from_the_camera_and_stand_upright_in_the_photo(tmp_pat
 
 
 def test_errors_of_a_light_are_of_the_texels_that_their_names_say(true_light: TrueLight) -> None:
-    """One face of six is too bright by e^.9 in red and by e^.3 in blue, and confidence is 1/2 there, 1/4 elsewhere."""
+    """One face of six is too bright by e^.9 in red and by e^.3 in blue, and confidence is 1/2 there, 1/4
+    elsewhere.
+    """
     true = true_light.environment.texels
     floor = 0.01 * float((cubemap.solid_angles(16)[..., None] * true).sum() / (12 * math.pi))
     errors = torch.zeros(6, 16, 16, 3)

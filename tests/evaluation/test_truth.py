@@ -43,7 +43,9 @@ def seen(files: Truth, *, color: np.ndarray | None = None, **material: np.ndarra
     """Return a view of four covered pixels, of which one lies outside the mask."""
     mask = torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)
     mask.view(-1)[list(MASKED)] = True
-    tensors = {name: torch.tensor(np.asarray(values), dtype=torch.float32) for name, values in material.items()}
+    tensors = {
+        name: torch.tensor(np.asarray(values), dtype=torch.float32) for name, values in material.items()
+    }
     if color is not None:
         tensors["base_color"] = torch.tensor(color, dtype=torch.float32)
     gbuffer = SimpleNamespace(pixel=torch.tensor(COVERED), height=HEIGHT, width=WIDTH, **tensors)
@@ -78,8 +80,11 @@ def test_base_colours_are_compared_as_displayed_where_photo_and_asset_meet(tmp_p
     assert scores["base_color_ratio"] == pytest.approx(math.prod(ratios) ** (1 / 3), rel=1e-3)
     assert scores["base_color_ratio_worst"] == pytest.approx(0.5, rel=1e-3)  # blue: .45 to .9
     assert scores.keys() == {
-        "base_color_psnr", "base_color_psnr_scaled", "base_color_ratio", "base_color_ratio_worst",
-    }  # fmt: skip
+        "base_color_psnr",
+        "base_color_psnr_scaled",
+        "base_color_ratio",
+        "base_color_ratio_worst",
+    }
 
 
 def test_a_tint_of_the_base_colour_is_all_that_the_scaled_score_leaves_out(tmp_path: Path) -> None:
@@ -111,15 +116,23 @@ def test_roughness_is_green_and_metalness_blue_as_they_stand(tmp_path: Path) -> 
     orm = np.array([[0.9, 0.4, 0.75], [0.0, 0.0, 0.0], [0.1, 0.5, 0.125], [0.6, 0.8, 0.5]])
     write_png(tmp_path / "orm.png", as_map(orm), srgb=False, bits=16)
     scores = MaterialScores()
-    scores.add(seen(Truth(orm=tmp_path / "orm.png"), roughness=[0.5, 0.9, 0.2, 0.75], metallic=[1.0, 0.9, 0.0, 0.5]))
+    scores.add(
+        seen(Truth(orm=tmp_path / "orm.png"), roughness=[0.5, 0.9, 0.2, 0.75], metallic=[1.0, 0.9, 0.0, 0.5])
+    )
     assert scores.result() == pytest.approx(
         {"roughness_mae": (0.1 + 0.3 + 0.05) / 3, "metallic_mae": (0.25 + 0.125) / 3}, abs=1e-4
     )
-    scores.add(seen(Truth(orm=tmp_path / "orm.png"), roughness=[0.4, 0.9, 0.5, 0.8], metallic=[0.75, 0.9, 0.125, 0.5]))
+    scores.add(
+        seen(
+            Truth(orm=tmp_path / "orm.png"), roughness=[0.4, 0.9, 0.5, 0.8], metallic=[0.75, 0.9, 0.125, 0.5]
+        )
+    )
     assert scores.result() == pytest.approx({"roughness_mae": 0.45 / 6, "metallic_mae": 0.375 / 6}, abs=1e-4)
 
 
-@pytest.mark.parametrize(("length", "degrees"), [(0.51, (90 + 45 + 180) / 3), (0.5, (90 + 180) / 2), (0.1, 135.0)])
+@pytest.mark.parametrize(
+    ("length", "degrees"), [(0.51, (90 + 45 + 180) / 3), (0.5, (90 + 180) / 2), (0.1, 135.0)]
+)
 def test_normals_are_compared_where_the_truth_has_one(tmp_path: Path, length: float, degrees: float) -> None:
     """One of length .5 or less is mixed of a surface and what is beside it."""
     diagonal = length * np.sqrt([0.0, 0.5, 0.5]) if length != 0.5 else np.array([0.0, 0.3, 0.4])
@@ -174,11 +187,15 @@ def test_a_mesh_that_is_none_costs_no_other_score(tmp_path: Path, faces: str) ->
 
 
 @pytest.mark.slow
-def test_the_distance_of_surfaces_is_in_radii_of_the_true_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_distance_of_surfaces_is_in_radii_of_the_true_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(chamfer, "_VIEWS", 12)
     vertices, faces = sphere(2)
     asset = known_decomposition().asset
-    mesh = dataclasses.replace(asset.mesh, vertices=torch.from_numpy(0.8 * vertices), faces=torch.from_numpy(faces))
+    mesh = dataclasses.replace(
+        asset.mesh, vertices=torch.from_numpy(0.8 * vertices), faces=torch.from_numpy(faces)
+    )
     similarity = Similarity(np.array([1.0, -2.0, 3.0]), 4.0)
     mine = Decomposition(dataclasses.replace(asset, mesh=mesh), {}, similarity)
     lines = ["v {} {} {}".format(*(4 * v + similarity.center)) for v in vertices]
@@ -228,7 +245,10 @@ def even(*color: float) -> np.ndarray:
 
 
 def test_a_render_without_coverage_or_of_another_size_is_one_sentence(relit: Relit) -> None:
-    for true, told in ((even(0.2, 0.4, 0.1), "fourth channel"), (even(0.2, 0.4, 0.1, 1)[:6], "has 12 x 6 pixels")):
+    for true, told in (
+        (even(0.2, 0.4, 0.1), "fourth channel"),
+        (even(0.2, 0.4, 0.1, 1)[:6], "has 12 x 6 pixels"),
+    ):
         with pytest.raises(InputError, match=told):
             relit([even(0.2, 0.4, 0.1)], [true])
 
@@ -256,7 +276,9 @@ def test_relit_pictures_are_scored_photo_by_photo_and_scaled_by_one_factor_for_a
     assert relit([], []) == {}
 
 
-def test_only_pixels_that_are_mostly_the_object_are_relit_and_one_highlight_sways_no_factor(relit: Relit) -> None:
+def test_only_pixels_that_are_mostly_the_object_are_relit_and_one_highlight_sways_no_factor(
+    relit: Relit,
+) -> None:
     """Above half coverage. All but the highlight, which stays white, are best at twice their brightness."""
     image, true = even(0.1, 0.1, 0.1), even(0.2, 0.2, 0.2, 0.6)
     image[:2], true[:2] = 4.0, (0.3, 0.3, 0.3, 0.51)
@@ -264,7 +286,9 @@ def test_only_pixels_that_are_mostly_the_object_are_relit_and_one_highlight_sway
     inside = true[..., 3] > 0.5
     scores = relit([image], [true])
     assert scores["relight_psnr"] == pytest.approx(decibels(image[inside], true[..., :3][inside]), abs=1e-2)
-    assert scores["relight_psnr_scaled"] == pytest.approx(decibels(2 * image[inside], true[..., :3][inside]), abs=1e-2)
+    assert scores["relight_psnr_scaled"] == pytest.approx(
+        decibels(2 * image[inside], true[..., :3][inside]), abs=1e-2
+    )
 
 
 def test_the_factor_is_that_of_the_light_above_white_too(relit: Relit) -> None:

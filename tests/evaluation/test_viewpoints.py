@@ -41,7 +41,9 @@ def test_turntable_stands_upright_at_the_photos_distance():
 
 def test_a_camera_s_axes_are_right_up_and_away_from_the_target() -> None:
     pose = look_at(np.array([1.0, -1.0, 3.0]), np.array([1.0, 4.0, 3.0]), UP)
-    assert pose == pytest.approx(np.array([[1, 0, 0, 1], [0, 0, -1, -1], [0, 1, 0, 3], [0, 0, 0, 1]]), abs=1e-12)
+    assert pose == pytest.approx(
+        np.array([[1, 0, 0, 1], [0, 0, -1, -1], [0, 1, 0, 3], [0, 0, 0, 1]]), abs=1e-12
+    )
     high = look_at(np.array([0.0, -4.0, 3.0]), np.zeros(3), 2 * UP)  # looks down, and its top leans forward
     assert high[:3, 1] == pytest.approx([0, 0.6, 0.8])
     assert high[:3, 2] == pytest.approx([0, -0.8, 0.6])
@@ -49,7 +51,9 @@ def test_a_camera_s_axes_are_right_up_and_away_from_the_target() -> None:
 
 @pytest.mark.parametrize(("distance", "side"), [(None, 64), (2.0, 30)])
 def test_surrounding_cameras_stand_on_a_fibonacci_sphere(distance: float | None, side: int) -> None:
-    """Each a turn of the golden ratio after the one before, on bands of equal area; the ball fills 98 % of the side."""
+    """Each a turn of the golden ratio after the one before, on bands of equal area; the ball fills 98 % of
+    the side.
+    """
     count, radius = 7, 3.0
     apart = {} if distance is None else {"distance": distance}
     cameras, away = surrounding(count, side, radius, **apart), distance or 4.0
@@ -82,7 +86,11 @@ LEAN = 3**0.5 / 2  # cos 30 degrees
 @pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
 def test_a_turntable_has_the_photos_median_distance_height_and_framing(axes: tuple[int, ...]) -> None:
     """It starts at the first photo's side and turns anticlockwise seen from above, whatever axis is upwards."""
-    offsets = [(3.0, 0.0, 4.0), (0.0, 8.0, 6.0), (-2.0, 0.0, 0.0)]  # distances 5, 10, 2, heights .8, .6, 0 of them
+    offsets = [
+        (3.0, 0.0, 4.0),
+        (0.0, 8.0, 6.0),
+        (-2.0, 0.0, 0.0),
+    ]  # distances 5, 10, 2, heights .8, .6, 0 of them
     ups = [(0.5, 0.0, LEAN), (-0.5, 0.0, LEAN), (0.0, 0.0, 1.0)]
     intrinsics = [(80.0, (100, 60)), (30.0, (40, 60)), (90.0, (90, 90))]  # .8, .5 and 1 of the longer side
     order = np.argsort(axes)

@@ -78,7 +78,9 @@ def test_a_view_holds_the_photo_on_white_and_what_the_asset_shows_there(
     rendered, cover = relight(decomposition, Environment(light), photo.camera)
     assert float(cover[8, 12]) == 1  # the asset is in the middle
     assert image[8, 12].tolist() == pytest.approx([srgb(float(value)) for value in rendered[8, 12]], abs=1e-4)
-    assert brighter[8, 12].tolist() == pytest.approx([srgb(min(3 * float(v), 1)) for v in rendered[8, 12]], abs=1e-4)
+    assert brighter[8, 12].tolist() == pytest.approx(
+        [srgb(min(3 * float(v), 1)) for v in rendered[8, 12]], abs=1e-4
+    )
     assert image[0, 0].tolist() == pytest.approx([1, 1, 1])
     size = {2**20: (16, 24), 30: (4, 7), 1: (1, 1)}[at_once]
     assert (view.gbuffer.height, view.gbuffer.width) == size
@@ -138,8 +140,12 @@ def test_a_photo_that_memory_has_no_room_for_is_refused_before_it_is_read(
     assert asked == [(FILE, (24, 16))]
 
 
-@pytest.mark.parametrize(("width", "reduced"), [(1024, (1024, 1024)), (2048, (1448, 724)), (1030, (1027, 1021))])
-def test_a_photo_s_material_is_looked_at_in_a_million_pixels_at_most(width: int, reduced: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("width", "reduced"), [(1024, (1024, 1024)), (2048, (1448, 724)), (1030, (1027, 1021))]
+)
+def test_a_photo_s_material_is_looked_at_in_a_million_pixels_at_most(
+    width: int, reduced: tuple[int, int]
+) -> None:
     """2^20, to be exact."""
     camera = Camera(np.eye(4), 900.0, 900.0, 500.0, 500.0, width, 1024)
     found = views._material_camera(Photo("a", camera, FILE), camera)

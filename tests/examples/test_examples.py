@@ -90,7 +90,10 @@ def test_06_scores_its_own_method_beside_the_others(scene, trained):
 def test_07_s_cells_run_in_order_and_show_pictures(scene, trained, tmp_path, monkeypatch):
     notebook = json.loads((EXAMPLES / "07_notebook.ipynb").read_text())
     demo = tmp_path / "src" / "lightprobe" / "assets" / "demo" / "test"
-    for link, target in ((tmp_path / "runs" / "demo", trained), (demo / "r_000.png", scene / "test" / "test_00.png")):
+    for link, target in (
+        (tmp_path / "runs" / "demo", trained),
+        (demo / "r_000.png", scene / "test" / "test_00.png"),
+    ):
         link.parent.mkdir(parents=True)
         link.symlink_to(target)
     monkeypatch.chdir(tmp_path)

@@ -1,8 +1,9 @@
-"""Run by a Python that has bpy: import what a test wrote through the add-on's operator, and tell what is in Blender.
+"""Run by a Python that has bpy: import what a test wrote through the add-on's operator, and tell what is in
+Blender.
 
 One JSON argument: {"addon", "folder", "files", "then": [files of another import, ...], "views": {name: camera
-position}, "side", "with_light": whether the folder's light comes with a mesh}. Files named "new scene" begin another
-scene in the same file. The answer is the last line.
+position}, "side", "with_light": whether the folder's light comes with a mesh}. Files named "new scene" begin
+another scene in the same file. The answer is the last line.
 """
 
 import importlib.util
@@ -71,14 +72,22 @@ def main(given):
     meshes = [item for item in bpy.data.objects if item.type == "MESH"]
     corners = [item.matrix_world @ vertex.co for item in meshes for vertex in item.data.vertices]
     world = bpy.context.scene.world
-    images = [] if world is None else [n.image.filepath for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT"]
+    images = (
+        []
+        if world is None
+        else [n.image.filepath for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT"]
+    )
     shaders = [n for m in bpy.data.materials for n in m.node_tree.nodes if n.type == "BSDF_PRINCIPLED"]
     lamps = [lamp(item) for item in bpy.data.objects if item.type == "LIGHT"]
     views = given.get("views", {})
     answer = {
-        "result": result, "map": images, "lamps_by_scene": [
+        "result": result,
+        "map": images,
+        "lamps_by_scene": [
             sum(item.type == "LIGHT" for item in scene.collection.all_objects) for scene in bpy.data.scenes
-        ], "lamps": lamps, "distributions": [node.distribution for node in shaders],
+        ],
+        "lamps": lamps,
+        "distributions": [node.distribution for node in shaders],
         "low": [min(c[i] for c in corners) for i in range(3)] if corners else None,
         "high": [max(c[i] for c in corners) for i in range(3)] if corners else None,
         "view_transform": bpy.context.scene.view_settings.view_transform,
@@ -86,7 +95,7 @@ def main(given):
             name: middle_pixel(position, given["target"], given["folder"], given["side"])
             for name, position in views.items()
         },
-    }  # fmt: skip
+    }
     addon.unregister()
     print(json.dumps(answer))
 

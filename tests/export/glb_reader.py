@@ -1,4 +1,6 @@
-"""A small reader of GLB files for tests, written from the glTF 2.0 specification and independent of the writer."""
+"""A small reader of GLB files for tests, written from the glTF 2.0 specification and independent of the
+writer.
+"""
 
 import io
 import json

@@ -1,4 +1,6 @@
-"""The add-on in Blender itself: mesh, world and lamps lie where the user's photos have them, as bright as they are."""
+"""The add-on in Blender itself: mesh, world and lamps lie where the user's photos have them, as bright as
+they are.
+"""
 
 import importlib.util
 import json
@@ -38,13 +40,17 @@ def blender_python() -> str | None:
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(blender_python() is None, reason="needs bpy; name a Python that has it in LIGHTPROBE_BPY"),
+    pytest.mark.skipif(
+        blender_python() is None, reason="needs bpy; name a Python that has it in LIGHTPROBE_BPY"
+    ),
 ]
 
 
 def in_blender(folder: Path, *files: str, **given) -> dict:
     """Import files through the add-on and return what is in Blender then."""
-    with resources.as_file(resources.files("lightprobe") / "assets" / "blender" / "lightprobe_import.py") as addon:
+    with resources.as_file(
+        resources.files("lightprobe") / "assets" / "blender" / "lightprobe_import.py"
+    ) as addon:
         given |= {"addon": str(addon), "folder": str(folder), "files": files}
         command = [blender_python(), str(SCRIPT), json.dumps(given)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300)
@@ -66,7 +72,9 @@ def exported(tmp_path_factory):
 
 def seen_from(direction: tuple[float, ...]) -> list[float]:
     """Return where a camera stands that the ball fills more than the middle of the picture of."""
-    return (SIMILARITY.center + 4 * SIMILARITY.scale * np.array(direction) / np.linalg.norm(direction)).tolist()
+    return (
+        SIMILARITY.center + 4 * SIMILARITY.scale * np.array(direction) / np.linalg.norm(direction)
+    ).tolist()
 
 
 def received(light: torch.Tensor, normal: tuple[float, ...]) -> np.ndarray:
@@ -78,19 +86,29 @@ def received(light: torch.Tensor, normal: tuple[float, ...]) -> np.ndarray:
 
 
 def assert_lambert(pixel: list[float], irradiance: np.ndarray) -> None:
-    """Check the radiance of a white matte surface; its varnish of F0 = .04 keeps some light from what lies below."""
+    """Check the radiance of a white matte surface; its varnish of F0 = .04 keeps some light from what lies
+    below.
+    """
     share = math.pi * np.array(pixel) / irradiance
     assert share.min() > 0.8, share
     assert share.max() < 1.05, share
 
 
 def light_file(path: Path, sun: str, **changed) -> None:
-    source = {"direction": [0, 0, 2], "angular_radius_deg": 0.5, "irradiance_rgb": [2.0, 1.0, 0.5], "uncertainty": 0.1}
+    source = {
+        "direction": [0, 0, 2],
+        "angular_radius_deg": 0.5,
+        "irradiance_rgb": [2.0, 1.0, 0.5],
+        "uncertainty": 0.1,
+    }
     path.write_text(json.dumps({**TOLD, "map": {"sun": sun}, "sources": [{**source, **changed}]}))
 
 
 def test_mesh_and_world_are_in_the_user_s_frame(exported):
-    center, normals = SIMILARITY.center, {"side": (2.0, -1.0, 0.5), "top": (0.3, 0.2, 1.0)}  # tell all mirrors apart
+    center, normals = (
+        SIMILARITY.center,
+        {"side": (2.0, -1.0, 0.5), "top": (0.3, 0.2, 1.0)},
+    )  # tell all mirrors apart
     views = {name: seen_from(normal) for name, normal in normals.items()}
     found = in_blender(exported, "mesh.glb", views=views, target=center.tolist(), side=9)
     assert found["result"] == ["FINISHED"]
@@ -108,7 +126,12 @@ def test_lamps_shine_from_where_the_file_says_as_bright_as_it_says(exported):
     light_file(exported / "dark.light.json", "separate")
     center = SIMILARITY.center
     found = in_blender(
-        exported, "mesh.glb", "dark.exr", views={"above": seen_from((0, 0, 1))}, target=center.tolist(), side=9
+        exported,
+        "mesh.glb",
+        "dark.exr",
+        views={"above": seen_from((0, 0, 1))},
+        target=center.tolist(),
+        side=9,
     )
     lamp = found["lamps"][0]
     assert lamp["towards"] == pytest.approx([0, 0, 1], abs=1e-5)
@@ -124,7 +147,9 @@ def test_lamps_that_the_glb_has_too_shine_once(tmp_path):
     )
     decomposition = Decomposition(asset, {}, SIMILARITY)
     export(decomposition, tmp_path, {}, light=SceneLight(np.ones((64, 128, 3), np.float32), (lamp,)))
-    (found,), (alone,) = (in_blender(tmp_path, "scene.glb", with_light=given)["lamps"] for given in (True, False))
+    (found,), (alone,) = (
+        in_blender(tmp_path, "scene.glb", with_light=given)["lamps"] for given in (True, False)
+    )
     assert found["angle"] == pytest.approx(math.radians(6), abs=1e-5)
     for one_lamp in (found, alone):  # that of the file beside the map, and the GLB's own
         assert one_lamp["towards"] == pytest.approx(lamp.direction, abs=1e-5)
@@ -132,7 +157,10 @@ def test_lamps_that_the_glb_has_too_shine_once(tmp_path):
 
 
 def test_what_is_in_the_map_is_not_lit_twice_and_a_bad_file_says_so(exported):
-    for name, sun, changed in (("inside", "inside", {}), ("bad", "separate", {"irradiance_rgb": ["much", 1, 1]})):
+    for name, sun, changed in (
+        ("inside", "inside", {}),
+        ("bad", "separate", {"irradiance_rgb": ["much", 1, 1]}),
+    ):
         Environment(torch.ones(6, 8, 8, 3)).save(exported / f"{name}.exr")
         light_file(exported / f"{name}.light.json", sun, **changed)
     assert in_blender(exported, "inside.exr")["lamps"] == []
@@ -160,7 +188,12 @@ def test_another_scene_of_the_file_keeps_its_lamps(exported):
 
 def test_a_light_file_of_the_other_format_s_map_brings_no_lamps(exported):
     Environment(torch.ones(6, 8, 8, 3)).save(exported / "two.exr")
-    source = {"direction": [0, 0, 2], "angular_radius_deg": 0.5, "irradiance_rgb": [2.0, 1.0, 0.5], "uncertainty": 0.1}
+    source = {
+        "direction": [0, 0, 2],
+        "angular_radius_deg": 0.5,
+        "irradiance_rgb": [2.0, 1.0, 0.5],
+        "uncertainty": 0.1,
+    }
     told = {**TOLD, "map": {"file": "two.hdr", "copies": [], "sun": "separate"}, "sources": [source]}
     (exported / "two.light.json").write_text(json.dumps(told))
     assert in_blender(exported, "two.exr")["lamps"] == []

@@ -13,7 +13,9 @@ def turned(quaternion, vector) -> np.ndarray:
     return vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
 
 
-@pytest.mark.parametrize("direction", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1), (0, -1, 0), (0.48, 0.6, 0.64)])
+@pytest.mark.parametrize(
+    "direction", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1), (0, -1, 0), (0.48, 0.6, 0.64)]
+)
 def test_the_node_s_z_axis_points_to_the_source_in_the_y_up_frame(direction):
     light = DirectionalLight.of(LightSource(direction, 0.1, (3.0, 2.0, 1.0)))
     x, y, z = direction

@@ -107,7 +107,9 @@ def test_usd_s_validators_find_what_is_wrong():
     usd, validation = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdValidation")
     registry = validation.ValidationRegistry()
     names = [one.name for one in registry.GetAllValidatorMetadata() if not one.isSuite]
-    found = validation.ValidationContext(registry.GetOrLoadValidatorsByName(names)).Validate(usd.Stage.CreateInMemory())
+    found = validation.ValidationContext(registry.GetOrLoadValidatorsByName(names)).Validate(
+        usd.Stage.CreateInMemory()
+    )
     assert found
 
 
@@ -148,9 +150,14 @@ def test_the_dome_shows_the_map_where_the_file_has_it(folder):
     matrix = dome.ComputeLocalToWorldTransform(Usd.TimeCode.Default())
     height, width = image.shape[:2]
     for row, column in ((20, 5), (40, 70), (5, 100), (60, 33)):
-        latitude, longitude = math.pi * (0.5 - (row + 0.5) / height), math.pi * (1 - 2 * (column + 0.5) / width)
+        latitude, longitude = (
+            math.pi * (0.5 - (row + 0.5) / height),
+            math.pi * (1 - 2 * (column + 0.5) / width),
+        )
         local = Gf.Vec3d(
-            math.sin(longitude) * math.cos(latitude), math.sin(latitude), math.cos(longitude) * math.cos(latitude)
+            math.sin(longitude) * math.cos(latitude),
+            math.sin(latitude),
+            math.cos(longitude) * math.cos(latitude),
         )
         x, y, z = matrix.TransformDir(local)
         assert image[row, column] == pytest.approx(1 + 0.5 * np.array([x, -z, y]), abs=0.02)  # user's axes
@@ -162,7 +169,9 @@ def test_without_usd_s_library_a_sentence_names_the_extra(tmp_path, monkeypatch)
     monkeypatch.setitem(sys.modules, "pxr", None)
     monkeypatch.setitem(sys.modules, "pxr.Usd", None)
     with pytest.raises(ConfigError, match=r"lightprobe\[usd\]"):
-        export(Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True)
+        export(
+            Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -177,4 +186,6 @@ def test_a_package_that_usd_s_library_could_not_write_is_told(tmp_path, monkeypa
 
     monkeypatch.setattr(utils, "CreateNewUsdzPackage", package)
     with pytest.raises(ResourceError, match=r"could not write .*scene\.usdz; is there room on the disk"):
-        export(Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True)
+        export(
+            Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True
+        )

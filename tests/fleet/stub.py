@@ -4,7 +4,9 @@ from lightprobe.fleet.executor import Outcome
 
 
 class Stub:
-    """Runs tasks in this process; `lose` says of which tasks the process would die, `stop` after how many to end."""
+    """Runs tasks in this process; `lose` says of which tasks the process would die, `stop` after how many to
+    end.
+    """
 
     def __init__(self, function=None, lose=lambda task: False, stop=None):
         self.function, self.lose, self.stop = function, lose, stop

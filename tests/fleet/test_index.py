@@ -9,7 +9,9 @@ from lightprobe.fleet.storage import Place
 
 
 def row(number: int, state: State = State.DONE) -> PhotoRow:
-    return PhotoRow(number, "run", "photo", state.value, None if state is State.DONE else "No light.", explained=0.5)
+    return PhotoRow(
+        number, "run", "photo", state.value, None if state is State.DONE else "No light.", explained=0.5
+    )
 
 
 def test_parts_are_one_table_and_are_gone_on_with(tmp_path):

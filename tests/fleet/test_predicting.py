@@ -71,7 +71,11 @@ def test_failures_are_tried_again_when_that_is_asked_for(tmp_path):
 def test_progress_counts_photos(tmp_path):
     said = []
     predict_fleet(
-        jobs_of(tmp_path, 4), tmp_path / "out", Stub(done), chunk=2, on_progress=lambda *words: said.append(words)
+        jobs_of(tmp_path, 4),
+        tmp_path / "out",
+        Stub(done),
+        chunk=2,
+        on_progress=lambda *words: said.append(words),
     )
     assert said == [("photos", 0, 4), ("photos", 2, 4, ""), ("photos", 4, 4, "")]
 
@@ -126,7 +130,15 @@ def photos(run, tmp_path):
     return tmp_path / "jobs.parquet", (tmp_path / "alone.exr").read_bytes()
 
 
-REASONS = [None, None, "gone.png does not exist", "is not a run folder", "no method 'guess'", "has no run", None]
+REASONS = [
+    None,
+    None,
+    "gone.png does not exist",
+    "is not a run folder",
+    "no method 'guess'",
+    "has no run",
+    None,
+]
 
 
 def check(rows, read, alone):
@@ -165,8 +177,11 @@ def test_object_stores_serve_as_folders_do(run, photos, tmp_path):
     store.child("photos", "test_00.png").write((scene / "test" / "test_00.png").read_bytes())
     store.child("photos", "transforms_test.json").write((scene / "transforms_test.json").read_bytes())
     table = pq.read_table(jobs).to_pydict()
-    there = {str(run.path): "run", str(scene / "test" / "test_00.png"): "photos/test_00.png",
-             str(scene / "transforms_test.json"): "photos/transforms_test.json"}  # fmt: skip
+    there = {
+        str(run.path): "run",
+        str(scene / "test" / "test_00.png"): "photos/test_00.png",
+        str(scene / "transforms_test.json"): "photos/transforms_test.json",
+    }
     moved = {name: [there.get(value, value) for value in values] for name, values in table.items()}
     pq.write_table(pa.table(moved), tmp_path / "moved.parquet")
     store.child("jobs.parquet").write((tmp_path / "moved.parquet").read_bytes())

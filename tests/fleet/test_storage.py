@@ -65,7 +65,15 @@ def test_names_in_a_store_lead_nowhere_else(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "a\0b", "x" * 5000, "http://host/photo.png", "zip://a.png::s3://b/c.zip", "s3://", "s3://bucket/../other"],
+    [
+        "",
+        "a\0b",
+        "x" * 5000,
+        "http://host/photo.png",
+        "zip://a.png::s3://b/c.zip",
+        "s3://",
+        "s3://bucket/../other",
+    ],
 )
 def test_what_is_no_place_is_refused(text):
     with pytest.raises(InputError):

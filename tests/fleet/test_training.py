@@ -40,13 +40,21 @@ def test_every_folder_is_a_scene_and_has_a_row(scenes, tmp_path):
     assert "died in 4 tries" in found.failures["vase"]
     assert [str(task.run) for task in executor.tasks] == [f"{tmp_path}/runs/{name}" for name in found.rows]
     assert {task.threads for task in executor.tasks} == {2}
-    assert pq.read_table(tmp_path / "runs" / "index.parquet")["state"].to_pylist() == ["done", "done", "failed"]
+    assert pq.read_table(tmp_path / "runs" / "index.parquet")["state"].to_pylist() == [
+        "done",
+        "done",
+        "failed",
+    ]
 
 
 def test_finished_scenes_are_left_alone_and_failed_ones_tried_again(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished, lose=lambda task: task.scene.name == "vase"), OPTIONS)
+    train_fleet(
+        scenes, tmp_path / "runs", Stub(finished, lose=lambda task: task.scene.name == "vase"), OPTIONS
+    )
     second, said = Stub(finished), []
-    found = train_fleet(scenes, tmp_path / "runs", second, OPTIONS, on_progress=lambda *words: said.append(words[:3]))
+    found = train_fleet(
+        scenes, tmp_path / "runs", second, OPTIONS, on_progress=lambda *words: said.append(words[:3])
+    )
     assert [task.scene.name for task in second.tasks] == ["vase"]
     assert said == [("scenes", 2, 3), ("scenes", 3, 3)]
     assert found.failures == {}

@@ -3,8 +3,9 @@
     python -m tests.fuzz --minutes 60 --seed 0 [--page benchmarks/FUZZ.md] [--only GLB PNG]
     python -m tests.fuzz --again
 
-Readers take turns, a few dozen files each. A file must give a result or one sentence of ours within 10 s and 2 GiB.
-Anything else is a finding: its file is left in build/fuzz/findings with as few edits as show it, and the run ends with
+Readers take turns, a few dozen files each. A file must give a result or one sentence of ours within 10 s and
+2 GiB. Anything else is a finding: its file is left in build/fuzz/findings with as few edits as show it, and
+the run ends with
 1. Needs Linux, and a checkout: the valid files are made by the modules of the tests.
 """
 
@@ -79,7 +80,9 @@ class Attack:
             for index, edits in enumerate(self._edits(target, batch, seed)):
                 if time.monotonic() > until:
                     return
-                self._try(target, target.files[(number + index) % len(target.files)], edits, mend=index % 2 == 1)
+                self._try(
+                    target, target.files[(number + index) % len(target.files)], edits, mend=index % 2 == 1
+                )
 
     def again(self) -> list[str]:
         """Read all findings that are kept once more, and return what is still wrong."""
@@ -153,7 +156,11 @@ def page(attack: Attack, minutes: float, commit: str) -> str:
     for name, tally in attack.tallies.items():
         counts = f"{tally.files} | {tally.read} | {tally.refused} | {len(tally.findings)}"
         lines.append(f"| {name} | {counts} | {tally.slowest:.1f} | {tally.memory / 2**30:.2f} |")
-    kinds = [f"- {finding} ({count} files)" for t in attack.tallies.values() for finding, count in t.findings.items()]
+    kinds = [
+        f"- {finding} ({count} files)"
+        for t in attack.tallies.values()
+        for finding, count in t.findings.items()
+    ]
     return "\n".join([*lines, "", *(["Findings:", "", *kinds, ""] if kinds else [])])
 
 
@@ -164,16 +171,22 @@ def _commit() -> str:
 
 def main(words: Sequence[str] | None = None, say: Callable[[str], None] = print) -> int:
     """Read the command line, attack, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "fuzz")
     parser.add_argument("--page", type=Path, help="where the record is written as Markdown")
     parser.add_argument("--again", action="store_true", help="only read the findings that are kept once more")
-    parser.add_argument("--only", nargs="+", metavar="READER", help=f"some of: {', '.join(t.name for t in TARGETS)}")
+    parser.add_argument(
+        "--only", nargs="+", metavar="READER", help=f"some of: {', '.join(t.name for t in TARGETS)}"
+    )
     given = parser.parse_args(words)
     commit = _commit()
-    attack = Attack(given.folder, given.seed, [t for t in TARGETS if given.only is None or t.name in given.only])
+    attack = Attack(
+        given.folder, given.seed, [t for t in TARGETS if given.only is None or t.name in given.only]
+    )
     try:
         if given.again:
             say("\n".join(wrong := attack.again()) or "Nothing that was found is wrong any more.")

@@ -57,7 +57,8 @@ class Watched:
             if message["type"] == "http.response.start":
                 answer.status = message["status"]
                 pairs = (
-                    (name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in message["headers"]
+                    (name.decode("latin-1").lower(), value.decode("latin-1"))
+                    for name, value in message["headers"]
                 )
                 answer.headers = dict(pairs)
             else:
@@ -100,7 +101,8 @@ class _Transport(asyncio.Transport):
 
 
 async def exchange(settings: uvicorn.Config, watched: Watched, data: bytes) -> tuple[list[Answer], bytes]:
-    """Send `data` over a new connection, close it once nothing more can come of it; return the answers and all bytes.
+    """Send `data` over a new connection, close it once nothing more can come of it; return the answers and
+    all bytes.
 
     settings: of a server whose application is `watched`.
     """

@@ -1,7 +1,8 @@
-"""How a valid file is spoilt: bytes replaced, cut or copied, and parts of what it says replaced by odd values.
+"""How a valid file is spoilt: bytes replaced, cut or copied, and parts of what it says replaced by odd
+values.
 
-Every way is a strategy of hypothesis, so that a seed names the spoilt files, and a list of edits, so that a finding is
-made smaller by leaving edits away.
+Every way is a strategy of hypothesis, so that a seed names the spoilt files, and a list of edits, so that a
+finding is made smaller by leaving edits away.
 """
 
 import contextlib
@@ -26,7 +27,22 @@ VALUES = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXTS, inner, max_size=2),
     max_leaves=6,
 )
-_EXTREMES = (0, 1, 2, 127, 128, 255, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**31, 2**40, 2**63 - 1, 2**64 - 1)
+_EXTREMES = (
+    0,
+    1,
+    2,
+    127,
+    128,
+    255,
+    0x7FFF,
+    0xFFFF,
+    0x7FFFFFFF,
+    0xFFFFFFFF,
+    2**31,
+    2**40,
+    2**63 - 1,
+    2**64 - 1,
+)
 _WORDS = (b"\n", b" ", b"-1", b"1e999", b"nan", b"4294967296", b"PK\x03\x04", b"\xff" * 16, bytes(16))
 
 
@@ -62,7 +78,9 @@ class Copy:
 
 @dataclass(frozen=True)
 class Replacement:
-    """A part of a JSON value replaced; `path` leads to it, each step counted around the number of parts there are."""
+    """A part of a JSON value replaced; `path` leads to it, each step counted around the number of parts there
+    are.
+    """
 
     path: tuple[int, ...]
     new: Any
@@ -99,11 +117,15 @@ def replaced(value: Any, path: tuple, new: Any) -> Any:
 def byte_edits() -> st.SearchStrategy:
     """Return lists of one to four edits of bytes; half of them near the beginning, where headers are."""
     place = st.integers(0, 128) | st.integers(0, 2**16)
-    number = st.tuples(st.sampled_from(_EXTREMES), st.sampled_from((1, 2, 4, 8)), st.sampled_from(("little", "big")))
+    number = st.tuples(
+        st.sampled_from(_EXTREMES), st.sampled_from((1, 2, 4, 8)), st.sampled_from(("little", "big"))
+    )
     numbers = number.map(lambda given: (given[0] % 256 ** given[1]).to_bytes(given[1], given[2]))
     new = numbers | numbers | st.binary(min_size=1, max_size=8) | st.sampled_from(_WORDS)
     over = st.tuples(place, new).map(lambda given: Splice(given[0], len(given[1]), given[1]))
-    other = st.builds(Splice, place, st.integers(0, 64), new) | st.builds(Splice, place, st.just(2**31), st.just(b""))
+    other = st.builds(Splice, place, st.integers(0, 64), new) | st.builds(
+        Splice, place, st.just(2**31), st.just(b"")
+    )
     copy = st.builds(Copy, place, st.integers(1, 4096), place, st.booleans())
     edit = over | over | other | copy
     return st.lists(edit, min_size=1, max_size=1) | st.lists(edit, min_size=1, max_size=4)
@@ -120,8 +142,13 @@ def drawn(strategy: st.SearchStrategy, count: int, seed: int) -> list[Any]:
     found: list[Any] = []
 
     @hypothesis.seed(seed)
-    @settings(max_examples=count, database=None, deadline=None, phases=[Phase.generate],
-              suppress_health_check=list(HealthCheck))  # fmt: skip
+    @settings(
+        max_examples=count,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
     @given(strategy)
     def collect(value: Any) -> None:
         found.append(value)
@@ -170,7 +197,9 @@ def _json(value: Any) -> bytes:
 
 def _tokens(data: bytes, value: Any) -> bytes:
     words = value if isinstance(value, list) else [value]
-    return " ".join(word if isinstance(word, str) else str(word) for word in words).encode(errors="surrogatepass")
+    return " ".join(word if isinstance(word, str) else str(word) for word in words).encode(
+        errors="surrogatepass"
+    )
 
 
 def _glb(data: bytes, value: Any) -> bytes:
@@ -193,5 +222,7 @@ GLB = Form(lambda data: json.loads(data[20 : 20 + struct.unpack_from("<I", data,
 SAFETENSORS = Form(lambda data: json.loads(data[8 : 8 + struct.unpack_from("<Q", data)[0]]), _safetensors)
 LINES = Form(
     lambda data: [json.loads(line) for line in data.splitlines()],
-    lambda data, value: b"".join(_json(line) + b"\n" for line in (value if isinstance(value, list) else [value])),
+    lambda data, value: b"".join(
+        _json(line) + b"\n" for line in (value if isinstance(value, list) else [value])
+    ),
 )

@@ -98,7 +98,9 @@ def write_heic(folder: Path) -> None:
     pillow_heif.from_pillow(Image.fromarray(color[..., :3])).save(folder / "8.heic", quality=80, **exif)
     pillow_heif.from_pillow(Image.fromarray(color)).save(folder / "alpha.heic", quality=80)
     deep = np.ascontiguousarray(color[..., :3]).astype(np.uint16) * 257
-    pillow_heif.from_bytes(mode="RGB;16", size=(side, side), data=deep.tobytes()).save(folder / "10.heic", quality=80)
+    pillow_heif.from_bytes(mode="RGB;16", size=(side, side), data=deep.tobytes()).save(
+        folder / "10.heic", quality=80
+    )
     Image.fromarray(color).save(folder / "alpha.avif", quality=80)
 
 
@@ -139,6 +141,12 @@ def _write(folder: Path, pictures: dict[str, bytes]) -> None:
 
 
 WRITERS: dict[str, Callable[[Path], None]] = {
-    "PNG": write_png, "JPEG": write_jpeg, "WebP": write_webp, "TIFF": write_tiff, "HEIC, AVIF": write_heic,
-    "OpenEXR": write_exrs, "Radiance": write_radiances, "camera raw": write_raw,
-}  # fmt: skip
+    "PNG": write_png,
+    "JPEG": write_jpeg,
+    "WebP": write_webp,
+    "TIFF": write_tiff,
+    "HEIC, AVIF": write_heic,
+    "OpenEXR": write_exrs,
+    "Radiance": write_radiances,
+    "camera raw": write_raw,
+}

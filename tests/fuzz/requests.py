@@ -1,4 +1,6 @@
-"""Requests as bytes: valid ones for the service and for the page, and what a request says, so that it can be spoilt."""
+"""Requests as bytes: valid ones for the service and for the page, and what a request says, so that it can be
+spoilt.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -16,14 +18,21 @@ _CAMERA = (
 
 
 def _request(method: str, target: str, headers: dict[str, str] | None = None, **rest: Any) -> dict[str, Any]:
-    return {"method": method, "target": target, "headers": [list(one) for one in (headers or {}).items()], **rest}
+    return {
+        "method": method,
+        "target": target,
+        "headers": [list(one) for one in (headers or {}).items()],
+        **rest,
+    }
 
 
 def _field(name: str, value: str, file: str | None = None) -> dict[str, Any]:
     return {"name": name, "file": file, "value": value}
 
 
-def _predict(*fields: dict[str, Any], name: str = "cup", photo: str = "good.png", **headers: str) -> dict[str, Any]:
+def _predict(
+    *fields: dict[str, Any], name: str = "cup", photo: str = "good.png", **headers: str
+) -> dict[str, Any]:
     named = {"host": "127.0.0.1", **{key.replace("_", "-"): value for key, value in headers.items()}}
     return _request(
         "POST",
@@ -34,26 +43,49 @@ def _predict(*fields: dict[str, Any], name: str = "cup", photo: str = "good.png"
 
 
 def service_requests() -> dict[str, bytes]:
-    """Return valid requests for the service, by what their files are called; "token-" asks one that has a token."""
+    """Return valid requests for the service, by what their files are called; "token-" asks one that has a
+    token.
+    """
     all_fields = (
-        _field("camera", _CAMERA), _field("mask", _PNG, "mask.png"), _field("method", "solve"),
-        _field("size", "512x256"), _field("sun", "separate"), _field("sources", "true"), _field("background", "false"),
-        _field("formats", "exr,hdr"), _field("formats", "confidence"), _field("deadline", "9.5"),
-    )  # fmt: skip
-    told = {"accept": "application/json;q=0.5, application/zip;q=0.9", "x_request_id": "mine-1", "range": "bytes=0-9"}
+        _field("camera", _CAMERA),
+        _field("mask", _PNG, "mask.png"),
+        _field("method", "solve"),
+        _field("size", "512x256"),
+        _field("sun", "separate"),
+        _field("sources", "true"),
+        _field("background", "false"),
+        _field("formats", "exr,hdr"),
+        _field("formats", "confidence"),
+        _field("deadline", "9.5"),
+    )
+    told = {
+        "accept": "application/json;q=0.5, application/zip;q=0.9",
+        "x_request_id": "mine-1",
+        "range": "bytes=0-9",
+    }
     requests = {
         "all.http": _predict(*all_fields),
-        "camera-file.http": _predict(_field("camera", _CAMERA, "camera.json"), accept="image/x-exr", range="bytes=0-9"),
+        "camera-file.http": _predict(
+            _field("camera", _CAMERA, "camera.json"), accept="image/x-exr", range="bytes=0-9"
+        ),
         "zip.http": _predict(_field("formats", "exr"), **told),
         "chunked.http": _predict(transfer_encoding="chunked", expect="100-continue"),
-        **{f"{what}.http": _predict(photo=f"{what}.png") for what in ("dies", "once", "fails", "full", "breaks")},
+        **{
+            f"{what}.http": _predict(photo=f"{what}.png")
+            for what in ("dies", "once", "fails", "full", "breaks")
+        },
         "token-right.http": _predict(authorization="Bearer a-token-that-is-long-enough"),
         "list.http": _request("GET", "/objects?after=a&limit=3", {"host": "localhost:8422", "accept": "*/*"}),
         "one.http": _request("GET", "/objects/cup", {"host": "[::1]", "sec-fetch-site": "same-origin"}),
     }
     files = {name: written(b"", request) for name, request in requests.items()}
-    two = (_request("GET", path, {"host": "127.0.0.1"}) for path in ("/health", "/ready", "/metrics", "/openapi.json"))
-    files["several.http"] = b"".join(written(b"", one) for one in two) + files["zip.http"] + files["list.http"]
+    two = (
+        _request("GET", path, {"host": "127.0.0.1"})
+        for path in ("/health", "/ready", "/metrics", "/openapi.json")
+    )
+    files["several.http"] = (
+        b"".join(written(b"", one) for one in two) + files["zip.http"] + files["list.http"]
+    )
     return files
 
 
@@ -72,16 +104,24 @@ def page_requests(photo: bytes, light: bytes, thing: bytes) -> dict[str, bytes]:
         "page-light.http": given("/api/lights", "..%2Fsky.exr", light),
         "page-thing.http": given("/api/things", "box.glb", thing),
         "page-mask.http": given("/api/scenes/0/photos/0/mask", "mask.png", photo, "PUT"),
-        "page-box.http": _request("PUT", "/api/scenes/0/box", kinds, body='{"photo": 0, "box": [0.1, 0.2, 0.8, 0.9]}'),
+        "page-box.http": _request(
+            "PUT", "/api/scenes/0/box", kinds, body='{"photo": 0, "box": [0.1, 0.2, 0.8, 0.9]}'
+        ),
         "page-insert.http": _request("POST", "/api/jobs/JOB/insertions", kinds, body=placement),
         "page-stop.http": _request("POST", "/api/jobs/JOB/stop", own),
-        "page-job.http": _request("GET", "/api/jobs/JOB/files/light.exr?save=true", {**own, "range": "bytes=1-3"}),
+        "page-job.http": _request(
+            "GET", "/api/jobs/JOB/files/light.exr?save=true", {**own, "range": "bytes=1-3"}
+        ),
         "page-given.http": _request("GET", "/api/lights/LIGHT", own),
         "page-run.http": _request("GET", "/api/runs/0/photos/1/light", own),
         "page-training.http": _request("GET", "/api/runs/0/training?after=10", own),
-        "page-static.http": _request("GET", "/static/js/app.js", {**own, "if-none-match": '"x"', "range": "bytes=3-8"}),
-        "page-token.http": _request("GET", "/?token=a-token", {**own, "cookie": "lightprobe-8421=a-token; b=c"}),
-    }  # fmt: skip
+        "page-static.http": _request(
+            "GET", "/static/js/app.js", {**own, "if-none-match": '"x"', "range": "bytes=3-8"}
+        ),
+        "page-token.http": _request(
+            "GET", "/?token=a-token", {**own, "cookie": "lightprobe-8421=a-token; b=c"}
+        ),
+    }
     return {name: written(b"", request) for name, request in requests.items()}
 
 
@@ -91,7 +131,9 @@ def described(data: bytes) -> Any:
     line, *lines = head.split(_END)
     method, target, _ = line.split(" ")
     headers = [
-        list(one.split(": ", 1)) for one in lines if not one.startswith(("content-length", "content-type: multi"))
+        list(one.split(": ", 1))
+        for one in lines
+        if not one.startswith(("content-length", "content-type: multi"))
     ]
     value = {"method": method, "target": target, "headers": headers}
     if "content-type: multipart/form-data" not in head:
@@ -147,10 +189,15 @@ def _form_part(part: Any) -> bytes:
     known = part if isinstance(part, dict) else {"value": part}
     file = known.get("file")
     named = b'; filename="%s"' % _bytes(file) if file is not None else b""
-    return b"\r\n".join([
-        f"--{_BOUNDARY}".encode(), b'content-disposition: form-data; name="%s"%s' % (_bytes(known.get("name")), named),
-        b"", _bytes(known.get("value")), b"",
-    ])  # fmt: skip
+    return b"\r\n".join(
+        [
+            f"--{_BOUNDARY}".encode(),
+            b'content-disposition: form-data; name="%s"%s' % (_bytes(known.get("name")), named),
+            b"",
+            _bytes(known.get("value")),
+            b"",
+        ]
+    )
 
 
 def _bytes(value: Any) -> bytes:

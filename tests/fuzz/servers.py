@@ -1,4 +1,6 @@
-"""The service and the page's server in this process, asked without a network, and what must be true of every answer."""
+"""The service and the page's server in this process, asked without a network, and what must be true of every
+answer.
+"""
 
 import asyncio
 import contextlib
@@ -44,7 +46,9 @@ _OUR_FAULT = {"InputError": 422, "ResourceError": 503, "UnexpectedError": 500}
 
 def documented_statuses() -> set[int]:
     """Return the statuses that docs/serve.md names."""
-    rows = re.findall(r"^\| (\d{3}(?:, \d{3})*) \|", (ROOT / "docs" / "serve.md").read_text(encoding="utf-8"), re.M)
+    rows = re.findall(
+        r"^\| (\d{3}(?:, \d{3})*) \|", (ROOT / "docs" / "serve.md").read_text(encoding="utf-8"), re.M
+    )
     return {int(status) for row in rows for status in row.split(", ")}
 
 
@@ -69,7 +73,9 @@ class Writes:
     def _heard(self, event: str, arguments: tuple) -> None:
         if self._allowed and (path := changed_path(event, arguments)) is not None:
             inside = f"{os.path.realpath(path)}/".startswith(self._allowed)
-            if not inside and path != os.devnull and "__pycache__" not in path:  # modules load when they are needed
+            if (
+                not inside and path != os.devnull and "__pycache__" not in path
+            ):  # modules load when they are needed
                 self.found.append(path)
 
 
@@ -86,7 +92,9 @@ class Server:
         quiet(*_LOGGERS, handler=JsonLines(self._log))
 
     def ask(self, loop: asyncio.AbstractEventLoop, data: bytes) -> tuple[list[Answer], bytes]:
-        """Return the answers to all requests in `data`; raise `DefectError` for what is wrong whatever was asked."""
+        """Return the answers to all requests in `data`; raise `DefectError` for what is wrong whatever was
+        asked.
+        """
         quiet(*_LOGGERS, handler=JsonLines(self._log))
         with self._writes.watched(*self._folders):
             answers, raw = loop.run_until_complete(exchange(self._settings, self._watched, data))
@@ -99,7 +107,9 @@ class Server:
             raise DefectError("a file outside of the folder", ", ".join(self._writes.found[:5]))
         if not answers and raw and b"Invalid HTTP request received." not in raw:
             raise DefectError("an answer without a request", repr(raw[:300]))
-        return [answer for answer in answers if answer.status is not None and answer.ended and not answer.gone], raw
+        return [
+            answer for answer in answers if answer.status is not None and answer.ended and not answer.gone
+        ], raw
 
     def _check_log(self, *, raised: bool = False) -> None:
         """Empty the log; raise `DefectError` for a traceback in it that no error which was `raised` explains."""
@@ -119,7 +129,12 @@ def check_sentence(answer: Answer, hidden: tuple[Path, ...]) -> None:
         sentence = told["sentence"]
     except (ValueError, TypeError, KeyError) as error:
         raise DefectError(f"no JSON in a {answer.status}", about) from error
-    if not sentence.isprintable() or not sentence.endswith(".") or len(sentence) > 1500 or "Traceback" in sentence:
+    if (
+        not sentence.isprintable()
+        or not sentence.endswith(".")
+        or len(sentence) > 1500
+        or "Traceback" in sentence
+    ):
         raise DefectError(f"no sentence in a {answer.status}", about)
     if any(str(folder) in sentence for folder in hidden):
         raise DefectError("a path of the server in a sentence", about)
@@ -162,9 +177,13 @@ class ServiceServer:
 
     def _check(self, answer: Answer, allowed: set[int]) -> None:
         if answer.status not in self._documented:
-            raise DefectError(f"the status {answer.status}", f"{answer.method} {answer.path!r}, {answer.headers}")
+            raise DefectError(
+                f"the status {answer.status}", f"{answer.method} {answer.path!r}, {answer.headers}"
+            )
         if answer.status >= 500 and answer.status not in allowed:
-            raise DefectError(f"the status {answer.status} without a reason", bytes(answer.body[:500]).decode())
+            raise DefectError(
+                f"the status {answer.status} without a reason", bytes(answer.body[:500]).decode()
+            )
         if answer.status >= 400 and not (answer.path == "/ready" and answer.status == 503):
             check_sentence(answer, (self._temporary, self._runs))
         if "x-request-id" not in answer.headers and answer.status not in (401, 403):
@@ -193,14 +212,18 @@ class PageServer:
         allowed = {200, 303, 304, 307, 400, 401, 403, 405, *STATUS.values()} - {500, 504}
         for answer in answers:
             if answer.status not in allowed:
-                raise DefectError(f"the status {answer.status}", f"{answer.method} {answer.path!r}, {answer.headers}")
+                raise DefectError(
+                    f"the status {answer.status}", f"{answer.method} {answer.path!r}, {answer.headers}"
+                )
             if answer.status >= 400:
                 check_sentence(answer, (self._temporary, self._root))
         _until(lambda: all(job.state not in (JobState.WAITING, JobState.RUNNING) for job in self.jobs.all()))
         return answers
 
     def _with_ids(self, data: bytes) -> bytes:
-        done = [job.id for job in self.jobs.all() if job.task is TaskName.PREDICT and job.state is JobState.DONE]
+        done = [
+            job.id for job in self.jobs.all() if job.task is TaskName.PREDICT and job.state is JobState.DONE
+        ]
         named = {b"JOB": done[-1] if done else "none"}
         for word, kind in ((b"LIGHT", UploadKind.LIGHT), (b"THING", UploadKind.THING)):
             named[word] = next(reversed(self.uploads._files[kind]), "none")

@@ -1,4 +1,6 @@
-"""What stands in for the processes that compute: answers at once; what a photo is called says what becomes of it."""
+"""What stands in for the processes that compute: answers at once; what a photo is called says what becomes of
+it.
+"""
 
 import json
 import os
@@ -18,9 +20,12 @@ class StandIn:
     reasons: set[str] = set()  # noqa: RUF012  kinds of the errors that were told
 
     def __init__(
-        self, command: Sequence[str], *, environment: Mapping[str, str] | None = None,
+        self,
+        command: Sequence[str],
+        *,
+        environment: Mapping[str, str] | None = None,
         on_text: Callable[[str], None] | None = None,
-    ):  # fmt: skip
+    ):
         """Take what a process would be started with."""
         self.pid, self.alive = os.getpid(), True
 
@@ -55,9 +60,15 @@ class StandIn:
         for name in names:
             (folder / name).write_bytes(b"map")
         return {
-            "method": request["method"] or "solve", "verdict": {"status": "good"}, "pose": None, "warnings": [],
-            "light": {"asked": request}, "files": names, "seconds": {"all": 0.01}, "worker": {"objects": ["cup"]},
-        }  # fmt: skip
+            "method": request["method"] or "solve",
+            "verdict": {"status": "good"},
+            "pose": None,
+            "warnings": [],
+            "light": {"asked": request},
+            "files": names,
+            "seconds": {"all": 0.01},
+            "worker": {"objects": ["cup"]},
+        }
 
     @staticmethod
     def _of_page(request: dict[str, Any]) -> dict[str, Any]:

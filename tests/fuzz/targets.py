@@ -62,11 +62,15 @@ class Target:
     """A reader, and the files it is attacked through."""
 
     name: str
-    make: Callable[[Path], object]  # writes the folder of valid files; the same one is made once for several targets
+    make: Callable[
+        [Path], object
+    ]  # writes the folder of valid files; the same one is made once for several targets
     files: tuple[str, ...]  # of that folder, those that are spoilt
     read: Read
     form: Form | None = None  # what the files say, where that is spoilt as well as their bytes
-    mend: Callable[[bytes], bytes] | None = None  # makes checksums or lengths right again, for every other file
+    mend: Callable[[bytes], bytes] | None = (
+        None  # makes checksums or lengths right again, for every other file
+    )
 
     def write(self, corpus: Path) -> None:
         """Make the valid files in `corpus`; what is there already stays."""
@@ -144,11 +148,15 @@ def _glbs(root: Path) -> None:
     textured.document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = uvs
     picture = textured.view(png((128, 255, 51)))
     textured.document |= {
-        "images": [{"bufferView": picture, "mimeType": "image/png"}], "textures": [{"source": 0, "sampler": 0}],
+        "images": [{"bufferView": picture, "mimeType": "image/png"}],
+        "textures": [{"source": 0, "sampler": 0}],
         "samplers": [{"wrapS": 33071}],
-    }  # fmt: skip
+    }
     shift = {"KHR_texture_transform": {"offset": [0.1, 0.2], "scale": [2, 2], "rotation": 0.3}}
-    textured.document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0, "extensions": shift}
+    textured.document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {
+        "index": 0,
+        "extensions": shift,
+    }
     write(root / "box.glb", made)
     write(root / "textured.glb", textured)
 
@@ -174,15 +182,23 @@ def _run(root: Path) -> None:
     run = finished_run(root)
     add_model(run)
     Calibration((1.0, 2.0, 0.5), "a grey card").save(run.calibration_file)
-    (run.timings_file).write_text(json.dumps({"decompose": {"seconds": 3.5, "memory": 1.0, "finished": True}}))
+    (run.timings_file).write_text(
+        json.dumps({"decompose": {"seconds": 3.5, "memory": 1.0, "finished": True}})
+    )
     Checkpoints(run.path / "checkpoints").save(5, {"a": torch.ones(3)}, {"losses": [1.0, 2.0]})
     tensors = {
-        "descriptor": torch.zeros(3, 128, dtype=torch.uint8), "point": torch.rand(3, 3), "side": torch.eye(3)[:2],
-        "photo": torch.tensor([0, 0, 1], dtype=torch.int32), "camera": torch.eye(4)[None].repeat(2, 1, 1),
-        "tangent": torch.ones(2), "mask": torch.ones(2, 32, 32, dtype=torch.uint8),
-        "mean": torch.ones(2, 3, 32, 32).half(), "lights": torch.ones(2, 6, 32, 32).half(),
-        "edges": torch.ones(2, 2, 32, 32).half(), "focal": torch.tensor([1.2], dtype=torch.float64),
-    }  # fmt: skip
+        "descriptor": torch.zeros(3, 128, dtype=torch.uint8),
+        "point": torch.rand(3, 3),
+        "side": torch.eye(3)[:2],
+        "photo": torch.tensor([0, 0, 1], dtype=torch.int32),
+        "camera": torch.eye(4)[None].repeat(2, 1, 1),
+        "tangent": torch.ones(2),
+        "mask": torch.ones(2, 32, 32, dtype=torch.uint8),
+        "mean": torch.ones(2, 3, 32, 32).half(),
+        "lights": torch.ones(2, 6, 32, 32).half(),
+        "edges": torch.ones(2, 2, 32, 32).half(),
+        "focal": torch.tensor([1.2], dtype=torch.float64),
+    }
     save_tensors(root / "views.safetensors", tensors, {"kind": "views"})
     _evaluate(run, root)
     _page_files(root)
@@ -215,7 +231,9 @@ def _read_tensors(root: Path, path: Path) -> None:
 def _prepared(root: Path) -> None:
     write_nerfstudio(root, views(2))
     (root / ".prepare").mkdir()
-    (root / "prepare.json").write_text(json.dumps({"key": "k", "warnings": ["one"], "mask_hull_iou": {"view_00": 0.9}}))
+    (root / "prepare.json").write_text(
+        json.dumps({"key": "k", "warnings": ["one"], "mask_hull_iou": {"view_00": 0.9}})
+    )
     (root / ".prepare" / "written.json").write_text(json.dumps({"view_00": "0" * 32}))
     store_hint(root, "view_00", (1, 2, 30, 40))
     rng = np.random.default_rng(0)
@@ -240,13 +258,22 @@ def _read_light_file(root: Path, path: Path) -> None:
 
 
 _RUN_JSON = (
-    "run/config.json", "run/scene.json", "run/calibration.json", "run/timings.json", "run/metrics.json",
-    "run/report/page.json", "run/model/config.json", "run/checkpoints/step-000000005/state.json",
-)  # fmt: skip
+    "run/config.json",
+    "run/scene.json",
+    "run/calibration.json",
+    "run/timings.json",
+    "run/metrics.json",
+    "run/report/page.json",
+    "run/model/config.json",
+    "run/checkpoints/step-000000005/state.json",
+)
 _RUN_TENSORS = (
-    "run/mesh/asset.safetensors", "run/mesh/lights.safetensors", "run/model/illumination_mlp.safetensors",
-    "run/model/sphere_net.safetensors", "run/checkpoints/step-000000005/tensors.safetensors",
-)  # fmt: skip
+    "run/mesh/asset.safetensors",
+    "run/mesh/lights.safetensors",
+    "run/model/illumination_mlp.safetensors",
+    "run/model/sphere_net.safetensors",
+    "run/checkpoints/step-000000005/tensors.safetensors",
+)
 
 
 def _picture_targets() -> list[Target]:
@@ -254,18 +281,34 @@ def _picture_targets() -> list[Target]:
         "PNG": ("8.png", "alpha.png", "palette.png", "grey.png", "bits.png", "16.png", "16grey.png"),
         "JPEG": ("plain.jpg", "progressive.jpg", "grey.jpg", "cmyk.jpg"),
         "WebP": ("lossy.webp", "lossless.webp", "extended.webp"),
-        "TIFF": ("8.tif", "16.tif", "alpha.tif", "float.tif", "grey.tif", "lzw.tif", "deflate.tif", "jpeg.tif"),
+        "TIFF": (
+            "8.tif",
+            "16.tif",
+            "alpha.tif",
+            "float.tif",
+            "grey.tif",
+            "lzw.tif",
+            "deflate.tif",
+            "jpeg.tif",
+        ),
         "HEIC, AVIF": ("8.heic", "alpha.heic", "10.heic", "alpha.avif"),
-        "OpenEXR": tuple(f"{n}.exr" for n in ("zip", "alpha", "piz", "rle", "no", "b44", "dwaa", "pxr24", "tiles")),
+        "OpenEXR": tuple(
+            f"{n}.exr" for n in ("zip", "alpha", "piz", "rle", "no", "b44", "dwaa", "pxr24", "tiles")
+        ),
         "Radiance": ("runs.hdr", "narrow.hdr"),
         "camera raw": ("camera.dng",),
-    }  # fmt: skip
+    }
     maps = ("OpenEXR", "Radiance")
     return [
-        Target(n, pictures.WRITERS[n], f, _read_map if n in maps else _read_picture,
-               mend=with_checksums if n == "PNG" else None)
+        Target(
+            n,
+            pictures.WRITERS[n],
+            f,
+            _read_map if n in maps else _read_picture,
+            mend=with_checksums if n == "PNG" else None,
+        )
         for n, f in files.items()
-    ]  # fmt: skip
+    ]
 
 
 def _service(root: Path) -> None:
@@ -298,20 +341,43 @@ TARGETS = (
     Target("COLMAP text", _colmap_text, ("sparse/0/cameras.txt", "sparse/0/images.txt"), _read_scene, WORDS),
     Target("COLMAP binary", _colmap_binary, ("sparse/0/cameras.bin", "sparse/0/images.bin"), _read_scene),
     Target("NeRD arrays", _nerd, ("poses_bounds.npy",), _read_scene),
-    Target("camera files", _write_cameras, ("camera.json", "scene.json", "transforms.json"),
-           lambda root, path: read_camera(path, root / "images" / "view_01.jpg"), JSON),
+    Target(
+        "camera files",
+        _write_cameras,
+        ("camera.json", "scene.json", "transforms.json"),
+        lambda root, path: read_camera(path, root / "images" / "view_01.jpg"),
+        JSON,
+    ),
     Target("GLB", _glbs, ("box.glb", "textured.glb"), lambda root, path: load_thing(path), GLB),
     Target("video", _videos, ("a.mp4", "a.mov", "a.avi", "a.mkv"), _read_video),
     Target("JSON of runs", _run, _RUN_JSON, _read_run, JSON),
     Target("metrics.jsonl", _run, ("run/metrics.jsonl",), _read_run, LINES),
     Target("tensors of runs", _run, _RUN_TENSORS, _read_run, SAFETENSORS),
     Target("safetensors", _run, ("views.safetensors",), _read_tensors, SAFETENSORS),
-    Target("files of prepare", _prepared, ("prepare.json", "hint.json", ".prepare/written.json"), _read_prepared, JSON),
+    Target(
+        "files of prepare",
+        _prepared,
+        ("prepare.json", "hint.json", ".prepare/written.json"),
+        _read_prepared,
+        JSON,
+    ),
     Target("kept steps of prepare", _prepared, (".prepare/step.npz",), _read_prepared),
     Target("light files", _light_files, ("light.light.json",), _read_light_file, JSON),
     Target("records", _light_files, ("cup.json",), lambda root, path: Record.read(path), JSON),
-    Target("service requests", _service, tuple(requests.service_requests()), _ask_service, requests.REQUEST,
-           requests.with_length),
-    Target("page requests", _run, tuple(requests.page_requests(b"", b"", b"")), _ask_page, requests.REQUEST,
-           requests.with_length),
-)  # fmt: skip
+    Target(
+        "service requests",
+        _service,
+        tuple(requests.service_requests()),
+        _ask_service,
+        requests.REQUEST,
+        requests.with_length,
+    ),
+    Target(
+        "page requests",
+        _run,
+        tuple(requests.page_requests(b"", b"", b"")),
+        _ask_page,
+        requests.REQUEST,
+        requests.with_length,
+    ),
+)

@@ -62,10 +62,19 @@ def test_whatever_a_reader_does_is_told_apart(tmp_path, monkeypatch):
         found = {kind: attacked.read("defects", "a", kind.encode()) for kind in "rkmhes "}
     finally:
         attacked.close()
-    words = {"k": "death", "m": "MemoryError", "h": "hang", "e": "KeyError", "s": "no sentence", "r": "", " ": ""}
+    words = {
+        "k": "death",
+        "m": "MemoryError",
+        "h": "hang",
+        "e": "KeyError",
+        "s": "no sentence",
+        "r": "",
+        " ": "",
+    }
     assert {kind: outcome.finding.partition(" in ")[0] for kind, outcome in found.items()} == {
-        **words, "k": "death of the process",
-    }  # fmt: skip
+        **words,
+        "k": "death of the process",
+    }
     assert found["r"].refused
     assert not found[" "].refused
 
@@ -97,7 +106,9 @@ def test_findings_are_kept_and_read_again(tmp_path, capsys, monkeypatch):
     attack._keep(attack.targets[0], "box.glb", b"no GLB at all", [Splice(0, 1, b"")], found)
     for outcome, code, words in ((found, 1, found.finding), (worker.Outcome(), 0, "is wrong any more")):
         read = []
-        monkeypatch.setattr(worker.Worker, "read", lambda self, *given, o=outcome, r=read: r.append(given) or o)
+        monkeypatch.setattr(
+            worker.Worker, "read", lambda self, *given, o=outcome, r=read: r.append(given) or o
+        )
         assert main(["--again", "--folder", str(tmp_path)]) == code
         assert words in capsys.readouterr().out
         assert read == [("GLB", "box.glb", b"no GLB at all")]
@@ -105,7 +116,10 @@ def test_findings_are_kept_and_read_again(tmp_path, capsys, monkeypatch):
 
 def test_a_record_is_a_table(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(Attack, "check_corpus", lambda self: [])
-    assert main(["--minutes", "0", "--folder", str(tmp_path), "--page", str(tmp_path / "a.md"), "--only", "GLB"]) == 0
+    assert (
+        main(["--minutes", "0", "--folder", str(tmp_path), "--page", str(tmp_path / "a.md"), "--only", "GLB"])
+        == 0
+    )
     assert "| GLB | 0 | 0 | 0 | 0 |" in (tmp_path / "a.md").read_text()
     assert "0 findings" in capsys.readouterr().out
 
@@ -153,11 +167,20 @@ def test_whatever_a_server_does_wrong_is_found(ask, tmp_path, does, kind):
 
 @pytest.mark.parametrize(
     ("status", "body", "kind"),
-    [(422, b"no", "no JSON"), (422, b'{"sentence": "no stop"}', "no sentence"), (418, b'{"sentence": "A pot."}', "418"),
-     (500, b'{"sentence": "Why."}', "without a reason"), (422, b'{"sentence": "See /secret/place."}', "a path")],
-)  # fmt: skip
+    [
+        (422, b"no", "no JSON"),
+        (422, b'{"sentence": "no stop"}', "no sentence"),
+        (418, b'{"sentence": "A pot."}', "418"),
+        (500, b'{"sentence": "Why."}', "without a reason"),
+        (422, b'{"sentence": "See /secret/place."}', "a path"),
+    ],
+)
 def test_an_answer_that_is_not_documented_is_found(status, body, kind):
     service = object.__new__(servers.ServiceServer)
-    service._documented, service._temporary, service._runs = {422, 500}, Path("/secret/place"), Path("/secret/runs")
+    service._documented, service._temporary, service._runs = (
+        {422, 500},
+        Path("/secret/place"),
+        Path("/secret/runs"),
+    )
     with pytest.raises(worker.DefectError, match=kind):
         service._check(Answer("GET", "/", status, {"x-request-id": "a"}, bytearray(body), ended=True), set())

@@ -1,4 +1,6 @@
-"""A process that reads spoilt files under limits, and what came of each: nothing that it does can harm its parent."""
+"""A process that reads spoilt files under limits, and what came of each: nothing that it does can harm its
+parent.
+"""
 
 import contextlib
 import importlib
@@ -43,10 +45,15 @@ class Worker:
     """One process with its own copy of the corpus, started anew after it died."""
 
     def __init__(
-        self, corpus: Path, module: str = "tests.fuzz.targets", name: str = "TARGETS",
+        self,
+        corpus: Path,
+        module: str = "tests.fuzz.targets",
+        name: str = "TARGETS",
         only: frozenset[str] | None = None,
-    ):  # fmt: skip
-        """Read the files of `corpus` with the targets that a module holds under a name, or `only` some of them."""
+    ):
+        """Read the files of `corpus` with the targets that a module holds under a name, or `only` some of
+        them.
+        """
         self._corpus, self._source = corpus, (module, name, only)
         self._process: Any = None
         self._connection: Connection | None = None
@@ -82,7 +89,9 @@ class Worker:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, str(self._corpus), self._source), daemon=True)
+        self._process = context.Process(
+            target=_serve, args=(theirs, str(self._corpus), self._source), daemon=True
+        )
         self._process.start()
         theirs.close()
         if not self._connection.poll(_START_SECONDS) or self._connection.recv() != "ready":
@@ -99,7 +108,9 @@ def _serve(connection: Connection, corpus: str, source: tuple[str, str, frozense
         for target in found:
             target.copy(Path(corpus), Path(folder))
             for file in target.files:
-                with contextlib.suppress(Exception):  # compiles what is compiled; __main__ checks that they are valid
+                with contextlib.suppress(
+                    Exception
+                ):  # compiles what is compiled; __main__ checks that they are valid
                     target.read(Path(folder) / target.name, Path(folder) / target.name / file)
         _limit_memory()
         connection.send("ready")
@@ -173,5 +184,7 @@ def _status(key: str) -> int:
     """Return a size of this process out of Linux' own record, bytes."""
     if not sys.platform.startswith("linux"):
         raise RuntimeError("fuzzing needs Linux, which tells how much memory a process has used")
-    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(f"{key}:"))
+    line = next(
+        line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(f"{key}:")
+    )
     return int(line.split()[1]) * 1024

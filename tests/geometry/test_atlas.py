@@ -124,11 +124,16 @@ def test_vertex_normals_of_a_sphere_point_outwards():
 
 def test_creases_split_the_normals_of_a_box_but_not_of_a_sphere():
     box = trimesh.creation.box().subdivide().subdivide()
-    vertices, faces = torch.tensor(box.vertices, dtype=torch.float32), torch.tensor(box.faces, dtype=torch.int32)
+    vertices, faces = (
+        torch.tensor(box.vertices, dtype=torch.float32),
+        torch.tensor(box.faces, dtype=torch.int32),
+    )
     index = crease_normals(vertices, faces, 40.0)
     mesh = Mesh(vertices, faces, torch.zeros(1, 2), torch.zeros_like(faces), index)
     flat = torch.nn.functional.normalize(face_normals(vertices, faces), dim=1)
     assert torch.allclose(mesh.normals()[index.long()], flat[:, None].expand(-1, 3, -1), atol=1e-5)
-    assert torch.equal(crease_normals(vertices, faces, 180.0).max(), torch.tensor(len(vertices) - 1, dtype=torch.int32))
+    assert torch.equal(
+        crease_normals(vertices, faces, 180.0).max(), torch.tensor(len(vertices) - 1, dtype=torch.int32)
+    )
     round_vertices, round_faces = (torch.from_numpy(part) for part in sphere(3))
     assert int(crease_normals(round_vertices, round_faces, 40.0).max()) + 1 == len(round_vertices)

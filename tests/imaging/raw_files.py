@@ -1,4 +1,6 @@
-"""A camera raw file of a made-up camera: the least that Adobe's DNG specification asks for, written by tifffile."""
+"""A camera raw file of a made-up camera: the least that Adobe's DNG specification asks for, written by
+tifffile.
+"""
 
 import struct
 
@@ -22,11 +24,17 @@ def write_dng(path, camera, *, orientation=1, focal_35=None):
         return [part for value in np.ravel(values) for part in (round(value * 10000), 10000)]
 
     tags = [
-        (274, "H", 1, orientation, True), (50706, "B", 4, (1, 4, 0, 0), True), (50708, "s", 0, "Test Camera", True),
-        (33421, "H", 2, (2, 2), True), (33422, "B", 4, (0, 1, 1, 2), True), (50714, "H", 1, BLACK, True),
-        (50717, "H", 1, WHITE, True), (50721, "2i", 9, rational(XYZ_TO_CAMERA), True),
-        (50728, "2I", 3, rational(NEUTRAL), True), (50778, "H", 1, 21, True),
-    ]  # fmt: skip
+        (274, "H", 1, orientation, True),
+        (50706, "B", 4, (1, 4, 0, 0), True),
+        (50708, "s", 0, "Test Camera", True),
+        (33421, "H", 2, (2, 2), True),
+        (33422, "B", 4, (0, 1, 1, 2), True),
+        (50714, "H", 1, BLACK, True),
+        (50717, "H", 1, WHITE, True),
+        (50721, "2i", 9, rational(XYZ_TO_CAMERA), True),
+        (50728, "2I", 3, rational(NEUTRAL), True),
+        (50778, "H", 1, 21, True),
+    ]
     if focal_35 is not None:
         tags.append((_PLACEHOLDER, "I", 1, 0, True))
     tifffile.imwrite(path, mosaic, photometric=32803, extratags=tags, metadata=None)

@@ -17,7 +17,11 @@ from lightprobe.imaging.profiles import icc_encoding
 from tests.imaging.icc_profiles import P3_PRIMARIES, fixed, icc, profile_of
 
 RNG = np.random.default_rng(2)
-ADOBE = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))  # XYZ under D50
+ADOBE = (
+    (0.60974, 0.31111, 0.01947),
+    (0.20528, 0.62567, 0.06087),
+    (0.14919, 0.06322, 0.74457),
+)  # XYZ under D50
 PROPHOTO = ((0.79767, 0.28804, 0.0), (0.13519, 0.71188, 0.0), (0.03134, 0.00009, 0.82491))
 
 
@@ -31,14 +35,18 @@ def test_primaries_as_css_color_4_prints_them():
 
 
 def test_white_stays_white_whatever_the_white_point():
-    matrix = primaries_matrix((0.734, 0.266), (0.160, 0.840), (0.037, 0.0001), (0.3457, 0.3585))  # ProPhoto, D50
+    matrix = primaries_matrix(
+        (0.734, 0.266), (0.160, 0.840), (0.037, 0.0001), (0.3457, 0.3585)
+    )  # ProPhoto, D50
     np.testing.assert_allclose(matrix @ np.ones(3), 1, atol=2e-3)
     from_xyz = RNG.uniform(0.1, 1, (3, 3)) + np.eye(3)
     np.testing.assert_allclose(camera_matrix(from_xyz) @ np.ones(3), 1, atol=1e-12)
 
 
 def test_high_dynamic_range_curves():
-    """BT.2408: reference white is 58 % of PQ and 75 % of HLG; PQ's code 1 is 10000 cd/m2, HLG's 1 is 1 / .265."""
+    """BT.2408: reference white is 58 % of PQ and 75 % of HLG; PQ's code 1 is 10000 cd/m2, HLG's 1 is 1 /
+    .265.
+    """
     assert float(pq(np.array(0.5807))) == pytest.approx(1, abs=0.002)
     assert float(pq(np.array(1.0))) == pytest.approx(10000 / 203)
     assert float(hlg(np.array(0.75))) == pytest.approx(1)
@@ -54,12 +62,21 @@ def test_code_points_of_srgb_and_television_are_srgb():
 def managed(samples, profile):
     """What the colour management module makes of 8-bit samples, linear."""
     source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
-    shown = ImageCms.profileToProfile(Image.fromarray(samples), source, target, ImageCms.Intent.RELATIVE_COLORIMETRIC)
+    shown = ImageCms.profileToProfile(
+        Image.fromarray(samples), source, target, ImageCms.Intent.RELATIVE_COLORIMETRIC
+    )
     return srgb_decode(np.asarray(shown) / 255)
 
 
-PARAMETRIC = b"para" + bytes(4) + struct.pack(">HH", 3, 0) + fixed(2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
-TABLE = b"curv" + bytes(4) + struct.pack(">I", 64) + (np.linspace(0, 1, 64) ** 1.8 * 65535).astype(">u2").tobytes()
+PARAMETRIC = (
+    b"para" + bytes(4) + struct.pack(">HH", 3, 0) + fixed(2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
+)
+TABLE = (
+    b"curv"
+    + bytes(4)
+    + struct.pack(">I", 64)
+    + (np.linspace(0, 1, 64) ** 1.8 * 65535).astype(">u2").tobytes()
+)
 
 
 @pytest.mark.parametrize("primaries", [P3_PRIMARIES, ADOBE, PROPHOTO])
@@ -85,7 +102,13 @@ def test_parametric_curves_of_every_kind(kind):
     content = b"para" + bytes(4) + struct.pack(">HH", kind, 0) + fixed(*values)
     x = np.linspace(0, 1, 101)
     power = (a * x + b) ** g
-    expected = [x**g, power, power + c, np.where(x >= d, power, c * x), np.where(x >= d, power + e, c * x + f)][kind]
+    expected = [
+        x**g,
+        power,
+        power + c,
+        np.where(x >= d, power, c * x),
+        np.where(x >= d, power + e, c * x + f),
+    ][kind]
     encoding = matrix_encoding(icc("x", P3_PRIMARIES, 1.0, content), "x")
     np.testing.assert_allclose(encoding.curves[0](x), expected, atol=1e-4)
 
@@ -95,9 +118,13 @@ def swapped():
     grid = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     srgb = np.array([[0.4360, 0.3851, 0.1431], [0.2225, 0.7169, 0.0606], [0.0139, 0.0971, 0.7141]])
     xyz = np.clip(grid[:, ::-1] @ srgb.T / (1 + 32767 / 32768), 0, 1)
-    head = b"mft2" + bytes(4) + bytes([3, 3, 2, 0]) + fixed(1, 0, 0, 0, 1, 0, 0, 0, 1) + struct.pack(">HH", 2, 2)
+    head = (
+        b"mft2" + bytes(4) + bytes([3, 3, 2, 0]) + fixed(1, 0, 0, 0, 1, 0, 0, 0, 1) + struct.pack(">HH", 2, 2)
+    )
     ramp = np.array([0, 65535] * 3, ">u2").tobytes()
-    return profile_of("Swapped", b"RGB ", {b"A2B0": head + ramp + (xyz * 65535).astype(">u2").tobytes() + ramp})
+    return profile_of(
+        "Swapped", b"RGB ", {b"A2B0": head + ramp + (xyz * 65535).astype(">u2").tobytes() + ramp}
+    )
 
 
 @pytest.mark.parametrize("kind", ["png", "alpha.png", "tif", "deep.tif", "deep.png", "heic"])
@@ -129,7 +156,9 @@ def png_with(path, samples, *chunks):
     Image.fromarray(samples).save(buffer, "PNG")
     data = buffer.getvalue()
     for kind, content in chunks:
-        chunk = struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        chunk = (
+            struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        )
         data = data[:33] + chunk + data[33:]
     path.write_bytes(data)
     return path
@@ -172,9 +201,15 @@ def test_adobe_rgb_that_a_camera_declares_by_exif_alone(tmp_path):
 def test_the_transparent_value_of_a_grey_png_of_few_bits(tmp_path, bits):
     """Samples 0 1 2 3, of which 1 is transparent."""
     packed = bytes([0b00011011]) if bits == 2 else bytes([0x01, 0x23])
-    chunks = [(b"IHDR", struct.pack(">IIBBBBB", 4, 1, bits, 0, 0, 0, 0)), (b"tRNS", b"\0\1"),
-              (b"IDAT", zlib.compress(b"\0" + packed)), (b"IEND", b"")]  # fmt: skip
-    data = b"".join(struct.pack(">I", len(c)) + k + c + struct.pack(">I", zlib.crc32(k + c)) for k, c in chunks)
+    chunks = [
+        (b"IHDR", struct.pack(">IIBBBBB", 4, 1, bits, 0, 0, 0, 0)),
+        (b"tRNS", b"\0\1"),
+        (b"IDAT", zlib.compress(b"\0" + packed)),
+        (b"IEND", b""),
+    ]
+    data = b"".join(
+        struct.pack(">I", len(c)) + k + c + struct.pack(">I", zlib.crc32(k + c)) for k, c in chunks
+    )
     (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + data)
     color, alpha = read_ldr(tmp_path / "a.png", srgb=False)[:2]
     np.testing.assert_allclose(color[0, :, 0], np.arange(4) / (2**bits - 1), atol=1e-6)

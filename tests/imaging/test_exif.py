@@ -28,7 +28,9 @@ def photo(path, entries):
         else:
             folder += head + (behind + len(data)).to_bytes(4, "little")
             data += value
-    root = b"\1\0" + (_FOLDER).to_bytes(2, "little") + b"\4\0\1\0\0\0" + offset.to_bytes(4, "little") + bytes(4)
+    root = (
+        b"\1\0" + (_FOLDER).to_bytes(2, "little") + b"\4\0\1\0\0\0" + offset.to_bytes(4, "little") + bytes(4)
+    )
     exif = b"Exif\0\0II*\0\x08\0\0\0" + root + folder + bytes(4) + data
     Image.new("RGB", (8, 6)).save(path, exif=exif)
     return path
@@ -43,7 +45,11 @@ def double(value):
 
 
 def test_a_usual_exposure(tmp_path):
-    entries = [(_TIME, _RATIONAL, rational(1, 100)), (_F_NUMBER, _RATIONAL, rational(4, 1)), (_ISO, _SHORT, b"\xc8\0")]
+    entries = [
+        (_TIME, _RATIONAL, rational(1, 100)),
+        (_F_NUMBER, _RATIONAL, rational(4, 1)),
+        (_ISO, _SHORT, b"\xc8\0"),
+    ]
     assert read_exif_ev100(photo(tmp_path / "a.jpg", entries)) == pytest.approx(np.log2(1600) - 1)
 
 
@@ -63,7 +69,11 @@ def test_rationals_that_are_no_numbers(tmp_path, value):
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's, which nobody sees twice
 def test_broken_exif_is_none(tmp_path):
     """A photo is no worse for what stands beside its pixels: any byte of it may be wrong."""
-    entries = [(_TIME, _RATIONAL, rational(1, 100)), (_F_NUMBER, _RATIONAL, rational(4, 1)), (_ISO, _SHORT, b"\x64\0")]
+    entries = [
+        (_TIME, _RATIONAL, rational(1, 100)),
+        (_F_NUMBER, _RATIONAL, rational(4, 1)),
+        (_ISO, _SHORT, b"\x64\0"),
+    ]
     whole = photo(tmp_path / "a.jpg", entries).read_bytes()
     start = whole.index(b"Exif\0\0")
     end = start - 2 + int.from_bytes(whole[start - 2 : start])
@@ -94,7 +104,9 @@ _FOCAL, _FOCAL_35, _PITCH, _UNIT, _WIDE, _HIGH = 0x920A, 0xA405, 0xA20E, 0xA210,
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "heic", "tif", "png"])
-@pytest.mark.parametrize(("size", "side"), [((36, 24), 36), ((24, 36), 36), ((40, 30), 34.613), ((64, 36), 37.711)])
+@pytest.mark.parametrize(
+    ("size", "side"), [((36, 24), 36), ((24, 36), 36), ((40, 30), 34.613), ((64, 36), 37.711)]
+)
 def test_a_film_equivalent_is_of_the_diagonal(tmp_path, suffix, size, side):
     """26 mm on 43.27 mm of diagonal: of a 4:3 picture the longer side is as wide as 34.6 mm of film."""
     path = with_tags(tmp_path / f"a.{suffix}", {_FOCAL_35: 26}, size=size)
@@ -102,7 +114,9 @@ def test_a_film_equivalent_is_of_the_diagonal(tmp_path, suffix, size, side):
 
 
 def test_focal_length_by_the_sensors_pitch(tmp_path):
-    """A 50 mm lens on 22.3 mm of 6000 pixels; the equivalent of 80 mm is rounded, one of 50 is another lens's."""
+    """A 50 mm lens on 22.3 mm of 6000 pixels; the equivalent of 80 mm is rounded, one of 50 is another
+    lens's.
+    """
     tags = {_FOCAL: 50.0, _PITCH: 6000 / 22.3 * 25.4, _UNIT: 2, _WIDE: 6000, _HIGH: 4000}
     exact = 50 / 22.3
     assert focal_ratio(with_tags(tmp_path / "a.jpg", tags)) == pytest.approx(exact, rel=1e-4)
@@ -115,7 +129,9 @@ def test_focal_length_by_the_sensors_pitch(tmp_path):
 
 
 def test_the_pitch_of_a_photo_that_was_scaled_down_is_none(tmp_path):
-    """A photo of 5184 pixels and 22.3 mm, whose size was rewritten, is not taken with a lens four times as long."""
+    """A photo of 5184 pixels and 22.3 mm, whose size was rewritten, is not taken with a lens four times as
+    long.
+    """
     tags = {_FOCAL: 50.0, _PITCH: 5184 / 22.3 * 25.4, _UNIT: 2}
     assert focal_ratio(with_tags(tmp_path / "a.jpg", tags | {_WIDE: 1200, _HIGH: 800})) is None
     assert focal_ratio(with_tags(tmp_path / "b.jpg", tags | {_WIDE: 2592, _HIGH: 1728})) is None
@@ -124,7 +140,8 @@ def test_the_pitch_of_a_photo_that_was_scaled_down_is_none(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "tags", [{}, {_FOCAL_35: 0}, {_FOCAL: 50.0}, {_FOCAL_35: 60000}, {_FOCAL: 50.0, _PITCH: 0.0, _WIDE: 6, _HIGH: 4}]
+    "tags",
+    [{}, {_FOCAL_35: 0}, {_FOCAL: 50.0}, {_FOCAL_35: 60000}, {_FOCAL: 50.0, _PITCH: 0.0, _WIDE: 6, _HIGH: 4}],
 )
 def test_no_focal_length(tmp_path, tags):
     assert focal_ratio(with_tags(tmp_path / "a.jpg", tags)) is None
@@ -144,7 +161,8 @@ _NOTE, _LENS = 0x927C, 0xA434
 
 @pytest.mark.parametrize("suffix", ["jpg", "heic"])
 @pytest.mark.parametrize(
-    ("orientation", "value"), [(6, (0, -1, 0)), (1, (-1, 0, 0)), (3, (1, 0, 0)), (8, (0, 1, 0)), (None, (-1, 0, 0))]
+    ("orientation", "value"),
+    [(6, (0, -1, 0)), (1, (-1, 0, 0)), (3, (1, 0, 0)), (8, (0, 1, 0)), (None, (-1, 0, 0))],
 )
 def test_up_is_up_however_the_phone_is_held(tmp_path, suffix, orientation, value):
     """Upright: the top of the device is up. On its left side: its right one is, the sensor's own way to lie."""

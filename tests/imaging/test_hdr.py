@@ -31,10 +31,16 @@ def test_exr_round_trip(tmp_path, shape, half):
 
 def test_colors_of_other_primaries_are_converted(tmp_path):
     """ACEScg's, by the standard attribute; those of sRGB change no bit."""
-    planes = {name: np.full((3, 4), value, np.float32) for name, value in zip("RGB", (1.0, 0.5, 0.1), strict=True)}
-    wide = exr(tmp_path / "a.exr", planes, chromaticities=(0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767))
+    planes = {
+        name: np.full((3, 4), value, np.float32) for name, value in zip("RGB", (1.0, 0.5, 0.1), strict=True)
+    }
+    wide = exr(
+        tmp_path / "a.exr", planes, chromaticities=(0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+    )
     np.testing.assert_allclose(read_hdr(wide)[1, 2], (1.3858, 0.4391, 0.0268), atol=1e-3)
-    usual = exr(tmp_path / "b.exr", planes, chromaticities=(0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290))
+    usual = exr(
+        tmp_path / "b.exr", planes, chromaticities=(0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+    )
     np.testing.assert_array_equal(read_hdr(usual)[1, 2], np.float32((1.0, 0.5, 0.1)))
 
 
@@ -129,7 +135,9 @@ def test_radiance_runs_of_any_length(tmp_path_factory, runs):
 
 def test_radiance_pixel_value_and_exposure(tmp_path):
     header = b"#?RGBE\nEXPOSURE=2\nFORMAT=32-bit_rle_rgbe\n# note\nEXPOSURE= 4\n\n-Y 1 +X 3\n"
-    pixels = bytes([128, 64, 0, 129]) + bytes([1, 1, 1, 1]) + bytes([200, 100, 50, 0])  # old format: repeat, then zero
+    pixels = (
+        bytes([128, 64, 0, 129]) + bytes([1, 1, 1, 1]) + bytes([200, 100, 50, 0])
+    )  # old format: repeat, then zero
     (tmp_path / "a.hdr").write_bytes(header + pixels)
     np.testing.assert_allclose(read_hdr(tmp_path / "a.hdr")[0] * 8, [[1, 0.5, 0], [1, 0.5, 0], [0, 0, 0]])
 

@@ -27,7 +27,8 @@ def png(width, height, *chunks, bits=8, color_type=2, interlace=0):
     header = struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, interlace)
     parts = [(b"IHDR", header), *chunks, (b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in parts
     )
 
 
@@ -66,7 +67,9 @@ def test_clipping_and_nan(tmp_path):
 def test_sixteen_bit_png_with_every_filter(tmp_path, channels, interlace):
     """Each row of each pass uses another of the five filters; the reader must give back the very samples."""
     pixels = RNG.integers(0, 65536, (13, 11, channels), dtype=np.uint16)
-    pixels[:, :7] = RNG.integers(0, 4, (13, 7, channels)) * 257  # few levels: ties between the Paeth filter's choices
+    pixels[:, :7] = (
+        RNG.integers(0, 4, (13, 7, channels)) * 257
+    )  # few levels: ties between the Paeth filter's choices
     adam7 = [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)]
     passes = [pixels[y::dy, x::dx] for x, y, dx, dy in adam7] if interlace else [pixels]
     raw = b"".join(filter_rows(part) for part in passes if part.size)
@@ -82,7 +85,9 @@ def test_sixteen_bit_png_with_every_filter(tmp_path, channels, interlace):
 
 
 def filter_rows(part):
-    """Filter the rows of (h, w, C) uint16 with types 0, 1, 2, 3, 4 in turn, straight from the PNG specification."""
+    """Filter the rows of (h, w, C) uint16 with types 0, 1, 2, 3, 4 in turn, straight from the PNG
+    specification.
+    """
     rows = part.astype(">u2").view(np.uint8).reshape(part.shape[0], -1).astype(int)
     step, out = part.shape[2] * 2, b""
     for y, row in enumerate(rows):
@@ -208,7 +213,9 @@ def test_large_webp_is_refused_before_decoding(tmp_path, kind, size):
             read(tmp_path / "large.webp")
 
 
-@pytest.mark.parametrize("options", [{"lossless": True}, {"quality": 80}, {"quality": 80, "exif": b"Exif\0\0"}])
+@pytest.mark.parametrize(
+    "options", [{"lossless": True}, {"quality": 80}, {"quality": 80, "exif": b"Exif\0\0"}]
+)
 def test_webp_of_every_kind_is_read(tmp_path, options):
     Image.new("RGB", (30, 20), (255, 0, 0)).save(tmp_path / "a.webp", **options)
     assert image_size(tmp_path / "a.webp") == (30, 20)

@@ -34,7 +34,9 @@ def png_bomb(path, side, depth=8):
     """Write the header of a PNG and nothing else: decoding it would say that it is damaged."""
     header = b"IHDR" + struct.pack(">IIBBBBB", side, side, depth, 2, 0, 0, 0)
     data = b"IDAT" + zlib.compress(b"\0")
-    chunks = [struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in (header, data, b"IEND")]
+    chunks = [
+        struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in (header, data, b"IEND")
+    ]
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(chunks))
     return path
 
@@ -42,7 +44,10 @@ def png_bomb(path, side, depth=8):
 def test_a_bomb_is_refused_by_its_header(tmp_path, limited):
     bomb = png_bomb(tmp_path / "bomb.png", 11000)
     sentence = r"bomb\.png has 11000 x 11000 pixels: 0\.62 GB of memory are expected, more than --max-memory 0\.50 GB; "
-    with limited(500e6 - BESIDE), pytest.raises(InputError, match=sentence + "scale it down, save it as a baseline"):
+    with (
+        limited(500e6 - BESIDE),
+        pytest.raises(InputError, match=sentence + "scale it down, save it as a baseline"),
+    ):
         PhotoFile(bomb)
     with pytest.raises(InputError, match="cannot be decoded"):
         PhotoFile(png_bomb(tmp_path / "small.png", 40))

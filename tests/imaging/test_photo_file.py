@@ -33,14 +33,18 @@ from tests.imaging.icc_profiles import P3_PRIMARIES, grey_icc, icc
 from tests.imaging.raw_files import NEUTRAL, XYZ_TO_CAMERA, write_dng
 
 RNG = np.random.default_rng(8)
-P3_TO_SRGB = np.array([[1.2249, -0.2247, 0], [-0.0420, 1.0419, 0], [-0.0197, -0.0786, 1.0979]])  # of CSS Color 4
+P3_TO_SRGB = np.array(
+    [[1.2249, -0.2247, 0], [-0.0420, 1.0419, 0], [-0.0197, -0.0786, 1.0979]]
+)  # of CSS Color 4
 SRGB_TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
 
 def patches(levels=255):
     """Four flat patches of 16 x 16, of colours within sRGB: encoded integers (32, 32, 3)."""
     colors = np.array([[[0.8, 0.3, 0.2], [0.2, 0.6, 0.3]], [[0.25, 0.3, 0.7], [0.5, 0.5, 0.5]]])
-    return np.rint(colors.repeat(16, 0).repeat(16, 1) * levels).astype(np.uint8 if levels == 255 else np.uint16)
+    return np.rint(colors.repeat(16, 0).repeat(16, 1) * levels).astype(
+        np.uint8 if levels == 255 else np.uint16
+    )
 
 
 def centres(image):
@@ -54,7 +58,9 @@ def test_sixteen_bit_tiff_keeps_its_very_samples(tmp_path, channels, compression
     samples = RNG.integers(0, 65536, (13, 17, channels), dtype=np.uint16)
     kind = "minisblack" if channels == 1 else "rgb"
     alpha = {"extrasamples": ["unassalpha"]} if channels == 4 else {}
-    tifffile.imwrite(tmp_path / "a.tif", samples.squeeze(), photometric=kind, compression=compression, **alpha)
+    tifffile.imwrite(
+        tmp_path / "a.tif", samples.squeeze(), photometric=kind, compression=compression, **alpha
+    )
     color, own = read_ldr(tmp_path / "a.tif", srgb=False)
     expected = samples / 65535
     np.testing.assert_allclose(color, np.broadcast_to(expected[..., :3], color.shape), atol=1e-7)
@@ -76,16 +82,22 @@ def test_tiff_is_turned_once(tmp_path, kind, turn):
     else:
         stored = {"deep": samples.astype(np.uint16) * 257, "float": (samples / 255).astype(np.float32)}
         tifffile.imwrite(
-            path, stored.get(kind, samples), photometric="rgb", extratags=tags, byteorder=">" if "big" in kind else "<",
+            path,
+            stored.get(kind, samples),
+            photometric="rgb",
+            extratags=tags,
+            byteorder=">" if "big" in kind else "<",
             compression="deflate" if kind == "compressed" else None,
-        )  # fmt: skip
+        )
     upright = samples if turn < 5 else samples.swapaxes(0, 1)
     down, back = (turn in numbers for numbers in ((3, 4, 7, 8), (2, 3, 6, 7)))
     upright = upright[::-1] if down else upright
     upright = upright[:, ::-1] if back else upright
     assert image_size(path) == upright.shape[1::-1]
     np.testing.assert_allclose(read_ldr(path, srgb=False)[0], upright / np.float32(255), atol=1e-6)
-    np.testing.assert_allclose(read_ldr(path, srgb=False, orient=False)[0], samples / np.float32(255), atol=1e-6)
+    np.testing.assert_allclose(
+        read_ldr(path, srgb=False, orient=False)[0], samples / np.float32(255), atol=1e-6
+    )
 
 
 def test_premultiplied_alpha_of_tiff_is_divided_out(tmp_path):
@@ -152,7 +164,9 @@ def test_exr_photos_have_straight_colour_and_finite_values(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif", "heic", "avif", "deep"])
 def test_display_p3_becomes_srgb(tmp_path, suffix):
-    """The colours of P3 samples, by the matrix that CSS Color 4 prints; what lies outside sRGB is kept above 1."""
+    """The colours of P3 samples, by the matrix that CSS Color 4 prints; what lies outside sRGB is kept above
+    1.
+    """
     profile = icc("Wide Thing", P3_PRIMARIES, 2.2)
     samples = patches(65535 if suffix == "deep" else 255)
     samples[:16, :16] = np.array([1.0, 0.2, 0.2]) * samples.max() / 0.8 if suffix == "deep" else (255, 51, 51)
@@ -161,14 +175,22 @@ def test_display_p3_becomes_srgb(tmp_path, suffix):
         samples[:16, :16] = (65535, 13107, 13107)
         tifffile.imwrite(path, samples, photometric="rgb", iccprofile=profile)
     elif suffix == "heic":
-        pillow_heif.from_pillow(Image.fromarray(samples)).save(path, quality=100, chroma=444, icc_profile=profile)
+        pillow_heif.from_pillow(Image.fromarray(samples)).save(
+            path, quality=100, chroma=444, icc_profile=profile
+        )
     else:
-        options = {"jpg": {"quality": 100, "subsampling": 0}, "webp": {"lossless": True}, "avif": {"quality": 100}}
+        options = {
+            "jpg": {"quality": 100, "subsampling": 0},
+            "webp": {"lossless": True},
+            "avif": {"quality": 100},
+        }
         Image.fromarray(samples).save(path, icc_profile=profile, **options.get(suffix, {}))
     white = 65535 if suffix == "deep" else 255
     expected = np.maximum((centres(samples) / white) ** 2.2 @ P3_TO_SRGB.T, 0)
     found = centres(read_ldr(path)[0])
-    code = {"deep": 1e-3, "png": 2e-3, "webp": 2e-3, "tif": 2e-3}.get(suffix, 0.03)  # lossy ones: a few codes of 255
+    code = {"deep": 1e-3, "png": 2e-3, "webp": 2e-3, "tif": 2e-3}.get(
+        suffix, 0.03
+    )  # lossy ones: a few codes of 255
     np.testing.assert_allclose(found, expected, atol=code)
     assert found[0, 0] > 1.15
     assert foreign_encoding(path) == "ICC profile Wide Thing"
@@ -364,7 +386,9 @@ def test_a_tiff_whose_rows_lie_beyond_its_end_takes_no_memory_for_what_is_betwee
         at, width = places.valueoffset, len(file.pages[0].dataoffsets)
         size = {3: 2, 4: 4, 16: 8}[int(places.dtype)]
     content = bytearray((tmp_path / "a.tif").read_bytes())
-    content[at + size : at + width * size] = (2**63 - 1 if size == 8 else 2 ** (8 * size) - 1).to_bytes(size, "little")
+    content[at + size : at + width * size] = (2**63 - 1 if size == 8 else 2 ** (8 * size) - 1).to_bytes(
+        size, "little"
+    )
     (tmp_path / "a.tif").write_bytes(content)
     with pytest.raises(InputError, match=r"a\.tif cannot be decoded"):
         read_ldr(tmp_path / "a.tif")

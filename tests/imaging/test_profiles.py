@@ -53,7 +53,12 @@ def test_a_broken_profile_is_no_traceback(tmp_path, image):
 
 @pytest.mark.parametrize(
     ("gamma", "srgb", "expected"),
-    [(45455, False, None), (100000, False, "PNG gamma 1"), (55556, False, "PNG gamma 0.5556"), (100000, True, None)],
+    [
+        (45455, False, None),
+        (100000, False, "PNG gamma 1"),
+        (55556, False, "PNG gamma 0.5556"),
+        (100000, True, None),
+    ],
 )
 def test_png_gamma(tmp_path, image, gamma, srgb, expected):
     """The standard's own value means sRGB, and an sRGB chunk overrides any."""
@@ -63,7 +68,9 @@ def test_png_gamma(tmp_path, image, gamma, srgb, expected):
     image.save(buffer, "PNG")
     data = buffer.getvalue()
     for kind, content in ((b"sRGB", b"\0"), (b"gAMA", struct.pack(">I", gamma)))[not srgb :]:
-        chunk = struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        chunk = (
+            struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        )
         data = data[:33] + chunk + data[33:]
     (tmp_path / "a.png").write_bytes(data)
     assert foreign_encoding(tmp_path / "a.png") == expected

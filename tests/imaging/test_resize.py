@@ -15,7 +15,9 @@ def test_integer_ratio_is_block_mean():
 @pytest.mark.parametrize("size", [(7, 11), (5, 3), (1, 1), (10, 16)])
 def test_any_ratio_agrees_with_subdivided_pixels_and_keeps_the_mean(size):
     image = RNG.random((10, 16)).astype(np.float32)
-    fine = np.kron(image, np.ones((size[0], size[1])))  # every pixel cut so that output edges fall between the parts
+    fine = np.kron(
+        image, np.ones((size[0], size[1]))
+    )  # every pixel cut so that output edges fall between the parts
     expected = fine.reshape(size[0], 10, size[1], 16).mean(axis=(1, 3))
     small = resize_area(image, *size)
     np.testing.assert_allclose(small, expected, atol=1e-6)

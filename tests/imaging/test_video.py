@@ -61,7 +61,9 @@ def test_every_second_frame_and_its_colours(tmp_path):
     ("turn", "corner"), [((0, 1, -1, 0), (0, -1)), ((-1, 0, 0, -1), (-1, -1)), ((0, -1, 1, 0), (-1, 0))]
 )
 def test_a_phone_held_upright(tmp_path, turn, corner):
-    """The matrix of the track (ISO 14496-12, tkhd) turns what the sensor recorded: clockwise is (0, 1, -1, 0)."""
+    """The matrix of the track (ISO 14496-12, tkhd) turns what the sensor recorded: clockwise is (0, 1, -1,
+    0).
+    """
     picture = np.full((48, 96, 3), 20, np.uint8)
     picture[:24, :24] = 240
     path = write_video(tmp_path / "a.mp4", [picture] * 3)
@@ -92,7 +94,9 @@ def test_pixels_that_are_not_square(tmp_path):
 def test_one_picture_is_refused(tmp_path):
     for count in (1, 8):
         path = write_video(tmp_path / f"{count}.mp4", pan(1) * count)
-        with pytest.raises(InputError, match=rf"one and the same picture in all of its {count} frames.*walking"):
+        with pytest.raises(
+            InputError, match=rf"one and the same picture in all of its {count} frames.*walking"
+        ):
             extract_frames(path, tmp_path / "photos", 5)
     assert not (tmp_path / "photos").exists()
 

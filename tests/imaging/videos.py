@@ -20,7 +20,9 @@ def write_video(path, pictures, *, codec="mpeg4", pixels="yuv420p", rate=10, **s
         for key, value in settings.items():
             setattr(stream.codec_context, key, value)
         for index, picture in enumerate(pictures):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24" if picture.dtype == np.uint8 else "rgb48le")
+            frame = av.VideoFrame.from_ndarray(
+                picture, format="rgb24" if picture.dtype == np.uint8 else "rgb48le"
+            )
             frame.pts, frame.time_base = index, Fraction(1, rate)
             video.mux(stream.encode(frame))
         video.mux(stream.encode())

@@ -25,9 +25,14 @@ class Writer:
     def __init__(self) -> None:
         self.binary = bytearray()
         self.document: dict[str, Any] = {
-            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-            "bufferViews": [], "accessors": [], "meshes": [{"primitives": []}],
-        }  # fmt: skip
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0}],
+            "bufferViews": [],
+            "accessors": [],
+            "meshes": [{"primitives": []}],
+        }
 
     def view(self, data: bytes) -> int:
         self.binary += bytes(-len(self.binary) % 4)
@@ -49,7 +54,12 @@ class Writer:
         text = json.dumps(self.document).encode()
         text += b" " * (-len(text) % 4)
         binary = bytes(self.binary) + bytes(-len(self.binary) % 4)
-        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+        chunks = (
+            struct.pack("<I4s", len(text), b"JSON")
+            + text
+            + struct.pack("<I4s", len(binary), b"BIN\0")
+            + binary
+        )
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
@@ -58,9 +68,10 @@ def box(color: tuple[float, float, float] = (0.8, 0.2, 0.1)) -> Writer:
     made = Writer()
     faces = np.array([(a, b, c) for a, b, c, d in _SIDES] + [(a, c, d) for a, b, c, d in _SIDES], np.uint32)
     primitive = {
-        "attributes": {"POSITION": made.array(_CORNERS, "VEC3")}, "indices": made.array(faces.reshape(-1), "SCALAR"),
+        "attributes": {"POSITION": made.array(_CORNERS, "VEC3")},
+        "indices": made.array(faces.reshape(-1), "SCALAR"),
         "material": 0,
-    }  # fmt: skip
+    }
     made.document["meshes"][0]["primitives"].append(primitive)
     pbr = {"baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 0.7}
     made.document["materials"] = [{"pbrMetallicRoughness": pbr}]

@@ -52,8 +52,11 @@ def test_the_layers_make_the_picture(studio, beside, tmp_path):
     assert np.abs(made - beside.color).max() < 0.02  # grain of a clean photo
     beside.write(LayerFiles.of(tmp_path / "out.png"))
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "out.beauty.exr", "out.mask.exr", "out.png", "out.shadow.exr",
-    ]  # fmt: skip
+        "out.beauty.exr",
+        "out.mask.exr",
+        "out.png",
+        "out.shadow.exr",
+    ]
     rgba = read_hdr(tmp_path / "out.beauty.exr")
     assert np.array_equal(rgba[..., 3], beside.mask)
     before = [path.read_bytes() for path in sorted(tmp_path.iterdir())]

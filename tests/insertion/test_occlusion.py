@@ -30,10 +30,15 @@ def test_points_interpolate_any_place_of_large_faces(thing):
 def test_of_many_vertices_some_stand_for_their_neighbours(thing):
     ball, faces = (torch.from_numpy(part) for part in sphere(7))
     fine = dataclasses.replace(
-        thing, vertices=ball, faces=faces, normals=ball, uvs=torch.zeros(len(ball), 4),
-        colors=torch.ones(len(ball), 4), material=torch.zeros(len(faces), dtype=torch.long),
+        thing,
+        vertices=ball,
+        faces=faces,
+        normals=ball,
+        uvs=torch.zeros(len(ball), 4),
+        colors=torch.ones(len(ball), 4),
+        material=torch.zeros(len(faces), dtype=torch.long),
         twin=torch.full((len(faces),), -1),
-    )  # fmt: skip
+    )
     points = SurfacePoints.of(fine)
     assert len(points.points) < 0.5 * len(ball)
     assert (points.points[points.vertex] - ball).norm(dim=1).max() < 0.05

@@ -57,7 +57,8 @@ def test_the_files_height_counts_where_it_is_plausible(thing):
 def test_turning_is_anticlockwise_from_above(thing):
     long = dataclasses.replace(thing, vertices=thing.vertices * torch.tensor([3.0, 1, 1]))
     straight, turned = (
-        place(long, KNOWN, ONE, CAMERA, MASK, Wish(at=(150, 150), scale=0.5, turn=angle)).thing for angle in (0, 90)
+        place(long, KNOWN, ONE, CAMERA, MASK, Wish(at=(150, 150), scale=0.5, turn=angle)).thing
+        for angle in (0, 90)
     )
     middle = straight.vertices.mean(0)
     corner = (straight.vertices[0] - middle)[[1, 0, 2]] * torch.tensor([-1.0, 1, 1])
@@ -78,7 +79,9 @@ def test_a_place_in_the_object_is_told_and_the_sky_is_refused(thing):
 @pytest.mark.parametrize("thickness", [0.0, 0.01])
 def test_a_flat_thing_is_measured_by_its_longest_side(thing, thickness):
     """A rug of twice the object's height is no towering slab, and one without thickness has a foot, too."""
-    rug = dataclasses.replace(thing, vertices=thing.vertices * torch.tensor([4.0, 2.0, thickness]) / thing.size.max())
+    rug = dataclasses.replace(
+        thing, vertices=thing.vertices * torch.tensor([4.0, 2.0, thickness]) / thing.size.max()
+    )
     longest = float(rug.size.max())
     placed = place(rug, KNOWN, ONE, CAMERA, MASK, Wish(at=(150, 150)))
     assert not any("times as high" in warning for warning in placed.warnings)

@@ -15,7 +15,9 @@ def texture(codes):
 def test_colours_stay_where_alpha_is_none():
     for srgb in (True, False):
         for level in _levels(texture([180, 128, 60, 0]), srgb=srgb, cut=False):
-            np.testing.assert_allclose(level[..., :3], [180, 128, 60] * np.ones((*level.shape[:2], 1)), atol=1)
+            np.testing.assert_allclose(
+                level[..., :3], [180, 128, 60] * np.ones((*level.shape[:2], 1)), atol=1
+            )
             assert not level[..., 3].any()
 
 

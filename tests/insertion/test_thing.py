@@ -42,7 +42,9 @@ def test_nodes_turn_scale_and_mirror(tmp_path):
         {"mesh": 0, "scale": [3, 1, -1]},
     ]
     thing = load_thing(write(tmp_path / "box.glb", made))
-    assert np.allclose(thing.vertices.amin(0), [-2, -1, 2], atol=1e-5)  # x <- -y, y <- x, turned about z, then z up
+    assert np.allclose(
+        thing.vertices.amin(0), [-2, -1, 2], atol=1e-5
+    )  # x <- -y, y <- x, turned about z, then z up
     assert np.allclose(thing.vertices.amax(0), [0, 1, 8], atol=1e-5)
     middles = thing.vertices[thing.faces.long()].mean(1) - thing.vertices.mean(0)
     assert ((face_normals(thing.vertices, thing.faces) * middles).sum(1) > 0).all()
@@ -52,9 +54,10 @@ def test_nodes_turn_scale_and_mirror(tmp_path):
 def textured(made: Writer, **material) -> Writer:
     texture = made.view(png((128, 255, 51)))
     made.document |= {
-        "images": [{"bufferView": texture, "mimeType": "image/png"}], "textures": [{"source": 0}],
+        "images": [{"bufferView": texture, "mimeType": "image/png"}],
+        "textures": [{"source": 0}],
         "materials": [material],
-    }  # fmt: skip
+    }
     attributes = made.document["meshes"][0]["primitives"][0]["attributes"]
     attributes["TEXCOORD_0"] = made.array(np.full((8, 2), 3.3, np.float32), "VEC2")
     return made
@@ -62,9 +65,12 @@ def textured(made: Writer, **material) -> Writer:
 
 def test_textures_and_factors_multiply(tmp_path):
     pbr = {
-        "baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 0}, "metallicFactor": 0.5,
-        "roughnessFactor": 0.25, "baseColorFactor": [1, 0.5, 1, 1],
-    }  # fmt: skip
+        "baseColorTexture": {"index": 0},
+        "metallicRoughnessTexture": {"index": 0},
+        "metallicFactor": 0.5,
+        "roughnessFactor": 0.25,
+        "baseColorFactor": [1, 0.5, 1, 1],
+    }
     made = textured(box(), pbrMetallicRoughness=pbr, emissiveTexture={"index": 0}, emissiveFactor=[2, 0, 0])
     thing = load_thing(write(tmp_path / "box.glb", made))
     one = thing.materials[0].sample(thing.uvs[:1], thing.colors[:1], torch.full((1,), 1e-6))
@@ -147,14 +153,21 @@ def no_extent(made: Writer) -> None:
 @pytest.mark.parametrize(
     ("spoil", "word"),
     [
-        (external, "refers to other files"), (external_picture, "refers to other files"),
-        (ten_million_faces, "10000000 faces"), (not_a_number, "NaN"),
+        (external, "refers to other files"),
+        (external_picture, "refers to other files"),
+        (ten_million_faces, "10000000 faces"),
+        (not_a_number, "NaN"),
         pytest.param(many_copies, "simplify", marks=pytest.mark.slow),
-        (own_parent, "no sound GLB"), (out_of_range, "no sound GLB"), (animations_only, "no triangles"),
-        (beyond_the_file, "no sound GLB"), (compressed, "KHR_draco_mesh_compression"), (huge_texture, "60000"),
-        (infinite_node, "far"), (no_extent, "no extent"),
+        (own_parent, "no sound GLB"),
+        (out_of_range, "no sound GLB"),
+        (animations_only, "no triangles"),
+        (beyond_the_file, "no sound GLB"),
+        (compressed, "KHR_draco_mesh_compression"),
+        (huge_texture, "60000"),
+        (infinite_node, "far"),
+        (no_extent, "no extent"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_used_is_refused_in_one_sentence(tmp_path, spoil, word):
     made = box()
     spoil(made)

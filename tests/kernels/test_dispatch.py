@@ -51,7 +51,9 @@ def test_an_op_without_a_body_for_the_device_gets_the_reference(monkeypatch):
 def test_loops_are_compiled_here_alone():
     """But for two file formats, whose loops are the format itself."""
     source = Path(lightprobe.__file__).parent
-    compiling = {str(path.relative_to(source)) for path in source.rglob("*.py") if "@compiled(" in path.read_text()}
+    compiling = {
+        str(path.relative_to(source)) for path in source.rglob("*.py") if "@compiled(" in path.read_text()
+    }
     assert {path for path in compiling if not path.startswith("kernels/numba/")} == {
         "imaging/png16.py",
         "imaging/radiance.py",

@@ -31,7 +31,9 @@ def test_weighted_gather_matches_the_reference(body, channels, index_dtype):
     values, index, weight, grad = body.move(*problem(channels=channels, index_dtype=index_dtype))
     out, grad_values, grad_weight = value_and_gradients(values, index, weight, grad)
     exact = [x.double() for x in (values, weight, grad)]
-    torch.testing.assert_close(out.double(), reference.weighted_gather(exact[0], index, exact[1]), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(
+        out.double(), reference.weighted_gather(exact[0], index, exact[1]), rtol=1e-5, atol=1e-5
+    )
     expected = reference.scatter_weighted(exact[2], index, exact[1], len(values))
     torch.testing.assert_close(grad_values.double(), expected, rtol=1e-4, atol=1e-4)
     assert torch.equal(weighted_scatter(grad, index, weight, len(values)), grad_values)
@@ -84,7 +86,9 @@ def test_scatter_rows_is_the_transpose_of_gather_rows(body):
     index = index[:, 0]
     out = scatter_rows(grad, index, len(values))
     torch.testing.assert_close(out, torch.zeros_like(values).index_add(0, index, grad))
-    torch.testing.assert_close((out * values).sum(), (grad * gather_rows(values, index)).sum(), rtol=1e-4, atol=1e-3)
+    torch.testing.assert_close(
+        (out * values).sum(), (grad * gather_rows(values, index)).sum(), rtol=1e-4, atol=1e-3
+    )
     (found,) = torch.autograd.grad(scatter_rows(grad.requires_grad_(), index, len(values)), grad, values)
     assert torch.equal(found, values[index])
 

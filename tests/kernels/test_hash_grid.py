@@ -50,7 +50,9 @@ def test_only_what_is_asked_for_gets_a_gradient(monkeypatch):
     for name in ("encode_backward", "encode_backward_to_points"):
         monkeypatch.setattr(reference, name, lambda *_, name=name: called.append(name))
     for one in (0, 1):
-        variables = [tensor.double().requires_grad_(place == one) for place, tensor in enumerate((points, table))]
+        variables = [
+            tensor.double().requires_grad_(place == one) for place, tensor in enumerate((points, table))
+        ]
         hash_encode(*variables, resolutions).sum().backward()
     assert called == ["encode_backward_to_points", "encode_backward"]
 
@@ -78,7 +80,9 @@ def test_dense_level_reproduces_a_linear_function():
 
 
 def test_corner_rows_follow_the_paper(body):
-    points = torch.tensor([[5.0, 9.0, 14.0]], device=body.device) / 32  # a lattice corner: one row holds all the weight
+    points = (
+        torch.tensor([[5.0, 9.0, 14.0]], device=body.device) / 32
+    )  # a lattice corner: one row holds all the weight
     grad_out, cells = torch.ones(1, 1, device=body.device), torch.tensor([32])
     _, grad, _ = value_and_gradients(points, torch.zeros(1, 256, 1, device=body.device), cells, grad_out)
     row = (5 ^ (9 * 2654435761 % 2**32) ^ (14 * 805459861 % 2**32)) % 256
@@ -92,13 +96,17 @@ def test_points_outside_are_clamped(body, body_dtype):
     _, table, resolutions = body.move(*problem())
     outside = torch.tensor([[-0.5, 0.3, 1.5], [2.0, -1.0, 0.5]], dtype=body_dtype, device=body.device)
     table = table.to(body_dtype)
-    assert torch.equal(hash_encode(outside, table, resolutions), hash_encode(outside.clamp(0, 1), table, resolutions))
+    assert torch.equal(
+        hash_encode(outside, table, resolutions), hash_encode(outside.clamp(0, 1), table, resolutions)
+    )
 
 
 def test_the_far_face_reads_no_row_beyond_its_level(body):
     table = torch.full((2, 64, 1), torch.inf)
     table[0, :, 0] = torch.arange(64)
-    out = hash_encode(*body.move(torch.tensor([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0]]), table), torch.tensor([3, 3]))
+    out = hash_encode(
+        *body.move(torch.tensor([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0]]), table), torch.tensor([3, 3])
+    )
     assert out[:, 0].tolist() == [63, 51]
 
 
@@ -147,7 +155,9 @@ def test_points_that_are_nowhere_stay_within_the_table(body, value):
     """What is no number has no features, and touches no other level's or point's."""
     points, table, resolutions = body.move(*problem(n=8))
     points[3] = value
-    out, grad, _ = value_and_gradients(points, table, resolutions, torch.ones(8, 2 * len(CELLS), device=body.device))
+    out, grad, _ = value_and_gradients(
+        points, table, resolutions, torch.ones(8, 2 * len(CELLS), device=body.device)
+    )
     fine = torch.arange(8) != 3
     expected = reference.encode(points.cpu(), table.cpu(), CELLS)
     torch.testing.assert_close(out.cpu()[fine], expected[fine], rtol=1e-5, atol=1e-5)

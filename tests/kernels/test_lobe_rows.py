@@ -1,4 +1,6 @@
-"""Lobes over the pyramid: against the plain reference and the lobe's integral, and finer where less is tolerated."""
+"""Lobes over the pyramid: against the plain reference and the lobe's integral, and finer where less is
+tolerated.
+"""
 
 import itertools
 

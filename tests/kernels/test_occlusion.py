@@ -16,12 +16,16 @@ def problem(pixels=700, rows=50, corners=3, resolution=8, dtype=torch.float32, s
     directions = cubemap.exact_directions(resolution).reshape(-1, 3)
     angles = cubemap.exact_solid_angles(resolution).reshape(-1)
     light = torch.rand(len(directions), 3, generator=random, dtype=torch.float64) ** 4
-    normals = torch.nn.functional.normalize(torch.randn(pixels, 3, generator=random, dtype=torch.float64), dim=1)
+    normals = torch.nn.functional.normalize(
+        torch.randn(pixels, 3, generator=random, dtype=torch.float64), dim=1
+    )
     unoccluded = torch.randint(0, 256, (rows, len(directions)), generator=random, dtype=torch.uint8)
     index = torch.randint(0, rows, (pixels, corners), generator=random)
     weight = torch.rand(pixels, corners, generator=random, dtype=torch.float64)
     weight = weight / weight.sum(1, keepdim=True)
-    light, normals, weight, directions, angles = (x.to(dtype) for x in (light, normals, weight, directions, angles))
+    light, normals, weight, directions, angles = (
+        x.to(dtype) for x in (light, normals, weight, directions, angles)
+    )
     return light, normals, unoccluded, index, weight, directions, angles
 
 
@@ -46,14 +50,20 @@ def test_matches_the_reference(body, pixels, corners):
 
 def test_gradients_in_float64():
     light, normals, *rest = problem(4, 5, resolution=4, dtype=torch.float64)
-    assert gradcheck(lambda a, n: occluded_light(a, n, *rest), (light.requires_grad_(), normals.requires_grad_()))
+    assert gradcheck(
+        lambda a, n: occluded_light(a, n, *rest), (light.requires_grad_(), normals.requires_grad_())
+    )
 
 
 def test_open_sky_is_irradiance_over_pi():
     _, _, unoccluded, *rest = problem(50, dtype=torch.float64, resolution=32)
     up = rest[2][:, 2:].clamp(min=0).expand(-1, 3)  # a light max(w_z, 0): irradiance / pi of n = z is 2 / 3
-    out = occluded_light(up.contiguous(), torch.tensor([[0.0, 0, 1]]).double().expand(50, 3),
-                         torch.full_like(unoccluded, 255), *rest)  # fmt: skip
+    out = occluded_light(
+        up.contiguous(),
+        torch.tensor([[0.0, 0, 1]]).double().expand(50, 3),
+        torch.full_like(unoccluded, 255),
+        *rest,
+    )
     torch.testing.assert_close(out[:, 0], torch.full((50,), 2 / 3).double(), rtol=2e-3, atol=0)
     torch.testing.assert_close(out[:, 3], torch.full((50,), 1 / 4).double(), rtol=2e-3, atol=0)
     torch.testing.assert_close(out[:, 6], torch.ones(50).double())

@@ -1,4 +1,6 @@
-"""Rasteriser: against the plain reference and exact arithmetic, no holes, and its rules for depth and odd faces."""
+"""Rasteriser: against the plain reference and exact arithmetic, no holes, and its rules for depth and odd
+faces.
+"""
 
 import math
 from fractions import Fraction
@@ -14,7 +16,9 @@ from tests.threads import torch_threads
 
 
 def soup(count, height, width, *, seed=0, size=12.0):
-    """Return `count` random triangles, some of them partly or wholly off screen, as (3 count, 3) and (count, 3)."""
+    """Return `count` random triangles, some of them partly or wholly off screen, as (3 count, 3) and (count,
+    3).
+    """
     random = torch.Generator().manual_seed(seed)
     centre = torch.rand(count, 1, 2, generator=random) * torch.tensor([width + 10.0, height + 10.0]) - 5
     corners = centre + size * (torch.rand(count, 3, 2, generator=random) - 0.5)
@@ -23,7 +27,9 @@ def soup(count, height, width, *, seed=0, size=12.0):
 
 
 def sheet(cells, low, high, *, jitter=0.0, snap=False, seed=0):
-    """Return a flat triangulated square from `low` to `high` pixels, inner vertices moved by up to `jitter` cells."""
+    """Return a flat triangulated square from `low` to `high` pixels, inner vertices moved by up to `jitter`
+    cells.
+    """
     random = torch.Generator().manual_seed(seed)
     step = (high - low) / cells
     line = low + step * torch.arange(cells + 1)
@@ -49,16 +55,25 @@ def sphere(rings, size):
     ones = torch.ones_like(polar * around)
     x, y, z = polar.sin() * around.cos(), polar.cos() * ones, polar.sin() * around.sin()
     depth = (3 - z).flatten()
-    screen = torch.stack([size / 2 + size * x.flatten() / depth, size / 2 + size * y.flatten() / depth, depth], 1)
+    screen = torch.stack(
+        [size / 2 + size * x.flatten() / depth, size / 2 + size * y.flatten() / depth, depth], 1
+    )
     i, j = torch.meshgrid(torch.arange(rings), torch.arange(2 * rings), indexing="ij")
     a, b = i * 2 * rings + j, i * 2 * rings + (j + 1) % (2 * rings)
-    faces = torch.cat([torch.stack([a, b, a + 2 * rings], 2), torch.stack([b, b + 2 * rings, a + 2 * rings], 2)])
+    faces = torch.cat(
+        [torch.stack([a, b, a + 2 * rings], 2), torch.stack([b, b + 2 * rings, a + 2 * rings], 2)]
+    )
     return screen, size / math.sqrt(8), faces.reshape(-1, 3).int()
 
 
 @pytest.mark.parametrize(("height", "width"), [(64, 64), (37, 90), (100, 17), (1, 1)])
 def test_equals_the_reference_to_the_bit(body, height, width):
-    for count, size in [(body.size(400, 40), 12.0), (body.size(30, 9), 150.0), (body.size(2000, 90), 1.5), (0, 1.0)]:
+    for count, size in [
+        (body.size(400, 40), 12.0),
+        (body.size(30, 9), 150.0),
+        (body.size(2000, 90), 1.5),
+        (0, 1.0),
+    ]:
         screen, faces = body.move(*soup(count, height, width, size=size))
         seen = rasterize(screen, faces, height, width)
         face, inverse_depth = reference.rasterize(screen, faces, height, width)
@@ -79,7 +94,8 @@ def covers_exactly(corners, x, y):
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.lists(st.tuples(st.integers(-8, 40), st.integers(-8, 40)), min_size=3, max_size=3), st.sampled_from([2, 3, 4])
+    st.lists(st.tuples(st.integers(-8, 40), st.integers(-8, 40)), min_size=3, max_size=3),
+    st.sampled_from([2, 3, 4]),
 )
 def test_coverage_is_exact(corners, divisor):
     screen = torch.tensor([[x / divisor, y / divisor, 1.0] for x, y in corners])
@@ -100,11 +116,15 @@ def test_shared_edges_leave_no_crack(cells, jitter, snap, low, seed):
 
 
 def test_an_edge_that_rounding_cannot_place_leaves_no_crack():
-    """The edge passes pixel centres closer than float64 tells; only equal evaluation in both faces keeps it shut."""
+    """The edge passes pixel centres closer than float64 tells; only equal evaluation in both faces keeps it
+    shut.
+    """
     random = torch.Generator().manual_seed(0)
     for _ in range(30):
         start = torch.rand(2, generator=random) * 1e-14
-        points = torch.stack([start, torch.tensor([64.5, 64.5]), torch.tensor([-3.0, 70]), torch.tensor([70, -3.0])])
+        points = torch.stack(
+            [start, torch.tensor([64.5, 64.5]), torch.tensor([-3.0, 70]), torch.tensor([70, -3.0])]
+        )
         screen = torch.cat([points, torch.ones(4, 1)], dim=1)
         for faces in ([[0, 1, 2], [1, 0, 3]], [[1, 0, 2], [0, 1, 3]]):
             assert (rasterize(screen, torch.tensor(faces), 64, 64).face.diagonal() >= 0).all()

@@ -26,7 +26,9 @@ def triples(count, dtype=torch.float32, seed=0):
 
 
 def some_rows(operator, count, seed=0):
-    rows = torch.randint(0, operator.forward.start.numel() - 1, (count,), generator=torch.Generator().manual_seed(seed))
+    rows = torch.randint(
+        0, operator.forward.start.numel() - 1, (count,), generator=torch.Generator().manual_seed(seed)
+    )
     return ChosenRows.of(operator, rows)
 
 
@@ -38,7 +40,9 @@ def test_matches_the_reference(dtype, tolerance):
     for rows in (None, chosen.rows):
         found = sparse_product(operator.forward, x, rows)
         assert found.dtype == dtype
-        torch.testing.assert_close(found, reference.product(operator.forward, x, rows), rtol=tolerance, atol=tolerance)
+        torch.testing.assert_close(
+            found, reference.product(operator.forward, x, rows), rtol=tolerance, atol=tolerance
+        )
     found = sparse_product_transposed(operator.forward, y, chosen.rows, chosen.bounds)
     expected = reference.product_transposed(operator.forward, y, chosen.rows, chosen.bounds)
     assert found.dtype == dtype
@@ -59,7 +63,11 @@ def test_the_reference_is_the_product():
 @given(st.integers(1, 60), st.integers(1, 60), st.floats(0, 1), st.integers(0, 80), st.integers(0, 99))
 def test_the_products_are_each_other_s_transpose_at_any_size(rows, columns, density, count, seed):
     operator = SparseOperator.build(matrix(rows, columns, density, seed))
-    chosen, x, y = some_rows(operator, count, seed), triples(columns, torch.float64), triples(count, torch.float64)
+    chosen, x, y = (
+        some_rows(operator, count, seed),
+        triples(columns, torch.float64),
+        triples(count, torch.float64),
+    )
     left, right = (chosen.apply(x) * y).sum(), (x * chosen.adjoint(y)).sum()
     torch.testing.assert_close(left, right, rtol=1e-12, atol=1e-12)
 
@@ -68,7 +76,9 @@ def test_wide_columns_need_no_uint16():
     operator = SparseOperator.build(matrix(5, 1 << 17, 1e-3))
     assert operator.forward.column.dtype == torch.int32
     x = triples(1 << 17)
-    torch.testing.assert_close(operator.apply(x), reference.product(operator.forward, x, None), rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(
+        operator.apply(x), reference.product(operator.forward, x, None), rtol=1e-4, atol=1e-4
+    )
 
 
 def test_bits_do_not_depend_on_threads():
@@ -119,5 +129,7 @@ def test_wrong_input_is_refused():
 
 
 def test_an_empty_matrix_is_zero():
-    nothing = CompressedRows(torch.zeros(4, dtype=torch.int32), torch.zeros(0, dtype=torch.int32), torch.zeros(0), 2)
+    nothing = CompressedRows(
+        torch.zeros(4, dtype=torch.int32), torch.zeros(0, dtype=torch.int32), torch.zeros(0), 2
+    )
     assert torch.equal(sparse_product(nothing, triples(2)), torch.zeros(3, 3))

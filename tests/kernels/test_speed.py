@@ -1,6 +1,8 @@
-"""Speed of the kernels at the sizes the design names; time them with `pytest --benchmark-enable` on this file.
+"""Speed of the kernels at the sizes the design names; time them with `pytest --benchmark-enable` on this
+file.
 
-Without that option each body runs once, so that the suite cannot rot. `extra_info` names the work in one call.
+Without that option each body runs once, so that the suite cannot rot. `extra_info` names the work in one
+call.
 """
 
 import pytest

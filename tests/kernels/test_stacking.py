@@ -22,7 +22,9 @@ def problem(pixels=700, texels=900, *, least_roughness=0.08, seed=0, dtype=torch
     random = torch.Generator().manual_seed(seed)
     normals, views, directions = unit(pixels, random), unit(pixels, random), unit(texels, random)
     views = views * (normals * views).sum(dim=1, keepdim=True).sign()
-    roughness = least_roughness + (1 - least_roughness) * torch.rand(pixels, generator=random, dtype=torch.float64)
+    roughness = least_roughness + (1 - least_roughness) * torch.rand(
+        pixels, generator=random, dtype=torch.float64
+    )
     colors = torch.rand(pixels, 3, generator=random, dtype=torch.float64) * 2
     return tuple(x.to(dtype) for x in (colors, normals, views, roughness**4, directions))
 
@@ -55,7 +57,9 @@ def test_matches_the_reference(body, pixels, texels):
     grad = torch.randn(texels, 3, device=body.device)
     radiance, weight, grad_colors = value_and_gradient(case, grad)
     expected, expected_weight = exact(*case)
-    torch.testing.assert_close(weight.double(), expected_weight, rtol=3e-5, atol=1e-5 * float(expected_weight.max()))
+    torch.testing.assert_close(
+        weight.double(), expected_weight, rtol=3e-5, atol=1e-5 * float(expected_weight.max())
+    )
     torch.testing.assert_close(radiance.double(), expected, rtol=1e-5, atol=1e-5)
     colors = case[0].double().requires_grad_()
     (expected_grad,) = torch.autograd.grad(exact(colors, *case[1:])[0], colors, grad.double())
@@ -78,7 +82,9 @@ def test_the_core_of_a_sharp_lobe_keeps_its_digits(body):
     for p in range(0, 300, 7):
         lobe = [x[p : p + 1] for x in (n, v, a2)]
         expected = exact(case[0][:1], *lobe, offset[p : p + 1])[1]
-        torch.testing.assert_close(probe_weight(*lobe, offset[p : p + 1]).double(), expected, rtol=2e-4, atol=0)
+        torch.testing.assert_close(
+            probe_weight(*lobe, offset[p : p + 1]).double(), expected, rtol=2e-4, atol=0
+        )
 
 
 @settings(max_examples=25, deadline=None)
@@ -93,7 +99,11 @@ def test_radiance_is_a_convex_average(pixels, texels, seed, roughness):
 
 
 def test_unseen_directions_are_black_and_give_no_gradient(body):
-    colors, n, v = torch.ones(2, 3), torch.tensor([[0.0, 0, 1], [0, 0, 1]]), torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8]])
+    colors, n, v = (
+        torch.ones(2, 3),
+        torch.tensor([[0.0, 0, 1], [0, 0, 1]]),
+        torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8]]),
+    )
     down, up = body.move(torch.tensor([[0.0, 0.6, -0.8]]), torch.tensor([[0.0, 0.6, 0.8]]))
     case = (*body.move(colors, n, v, torch.tensor([0.1, 0.1])), down)
     one = torch.ones(1, 3, device=body.device)
@@ -107,7 +117,9 @@ def test_unseen_directions_are_black_and_give_no_gradient(body):
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_direction_opposite_to_the_view_is_finite(body, dtype):
     n = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], dtype=dtype)
-    v = torch.tensor([[0.0, 0.6, 0.8], [0.0, 0.6, 0.8]], dtype=dtype)  # the second pixel faces away from its camera
+    v = torch.tensor(
+        [[0.0, 0.6, 0.8], [0.0, 0.6, 0.8]], dtype=dtype
+    )  # the second pixel faces away from its camera
     a2 = torch.tensor([0.3, 0.3], dtype=dtype)
     case = body.move(torch.ones_like(n), n, v, a2, -v[:1])
     radiance, weight = (x.cpu() for x in stack_probes(*case))
@@ -117,7 +129,9 @@ def test_a_direction_opposite_to_the_view_is_finite(body, dtype):
 
 @pytest.mark.parametrize("a2", [0.05, 0.3, 1.0])
 def test_the_density_integrates_to_its_closed_form(a2):
-    """For v = n, dw = 4 (n.h) dh, and the GGX share of half vectors within 45 degrees, where n.w > 0, is 1/(1 + a2)."""
+    """For v = n, dw = 4 (n.h) dh, and the GGX share of half vectors within 45 degrees, where n.w > 0, is 1/(1
+    + a2).
+    """
     count = 200_000
     k = torch.arange(count, dtype=torch.float64) + 0.5
     z, phi = 1 - 2 * k / count, k * math.pi * (3 - math.sqrt(5))

@@ -7,9 +7,22 @@ import sys
 import pytest
 
 KERNELS = {
-    "_gather", "_scatter", "_row_products", "_encode", "_encode_backward", "_encode_backward_to_points", "_stack",
-    "_project", "_forward", "_totals", "_spread", "_turn", "_draw_small", "_draw_large", "_multiply",
-}  # fmt: skip
+    "_gather",
+    "_scatter",
+    "_row_products",
+    "_encode",
+    "_encode_backward",
+    "_encode_backward_to_points",
+    "_stack",
+    "_project",
+    "_forward",
+    "_totals",
+    "_spread",
+    "_turn",
+    "_draw_small",
+    "_draw_large",
+    "_multiply",
+}
 
 
 @pytest.mark.long
@@ -19,7 +32,10 @@ def test_every_kernel_compiles(kind, architecture, tmp_path):
     environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
     done = subprocess.run(
         [sys.executable, "-m", "tests.kernels.triton_compilation", kind, architecture],
-        env=environment | {"TRITON_CACHE_DIR": str(tmp_path)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        env=environment | {"TRITON_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert set(done.stdout.split()) == KERNELS

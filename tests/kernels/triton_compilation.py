@@ -1,7 +1,8 @@
-"""Compile every Triton kernel for a GPU that need not be there: `python -m tests.kernels.triton_compilation cuda 90`.
+"""Compile every Triton kernel for a GPU that need not be there: `python -m tests.kernels.triton_compilation
+cuda 90`.
 
-The interpreter runs kernels without looking at types, and would let pass what a compiler refuses. So here each body is
-called as usual while launches stop after compilation. Prints the names of the kernels compiled.
+The interpreter runs kernels without looking at types, and would let pass what a compiler refuses. So here
+each body is called as usual while launches stop after compilation. Prints the names of the kernels compiled.
 """
 
 import importlib
@@ -63,8 +64,13 @@ def call_all():
     call("occlusion", "normal_gradient", grad, reference_occlusion.occluded_light(*case), *case)
     for columns in (1, 500):
         entries = torch.zeros(columns, dtype=torch.int32)
-        call("sparse", "product", CompressedRows(torch.tensor([0, columns]).int(), entries, entries.float(), columns),
-             torch.ones(columns, 3), None)  # fmt: skip
+        call(
+            "sparse",
+            "product",
+            CompressedRows(torch.tensor([0, columns]).int(), entries, entries.float(), columns),
+            torch.ones(columns, 3),
+            None,
+        )
     screen, faces = test_rasterize.soup(40, 64, 64)
     call("rasterize", "rasterize", screen, faces, 64, 64)
     call("rasterize", "rasterize", screen, faces[:1].long(), 64, 1)

@@ -1,11 +1,13 @@
-"""Disturb commands at many moments, and see that the same command then ends with the bits of an undisturbed one.
+"""Disturb commands at many moments, and see that the same command then ends with the bits of an undisturbed
+one.
 
     python -m tests.kills --moments 50 --seed 0 [--commands predict export] [--page benchmarks/KILLS.md]
 
-Kills come at changes of the file system and after random times, half and half; `--moments` of them over all commands.
-A fifth as many times, once at least, the disk is full from a change on, or files end at a size. Once each the folder is
-read-only, two processes run the same command at once, and the clock is set back between a kill and the second run.
-After each the same command is run undisturbed. Needs Linux and one thread. Ends with 1 when anything differs.
+Kills come at changes of the file system and after random times, half and half; `--moments` of them over all
+commands. A fifth as many times, once at least, the disk is full from a change on, or files end at a size.
+Once each the folder is read-only, two processes run the same command at once, and the clock is set back
+between a kill and the second run. After each the same command is run undisturbed. Needs Linux and one thread.
+Ends with 1 when anything differs.
 """
 
 import argparse
@@ -66,7 +68,9 @@ class Bench:
         for index in range(kills):
             by_change = index % 2 == 0 and whole.changes > 0
             at = (
-                {"change": dice.randint(1, whole.changes)} if by_change else {"seconds": dice.uniform(0, whole.seconds)}
+                {"change": dice.randint(1, whole.changes)}
+                if by_change
+                else {"seconds": dice.uniform(0, whole.seconds)}
             )
             yield Moment(Fault.KILL, **at)  # type: ignore[arg-type]
         sizes = sorted(len(data) for data in self._whole[command.name].values() if isinstance(data, bytes))
@@ -86,7 +90,9 @@ class Bench:
         complete = contents(self._work / command.output) == self._whole[command.name]
         if moment.clock:
             self._age()
-        if not wrong and not (complete and command.name == "export"):  # which refuses a folder that it has filled
+        if not wrong and not (
+            complete and command.name == "export"
+        ):  # which refuses a folder that it has filled
             wrong = self._again(command)
         return Result(command.name, str(moment), "clock" if moment.clock else moment.fault.value, wrong)
 
@@ -131,7 +137,9 @@ def _wrongly_ended(ended: Ended, moment: Moment) -> str:
 
 
 def _no_sentence(ended: Ended) -> str:
-    lines = [line for line in ended.said.splitlines() if line.startswith("lightprobe: ") and "warning" not in line]
+    lines = [
+        line for line in ended.said.splitlines() if line.startswith("lightprobe: ") and "warning" not in line
+    ]
     sound = len(lines) == 1 and lines[0].endswith(".") and "Traceback" not in ended.said
     return "" if sound else f"no sentence: {ended.said[-300:]}"
 
@@ -163,7 +171,9 @@ def page(results: Sequence[Result], command: str, commit: str) -> str:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Read the command line, disturb, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--moments", type=int, default=50, help="kills over all commands")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--commands", nargs="+", choices=[c.name for c in COMMANDS], metavar="COMMAND")
@@ -177,7 +187,9 @@ def main(words: Sequence[str] | None = None) -> int:
             kills, full = (_share(n, place, len(chosen)) for n in (given.moments, max(1, given.moments // 5)))
             for moment in bench.moments(command, kills, full):
                 results.append(bench.disturbed(command, moment))
-                print(f"{results[-1].command}, {results[-1].moment}: {results[-1].fault or 'well'}", flush=True)
+                print(
+                    f"{results[-1].command}, {results[-1].moment}: {results[-1].fault or 'well'}", flush=True
+                )
             results.append(bench.together(command))
             print(f"{command.name}, two at once: {results[-1].fault or 'well'}", flush=True)
     line = f"python -m tests.kills --moments {given.moments} --seed {given.seed}"

@@ -32,7 +32,9 @@ class Fault(Enum):
 
 @dataclass(frozen=True)
 class Moment:
-    """When and how a command is disturbed: at a change of the file system from 1 on, after seconds, or by a size."""
+    """When and how a command is disturbed: at a change of the file system from 1 on, after seconds, or by a
+    size.
+    """
 
     fault: Fault = Fault.NONE
     change: int = 0
@@ -58,7 +60,8 @@ class Ended:
 
 
 def start(words: Sequence[str], folder: Path, moment: Moment) -> Callable[[], Ended]:
-    """Run `lightprobe` in a child of this process, which has loaded it already; return what waits for its end.
+    """Run `lightprobe` in a child of this process, which has loaded it already; return what waits for its
+    end.
 
     folder: where changes count. Nothing must run in other threads of this process.
     """
@@ -95,7 +98,9 @@ def in_child(work: Callable[[], None]) -> None:
 
 
 def _drained(reader: int, writer: int) -> bytes:
-    """Return what was written into a pipe, and close it; a process that lives on may still hold its other end."""
+    """Return what was written into a pipe, and close it; a process that lives on may still hold its other
+    end.
+    """
     os.close(writer)
     os.set_blocking(reader, False)
     parts = []
@@ -144,7 +149,9 @@ def _set_clock(seconds: float) -> None:
 
 
 class _Disturbance:
-    """Counts changes of the file system in a folder, and does at one of them, or from it on, what the moment asks."""
+    """Counts changes of the file system in a folder, and does at one of them, or from it on, what the moment
+    asks.
+    """
 
     def __init__(self, folder: Path, moment: Moment, counter: int):
         self._folder, self._moment, self._counter, self._count = str(folder.resolve()), moment, counter, 0

@@ -16,7 +16,9 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="children are forked, as Linux does it safely")
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="children are forked, as Linux does it safely"
+)
 def test_export_ends_with_the_same_bits_after_every_fault(tmp_path):
     words = [sys.executable, "-m", "tests.kills", "--moments", "2", "--commands", "export"]
     threads = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -31,7 +33,9 @@ def test_export_ends_with_the_same_bits_after_every_fault(tmp_path):
 def test_what_was_timed_is_left_out_of_what_is_compared(tmp_path):
     for name, seconds in (("a", 1.5), ("b", 2.5)):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "metrics.json").write_text(json.dumps({"photos": [{"psnr": 30.0, "seconds": seconds}]}))
+        (tmp_path / name / "metrics.json").write_text(
+            json.dumps({"photos": [{"psnr": 30.0, "seconds": seconds}]})
+        )
         (tmp_path / name / "log.txt").write_text(name)
         (tmp_path / name / "map.exr").write_bytes(b"map")
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
@@ -49,7 +53,10 @@ def test_the_record_counts_and_names_what_went_wrong():
         str(Moment(Fault.LIMIT, size=9)),
     ]
     assert moments == ["kill -9 at change 3", "kill -9 at 0.50 s", "writes end at 9 bytes"]
-    results = [Result("predict", moments[0], "kill -9"), Result("predict", moments[1], "kill -9", "other bits")]
+    results = [
+        Result("predict", moments[0], "kill -9"),
+        Result("predict", moments[1], "kill -9", "other bits"),
+    ]
     text = page(results, "command", "abc")
     assert "| predict | 1 of 2 |" in text
     assert "- predict, kill -9 at 0.50 s: other bits" in text

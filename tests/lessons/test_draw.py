@@ -29,7 +29,9 @@ def test_numbers_keep_to_their_bounds_and_spread_over_them():
 UNIFORMS = {
     "uniform": lambda one: (one.uniform(-2, 3) + 2) / 5,
     "scale": lambda one: math.log(one.scale(0.01, 100) / 0.01) / math.log(1e4),
-    "height of a direction": lambda one: (float(one.direction()[2]) + 1) / 2,  # Archimedes: areas of a sphere's zones
+    "height of a direction": lambda one: (
+        (float(one.direction()[2]) + 1) / 2
+    ),  # Archimedes: areas of a sphere's zones
     "azimuth of a direction": lambda one: azimuth(one.direction()),
     "elevation": lambda one: (math.degrees(math.asin(float(one.towards(20, 40)[2]))) - 20) / 20,
     "azimuth of an elevation": lambda one: azimuth(one.towards(20, 40)),
@@ -113,4 +115,6 @@ def test_upright_is_a_rotation_that_brings_up_to_z():
         rotation = upright(torch.tensor(up), 0.7)
         torch.testing.assert_close(rotation @ rotation.T, torch.eye(3), atol=1e-6, rtol=0)
         assert float(torch.linalg.det(rotation)) == pytest.approx(1.0, abs=1e-5)
-        torch.testing.assert_close(rotation @ torch.tensor(up), torch.tensor([0.0, 0.0, 1.0]), atol=1e-6, rtol=0)
+        torch.testing.assert_close(
+            rotation @ torch.tensor(up), torch.tensor([0.0, 0.0, 1.0]), atol=1e-6, rtol=0
+        )

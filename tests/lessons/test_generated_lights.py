@@ -64,7 +64,9 @@ def test_a_light_is_turned_about_up(up):
     for step in range(4):
         towards = []
         for turn in (0.0, quarter):
-            light = generated_light(16, seed=7, step=step, up=axis, turn=turn, tumbled=0.0, place=Place.STUDIO)
+            light = generated_light(
+                16, seed=7, step=step, up=axis, turn=turn, tumbled=0.0, place=Place.STUDIO
+            )
             flow = (light.mean(-1, keepdim=True) * cubemap.directions(16) * ANGLE).sum((0, 1, 2))
             towards.append(flow - (flow @ axis) * axis)
         turned = torch.linalg.cross(axis, towards[0])  # anticlockwise as seen from above
@@ -76,7 +78,9 @@ def test_tumbled_lights_come_from_anywhere():
     for k in range(40):
         light = generated_light(16, seed=7, step=k, tumbled=1.0, place=Place.OVERCAST)
         axes.append(
-            torch.nn.functional.normalize((light.mean(-1, keepdim=True) * cubemap.directions(16)).sum((0, 1, 2)), dim=0)
+            torch.nn.functional.normalize(
+                (light.mean(-1, keepdim=True) * cubemap.directions(16)).sum((0, 1, 2)), dim=0
+            )
         )
     assert float(torch.stack(axes).mean(0).norm()) < 0.5
 
@@ -85,7 +89,9 @@ def test_tumbled_lights_come_from_anywhere():
 @pytest.mark.parametrize("place", list(Place))
 def test_lights_are_made_on_the_device_they_are_wanted_on(place, monkeypatch):
     """PyTorch's device without values stands in for a GPU: no operator takes operands here and there."""
-    monkeypatch.setattr(generated_lights, "_mean_above", lambda d, radiance: radiance.mean(0))  # asks for values
+    monkeypatch.setattr(
+        generated_lights, "_mean_above", lambda d, radiance: radiance.mean(0)
+    )  # asks for values
     elsewhere = torch.device("meta")
     for step in range(8):
         light = generated_light(16, seed=3, step=step, place=place, device=elsewhere)

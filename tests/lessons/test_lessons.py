@@ -20,7 +20,9 @@ CONFIG = DistillConfig(synthetic_lessons=7, pixels_per_photo=600, light_resoluti
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     scene = load_scene(write_toy_scene(tmp_path_factory.mktemp("toy")))
-    lights = {photo.name: Environment(patch_light((1.0, 0.1 * k, 0.5))) for k, photo in enumerate(scene.train)}
+    lights = {
+        photo.name: Environment(patch_light((1.0, 0.1 * k, 0.5))) for k, photo in enumerate(scene.train)
+    }
     return glossy_sphere(), lights, scene
 
 

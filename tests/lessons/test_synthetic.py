@@ -33,7 +33,9 @@ def centroid(light):
 
 def test_a_turned_light_shines_from_where_it_was_turned_to():
     axis = torch.nn.functional.normalize(torch.tensor([1.0, 0.3, 0.4]), dim=0)
-    quarter = torch.tensor([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # reads from a quarter turn back
+    quarter = torch.tensor(
+        [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    )  # reads from a quarter turn back
     turned = rotate_light(patch_light(axis.tolist()), quarter, 16)
     assert float(centroid(turned) @ (quarter.T @ axis)) > 0.99
 
@@ -43,7 +45,9 @@ def test_the_pool_keeps_what_is_up_and_is_deterministic():
     up = torch.tensor([0.0, 1.0, 0.0])
     pool = LightPool(up, [], [Environment(above)], 16, seed=1)
     lights = [pool.light(k) for k in range(30)]
-    from_map = [light for k, light in enumerate(lights) if Draw(generator(1, "light-pool", k)).uniform(0, 1) < 0.5]
+    from_map = [
+        light for k, light in enumerate(lights) if Draw(generator(1, "light-pool", k)).uniform(0, 1) < 0.5
+    ]
     assert len(from_map) > 8
     assert all(float(centroid(light) @ up) > 0.9 for light in from_map)
     assert all(torch.equal(light, pool.light(k)) for k, light in enumerate(lights[:5]))
@@ -85,7 +89,9 @@ def test_the_lessons_light_explains_its_photo(gbuffer):
 @pytest.mark.slow
 def test_errors_and_photos_are_made_where_the_g_buffer_is(gbuffer, monkeypatch):
     """PyTorch's device without values stands in for a GPU: no operator takes operands here and there."""
-    elsewhere = {name: value.to("meta") for name, value in vars(gbuffer).items() if isinstance(value, torch.Tensor)}
+    elsewhere = {
+        name: value.to("meta") for name, value in vars(gbuffer).items() if isinstance(value, torch.Tensor)
+    }
     wrong = erroneous(replace(gbuffer, **elsewhere), draw())
     assert {wrong.normal.device.type, wrong.roughness.device.type, wrong.base_color.device.type} == {"meta"}
     monkeypatch.setattr(torch.Tensor, "__float__", lambda self: 0.2)  # the exposure asks for a value
@@ -95,9 +101,13 @@ def test_errors_and_photos_are_made_where_the_g_buffer_is(gbuffer, monkeypatch):
 
 @pytest.mark.slow
 def test_a_pool_turns_and_mixes_its_lights_on_its_device(monkeypatch):
-    monkeypatch.setattr("lightprobe.lessons.generated_lights._mean_above", lambda d, radiance: radiance.mean(0))
+    monkeypatch.setattr(
+        "lightprobe.lessons.generated_lights._mean_above", lambda d, radiance: radiance.mean(0)
+    )
     pool = LightPool(
         torch.tensor([0.0, 0.0, 1.0]), [Environment(patch_light((0, 0, 1)))], [], 16, 1, torch.device("meta")
     )
-    monkeypatch.setattr("lightprobe.lessons.synthetic.rotate_light", lambda light, turn, resolution: light + turn.sum())
+    monkeypatch.setattr(
+        "lightprobe.lessons.synthetic.rotate_light", lambda light, turn, resolution: light + turn.sum()
+    )
     assert {pool.light(k).device.type for k in range(20)} == {"meta"}

@@ -1,6 +1,7 @@
 """Texels of a cubemap: where each lies, how large it is, which ones touch, and what a look-up mixes.
 
-What is expected is written from OpenGL's table of faces, with right angles and pyramids, or found among all texels.
+What is expected is written from OpenGL's table of faces, with right angles and pyramids, or found among all
+texels.
 """
 
 import itertools
@@ -14,9 +15,13 @@ from lightprobe.light import cubemap
 
 CPU = torch.device("cpu")
 POINTS = {  # of each face at a = 1/4 along its columns and b = -1/2 along its rows
-    0: (1, 0.5, -0.25), 1: (-1, 0.5, 0.25), 2: (0.25, 1, -0.5), 3: (0.25, -1, 0.5), 4: (0.25, 0.5, 1),
+    0: (1, 0.5, -0.25),
+    1: (-1, 0.5, 0.25),
+    2: (0.25, 1, -0.5),
+    3: (0.25, -1, 0.5),
+    4: (0.25, 0.5, 1),
     5: (-0.25, 0.5, -1),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("face", "point"), POINTS.items())
@@ -78,14 +83,18 @@ def test_a_solid_angle_is_that_of_a_pyramid() -> None:
 
 def test_a_mean_over_the_sphere_is_weighted_by_solid_angle() -> None:
     towards = cubemap.directions(32)
-    squares = cubemap.sphere_mean(torch.stack([towards[..., 2] ** 2, towards[..., 0] ** 4, 3 + towards[..., 1]], -1))
+    squares = cubemap.sphere_mean(
+        torch.stack([towards[..., 2] ** 2, towards[..., 0] ** 4, 3 + towards[..., 1]], -1)
+    )
     assert squares.tolist() == pytest.approx([1 / 3, 1 / 5, 3], rel=1e-3)
     assert float(cubemap.sphere_mean(towards[..., 2].abs())) == pytest.approx(0.5, rel=1e-3)
     faces = torch.arange(6.0)[:, None, None].expand(6, 2, 2)
     assert float(cubemap.sphere_mean(faces)) == pytest.approx(2.5)
 
 
-@pytest.mark.parametrize(("place", "texel"), [(-0.99, 0), (-0.51, 0), (-0.49, 1), (0, 2), (0.49, 2), (0.51, 3)])
+@pytest.mark.parametrize(
+    ("place", "texel"), [(-0.99, 0), (-0.51, 0), (-0.49, 1), (0, 2), (0.49, 2), (0.51, 3)]
+)
 def test_the_texel_that_holds_a_direction_is_found(place: float, texel: int) -> None:
     """On +z, (a, b) points along (a, -b, 1)."""
     along = cubemap.nearest_texel(torch.tensor([0.9 * place, 0.6, 0.9]), 4)  # b = -2/3: the first row
@@ -116,12 +125,20 @@ def test_a_border_holds_the_texel_across_the_edge(resolution: int) -> None:
     for face in range(6):
         for k in range(n):
             place = (2 * k + 1) / n - 1
-            borders = (padded[face, k + 1, 0], padded[face, k + 1, -1], padded[face, 0, k + 1], padded[face, -1, k + 1])
+            borders = (
+                padded[face, k + 1, 0],
+                padded[face, k + 1, -1],
+                padded[face, 0, k + 1],
+                padded[face, -1, k + 1],
+            )
             for found, edge in zip(borders, ("left", "right", "top", "bottom"), strict=True):
                 assert int(found) == across(face, edge, place, n)
         for row in (0, -1):
             for column in (0, -1):
-                beside = padded[face, row, 1 if column == 0 else -2], padded[face, 1 if row == 0 else -2, column]
+                beside = (
+                    padded[face, row, 1 if column == 0 else -2],
+                    padded[face, 1 if row == 0 else -2, column],
+                )
                 assert int(padded[face, row, column]) in [int(texel) for texel in beside]
 
 
@@ -131,7 +148,9 @@ def test_cells_are_the_quartets_of_a_padded_face_without_its_corners(resolution:
     for row in (0, -1):
         for column in (0, -1):
             padded[:, row, column] = -1
-    quartets = torch.stack([padded[:, :-1, :-1], padded[:, :-1, 1:], padded[:, 1:, :-1], padded[:, 1:, 1:]], -1)
+    quartets = torch.stack(
+        [padded[:, :-1, :-1], padded[:, :-1, 1:], padded[:, 1:, :-1], padded[:, 1:, 1:]], -1
+    )
     found = cubemap.cells(resolution, CPU)
     assert found.dtype == torch.int32
     assert torch.equal(found.long(), quartets.reshape(-1, 4))
@@ -167,7 +186,9 @@ def test_where_three_faces_meet_their_three_texels_count_alike() -> None:
             assert total[nearest].tolist() == pytest.approx([1 / 3] * 3, abs=2e-3)
 
 
-def test_a_missing_texel_s_weight_goes_to_the_other_three_in_equal_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_texel_s_weight_goes_to_the_other_three_in_equal_parts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """At a = b = 3/4 of +z, a quarter beyond the centre of the last of two texels."""
     direction = torch.tensor([[0.75, -0.75, 1.0], [0.25, 0.0, 1.0]])
     for on_cpu in (True, False):

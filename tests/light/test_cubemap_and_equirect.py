@@ -7,8 +7,13 @@ import torch
 from lightprobe.light import cubemap, equirect
 
 AXES = {
-    "+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1),
-}  # fmt: skip
+    "+x": (1, 0, 0),
+    "-x": (-1, 0, 0),
+    "+y": (0, 1, 0),
+    "-y": (0, -1, 0),
+    "+z": (0, 0, 1),
+    "-z": (0, 0, -1),
+}
 
 
 def lookup(cube: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
@@ -28,7 +33,9 @@ def test_faces_are_ordered_x_y_z():
 
 
 def test_texels_lie_on_the_faces_as_opengl_s_do():
-    """The table of faces in OpenGL's specification: what runs along columns (s) and rows (t), over the major axis."""
+    """The table of faces in OpenGL's specification: what runs along columns (s) and rows (t), over the major
+    axis.
+    """
     table = {0: "-z -y", 1: "+z -y", 2: "+x +z", 3: "+x -z", 4: "+x -y", 5: "-x -y"}
     directions = cubemap.directions(4)
     for face, axes in table.items():
@@ -41,7 +48,9 @@ def test_looking_up_the_directions_themselves_returns_them_even_across_faces():
     cube = cubemap.directions(32)
     random = torch.randn(4000, 3, generator=torch.Generator().manual_seed(0))
     random = torch.nn.functional.normalize(random, dim=1)
-    edges = torch.nn.functional.normalize(torch.tensor([[1.0, 1, 0.2], [1, -1, 0.9], [0.1, 1, 1], [1, 1, 1]]), dim=1)
+    edges = torch.nn.functional.normalize(
+        torch.tensor([[1.0, 1, 0.2], [1, -1, 0.9], [0.1, 1, 1], [1, 1, 1]]), dim=1
+    )
     for directions in (random, edges):
         assert (lookup(cube, directions) - directions).norm(dim=1).max() < 0.05
 
@@ -53,11 +62,18 @@ def test_lookup_is_continuous_over_an_edge():
 
 
 def test_a_marked_map_has_each_colour_where_the_convention_says():
-    """The convention of Blender's environment texture: centre +x, a quarter from the left +y, the border -x, top +z."""
+    """The convention of Blender's environment texture: centre +x, a quarter from the left +y, the border -x,
+    top +z.
+    """
     height = 64
     d = equirect.directions(height)
     middle, width = height // 2, 2 * height
-    spots = {"+x": (middle, height), "+y": (middle, width // 4), "-y": (middle, 3 * width // 4), "-x": (middle, 0)}
+    spots = {
+        "+x": (middle, height),
+        "+y": (middle, width // 4),
+        "-y": (middle, 3 * width // 4),
+        "-x": (middle, 0),
+    }
     for name, (row, column) in spots.items():
         assert (d[row, column] - torch.tensor(AXES[name], dtype=torch.float32)).norm() < 0.06
     assert d[0, :, 2].min() > 0.99
@@ -109,7 +125,9 @@ def test_the_cube_has_24_rotations_and_24_reflections():
 
 
 def test_tap_weights_follow_their_direction():
-    direction = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.9], [1.0, 0.2, -0.1]]), dim=1).double()
+    direction = torch.nn.functional.normalize(
+        torch.tensor([[0.3, -0.5, 0.9], [1.0, 0.2, -0.1]]), dim=1
+    ).double()
     cube = torch.from_numpy(np.random.default_rng(2).random((6, 8, 8, 3)))
     direction.requires_grad_()
     assert torch.autograd.gradcheck(lambda d: lookup(cube, d), (direction,), eps=1e-6, atol=1e-5)

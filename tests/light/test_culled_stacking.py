@@ -1,4 +1,6 @@
-"""Culled stacking: within its bound of the exact sums for all kinds of lobes, and the same bits on any thread count."""
+"""Culled stacking: within its bound of the exact sums for all kinds of lobes, and the same bits on any thread
+count.
+"""
 
 import pytest
 import torch

@@ -43,7 +43,9 @@ def test_a_grey_map_is_shown_at_the_same_brightness_whatever_its_radiance() -> N
 
 
 def test_a_png_holds_rounded_bytes_cut_at_black_and_white() -> None:
-    encoded = np.array([[[0.0, 1.0, 0.5], [-1.0, 2.0, 127.4 / 255]], [[127.6 / 255, 1 / 255, 254 / 255], [0, 0, 1]]])
+    encoded = np.array(
+        [[[0.0, 1.0, 0.5], [-1.0, 2.0, 127.4 / 255]], [[127.6 / 255, 1 / 255, 254 / 255], [0, 0, 1]]]
+    )
     data = png(encoded)
     assert data.startswith(b"\x89PNG")
     picture = np.asarray(Image.open(io.BytesIO(data)))

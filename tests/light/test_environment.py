@@ -57,7 +57,8 @@ def test_what_is_saved_is_loaded(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(
-    ("rows", "resolution"), [(4, 8), (16, 8), (62, 16), (64, 32), (128, 64), (200, 64), (256, 128), (600, 128)]
+    ("rows", "resolution"),
+    [(4, 8), (16, 8), (62, 16), (64, 32), (128, 64), (200, 64), (256, 128), (600, 128)],
 )
 def test_a_map_becomes_the_cubemap_with_half_as_many_texels_on_an_edge_as_it_has_rows(rows, resolution):
     assert Environment.from_panorama(np.ones((rows, 2 * rows, 3), np.float32)).resolution == resolution
@@ -86,9 +87,13 @@ def test_a_black_map_is_shown_black():
 @pytest.mark.parametrize(
     ("shape", "size"), [((4, 9, 3), "9 x 4 with 3"), ((4, 7, 3), "7 x 4 with 3"), ((4, 8, 1), "8 x 4 with 1")]
 )
-def test_a_file_of_another_shape_is_named_with_its_size(tmp_path: Path, shape: tuple[int, int, int], size: str) -> None:
+def test_a_file_of_another_shape_is_named_with_its_size(
+    tmp_path: Path, shape: tuple[int, int, int], size: str
+) -> None:
     write_exr(tmp_path / "odd.exr", np.ones(shape, np.float32))
-    with pytest.raises(InputError, match=rf"odd\.exr is {size} channels; an environment needs RGB and W = 2H\.$"):
+    with pytest.raises(
+        InputError, match=rf"odd\.exr is {size} channels; an environment needs RGB and W = 2H\.$"
+    ):
         read_map(tmp_path / "odd.exr")
 
 

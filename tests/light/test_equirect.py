@@ -1,4 +1,6 @@
-"""Equirectangular maps texel by texel: directions, solid angles, what lies between texels, and means both ways."""
+"""Equirectangular maps texel by texel: directions, solid angles, what lies between texels, and means both
+ways.
+"""
 
 import math
 
@@ -32,17 +34,36 @@ MAP = torch.tensor([[1.0, 2.0, 4.0, 8.0], [16.0, 32.0, 64.0, 128.0]], dtype=torc
 @pytest.mark.parametrize(
     ("azimuth", "polar", "value"),
     [
-        (135, 45, 1), (45, 45, 2), (-45, 45, 4), (-135, 45, 8), (45, 135, 32), (-135, 135, 128),
-        (0, 45, 3), (90, 45, 1.5), (67.5, 45, 1.75), (180, 45, 4.5), (-180, 45, 4.5), (157.5, 135, 44),
-        (-157.5, 135, 100), (45, 90, 17), (45, 67.5, 9.5), (45, 10, 4 + 1 / 3), (45, 44, 2 + 1 / 15),
-        (45, 140, 37 + 1 / 3), (0, 0, 3.75), (0, 180, 60), (22.5, 90, 21.25),
+        (135, 45, 1),
+        (45, 45, 2),
+        (-45, 45, 4),
+        (-135, 45, 8),
+        (45, 135, 32),
+        (-135, 135, 128),
+        (0, 45, 3),
+        (90, 45, 1.5),
+        (67.5, 45, 1.75),
+        (180, 45, 4.5),
+        (-180, 45, 4.5),
+        (157.5, 135, 44),
+        (-157.5, 135, 100),
+        (45, 90, 17),
+        (45, 67.5, 9.5),
+        (45, 10, 4 + 1 / 3),
+        (45, 44, 2 + 1 / 15),
+        (45, 140, 37 + 1 / 3),
+        (0, 0, 3.75),
+        (0, 180, 60),
+        (22.5, 90, 21.25),
     ],
-)  # fmt: skip
+)
 def test_between_centres_a_map_is_bilinear_around_the_seam_and_across_the_poles(
     azimuth: float, polar: float, value: float
 ) -> None:
     phi, theta = math.radians(azimuth), math.radians(polar)
-    direction = torch.tensor([[math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]])
+    direction = torch.tensor(
+        [[math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]]
+    )
     found = equirect.sample(MAP, direction.double() / direction.double().norm())
     assert found.dtype == torch.float64
     assert float(found) == pytest.approx(value, rel=1e-5)
@@ -50,7 +71,9 @@ def test_between_centres_a_map_is_bilinear_around_the_seam_and_across_the_poles(
 
 @pytest.mark.parametrize(("height", "width"), [(3, 5), (4, 4), (2, 6)])
 def test_a_map_that_is_not_twice_as_wide_as_high_is_one_sentence(height: int, width: int) -> None:
-    with pytest.raises(InputError, match=f"must be twice as wide as high, not {width} x {height}: crop or resize it"):
+    with pytest.raises(
+        InputError, match=f"must be twice as wide as high, not {width} x {height}: crop or resize it"
+    ):
         equirect.to_cubemap(torch.ones(height, width, 3), 8)
 
 
@@ -78,7 +101,9 @@ def test_a_lamp_of_one_texel_keeps_its_flux_in_a_cubemap_of_any_size(height: int
     for row, column in ((height // 2, 1), (height // 3, height), (height // 2 - 1, 2 * height - 1)):
         lamp = torch.zeros(height, 2 * height, 1)
         lamp[row, column] = 100.0
-        received = float((equirect.to_cubemap(lamp, resolution)[..., 0] * cubemap.solid_angles(resolution)).sum())
+        received = float(
+            (equirect.to_cubemap(lamp, resolution)[..., 0] * cubemap.solid_angles(resolution)).sum()
+        )
         flux = 100 * float(equirect.solid_angles(height)[row, column])
         assert received == pytest.approx(flux, rel=0.05 if height > 8 else 0.15)
 

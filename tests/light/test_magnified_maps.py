@@ -1,4 +1,6 @@
-"""The shape of a magnified map: a spline of its logarithm around the seam and over the poles, with texel means kept."""
+"""The shape of a magnified map: a spline of its logarithm around the seam and over the poles, with texel
+means kept.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,8 @@ def some_map(rows: int) -> np.ndarray:
 
 
 def ends(large: np.ndarray, texels: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return values and slopes (2, texels, n) of the logarithm of `large` (k texels, n) where texels begin and end.
+    """Return values and slopes (2, texels, n) of the logarithm of `large` (k texels, n) where texels begin
+    and end.
 
     They are those of the parabola through its samples from the top, which all must lie on.
     """
@@ -26,20 +29,26 @@ def ends(large: np.ndarray, texels: int) -> tuple[np.ndarray, np.ndarray]:
     fit = polynomial.polyfit(places, log.reshape(len(log), -1), 2)
     assert np.abs(polynomial.polyval(places, fit) - log.reshape(len(log), -1).T).max() < 2e-6
     curves = (fit, polynomial.polyder(fit))
-    values, slopes = (polynomial.polyval(np.array([-0.5, 0.5]), curve).T.reshape(2, *log.shape[1:]) for curve in curves)
+    values, slopes = (
+        polynomial.polyval(np.array([-0.5, 0.5]), curve).T.reshape(2, *log.shape[1:]) for curve in curves
+    )
     return values, slopes
 
 
 @pytest.mark.parametrize("factor", [5, 8, 16])
 @pytest.mark.parametrize("channel", [0, 1])
-def test_the_logarithm_is_a_parabola_in_each_texel_and_smooth_from_one_to_the_next(factor: int, channel: int) -> None:
+def test_the_logarithm_is_a_parabola_in_each_texel_and_smooth_from_one_to_the_next(
+    factor: int, channel: int
+) -> None:
     large = resized_map(some_map(6), 6 * factor)[..., channel]
     half = 6 * factor  # columns of half a turn
     for ended in ends(large, 6):
         assert np.abs(ended[0, 1:] - ended[1, :-1]).max() < 0.01
     for ended in ends(large.T, 12):
         assert np.abs(np.roll(ended[0], -1, 0) - ended[1]).max() < 0.01
-    for ended, sign in zip(ends(large, 6), (1, -1), strict=True):  # over a pole the way goes back, half a turn away
+    for ended, sign in zip(
+        ends(large, 6), (1, -1), strict=True
+    ):  # over a pole the way goes back, half a turn away
         for pole in (ended[0, 0], ended[1, -1]):
             assert np.abs(pole - sign * np.roll(pole, half)).max() < 0.01
 
@@ -64,7 +73,9 @@ def test_a_map_is_the_same_however_many_rows_are_magnified_at_once(monkeypatch: 
 
 
 @pytest.mark.parametrize(("rows", "between", "height"), [(5, 8, 32), (5, 6, 24), (6, 7, 14), (3, 4, 16)])
-def test_a_map_whose_rows_do_not_divide_goes_through_the_next_finer_one(rows: int, between: int, height: int) -> None:
+def test_a_map_whose_rows_do_not_divide_goes_through_the_next_finer_one(
+    rows: int, between: int, height: int
+) -> None:
     image = some_map(rows)
     expected = resized_map(resize_area(image, between, 2 * between), height)
     assert np.array_equal(resized_map(image, height), expected)

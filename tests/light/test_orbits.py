@@ -18,7 +18,10 @@ def row_by_row(levels, nodes: Nodes, accuracy: Accuracy) -> scipy.sparse.csr_arr
     """Return the matrix of the levels from the lobe around every texel of theirs, without symmetry."""
     rows = []
     for level in levels:
-        directions, alpha = cubemap.exact_directions(level.resolution).reshape(-1, 3).numpy(), level.roughness**2
+        directions, alpha = (
+            cubemap.exact_directions(level.resolution).reshape(-1, 3).numpy(),
+            level.roughness**2,
+        )
         if level.roughness < accuracy.wide:
             rows.append(narrow_rows(directions, alpha, nodes, accuracy.tolerance))
         else:

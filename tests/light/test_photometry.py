@@ -1,4 +1,6 @@
-"""The tone curve and its slope, clipping that bounds from one side, weights and units that follow the exposure."""
+"""The tone curve and its slope, clipping that bounds from one side, weights and units that follow the
+exposure.
+"""
 
 import math
 
@@ -22,7 +24,13 @@ from lightprobe.light.photometry import (
 
 def test_the_tone_curve_is_that_of_the_paper():
     shown = tone_map(torch.tensor([-1.0, 0.0, 0.001, 0.18, 1.0, math.e - 1], dtype=torch.float64))
-    known = [0.0, 0.0, 12.92 * math.log(1.001), *(1.055 * math.log(1 + x) ** (1 / 2.4) - 0.055 for x in (0.18, 1.0)), 1]
+    known = [
+        0.0,
+        0.0,
+        12.92 * math.log(1.001),
+        *(1.055 * math.log(1 + x) ** (1 / 2.4) - 0.055 for x in (0.18, 1.0)),
+        1,
+    ]
     assert shown.tolist() == pytest.approx(known, abs=1e-6)
 
 
@@ -35,7 +43,9 @@ def test_the_stated_slope_follows_the_curve():
 
 
 def test_clipped_pixels_only_bound_the_light_from_below():
-    photo = torch.tensor([[0.7, 0.7, 0.7], [0.5, 0.5, 0.5]])  # the first is the mean of a white and darker pixels
+    photo = torch.tensor(
+        [[0.7, 0.7, 0.7], [0.5, 0.5, 0.5]]
+    )  # the first is the mean of a white and darker pixels
     clipped = torch.tensor([[True] * 3, [False] * 3])
     brighter = torch.tensor([[7.0, 7.0, 7.0], [0.6, 0.6, 0.6]])
     assert torch.equal(one_sided(brighter, photo, clipped)[0], photo[0])
@@ -89,7 +99,10 @@ def test_only_what_is_clipped_and_rendered_brighter_is_beyond_clipping() -> None
 
 def test_the_displayed_error_is_a_mean_of_sizes() -> None:
     white = math.e - 1  # shown as 1
-    render, photo = torch.tensor([[white, 0.0, 0.0], [0.0, 0.0, white]]), torch.tensor([[0.0] * 3, [0.0, white, 0.0]])
+    render, photo = (
+        torch.tensor([[white, 0.0, 0.0], [0.0, 0.0, white]]),
+        torch.tensor([[0.0] * 3, [0.0, white, 0.0]]),
+    )
     nowhere = torch.zeros(2, 3, dtype=torch.bool)
     assert float(displayed_error(render, photo, nowhere)) == pytest.approx(3 / 6)
     first = nowhere.clone()

@@ -41,7 +41,10 @@ def test_adjoint_is_the_transpose():
     light = random_light().double().float()
     levels = operator.apply(light)
     other = torch.rand(levels.shape, generator=torch.Generator().manual_seed(1))
-    left, right = float((levels * other).double().sum()), float((light * operator.adjoint(other)).double().sum())
+    left, right = (
+        float((levels * other).double().sum()),
+        float((light * operator.adjoint(other)).double().sum()),
+    )
     assert left == pytest.approx(right, rel=1e-5)
 
 
@@ -71,7 +74,9 @@ def test_gradient_is_the_adjoint():
 def test_diffuse_level_is_the_cosine_integral():
     """Irradiance / pi against a sum over the light's own texels, in directions off every grid."""
     light = random_light(3)
-    normals = torch.nn.functional.normalize(torch.randn(50, 3, generator=torch.Generator().manual_seed(4)), dim=1)
+    normals = torch.nn.functional.normalize(
+        torch.randn(50, 3, generator=torch.Generator().manual_seed(4)), dim=1
+    )
     cosine = (cubemap.directions(R).reshape(1, -1, 3) * normals[:, None]).sum(-1).clamp(min=0)
     weight = cosine * cubemap.solid_angles(R).reshape(1, -1) / math.pi
     operator = cached(R)
@@ -85,10 +90,14 @@ def test_specular_level_is_the_lobe_average(roughness):
     smooth = cubemap.directions(32)
     fine = torch.stack([1 + smooth[..., 0], 1 + smooth[..., 1] * smooth[..., 2], 1 + smooth[..., 2]], -1)
     operator = cached(32)
-    normals = torch.nn.functional.normalize(torch.randn(40, 3, generator=torch.Generator().manual_seed(5)), dim=1)
+    normals = torch.nn.functional.normalize(
+        torch.randn(40, 3, generator=torch.Generator().manual_seed(5)), dim=1
+    )
     cosine = (smooth.reshape(1, -1, 3) * normals[:, None]).sum(-1)
     half = ((1 + cosine) / 2).clamp(0, 1)
-    lobe = cosine.clamp(min=0) / (half * (roughness**4 - 1) + 1) ** 2 * cubemap.solid_angles(32).reshape(1, -1)
+    lobe = (
+        cosine.clamp(min=0) / (half * (roughness**4 - 1) + 1) ** 2 * cubemap.solid_angles(32).reshape(1, -1)
+    )
     expected = lobe @ fine.reshape(-1, 3) / lobe.sum(1, keepdim=True)
     taps = operator.specular_taps(normals, torch.full((40,), roughness))
     assert (level_lookup(operator.apply(fine), taps) - expected).abs().max() < 0.03
@@ -104,13 +113,39 @@ def test_specular_taps_sum_to_one_and_are_smooth_in_roughness():
 SIZES = {  # of the levels of each roughness, by the light's resolution: 1.8 texels in half a lobe's width, but 16 or R
     4: {0.08: 4, 0.305: 4, 0.39: 4, 0.5: 4, 0.67: 4, 1.0: 16, 1.4: 16},
     8: {0.08: 8, 0.24: 8, 0.305: 8, 0.39: 8, 0.5: 8, 0.67: 8, 1.0: 16, 1.4: 16},
-    32: {0.08: 32, 0.11: 32, 0.15: 32, 0.19: 32, 0.24: 32, 0.305: 16, 0.39: 16, 0.5: 16, 0.67: 16, 1.0: 16, 1.4: 16},
-    256: {0.08: 256, 0.11: 128, 0.15: 64, 0.19: 64, 0.24: 32, 0.305: 16, 0.39: 16, 0.5: 16, 0.67: 16, 1.0: 16, 1.4: 16},
+    32: {
+        0.08: 32,
+        0.11: 32,
+        0.15: 32,
+        0.19: 32,
+        0.24: 32,
+        0.305: 16,
+        0.39: 16,
+        0.5: 16,
+        0.67: 16,
+        1.0: 16,
+        1.4: 16,
+    },
+    256: {
+        0.08: 256,
+        0.11: 128,
+        0.15: 64,
+        0.19: 64,
+        0.24: 32,
+        0.305: 16,
+        0.39: 16,
+        0.5: 16,
+        0.67: 16,
+        1.0: 16,
+        1.4: 16,
+    },
 }
 
 
 @pytest.mark.parametrize(("resolution", "sizes"), SIZES.items())
-def test_levels_are_as_fine_as_their_lobe_and_lie_one_after_the_other(resolution: int, sizes: dict[float, int]) -> None:
+def test_levels_are_as_fine_as_their_lobe_and_lie_one_after_the_other(
+    resolution: int, sizes: dict[float, int]
+) -> None:
     levels, rows = plan_levels(resolution), 0
     assert {level.roughness: level.resolution for level in levels} == sizes
     for level in levels:
@@ -155,7 +190,8 @@ def test_blocks_are_the_light_averaged_by_solid_angle_over_an_eighth_of_an_edge(
     fine = light.repeat_interleave(16 // resolution, 1).repeat_interleave(16 // resolution, 2)
     weighted = fine * cubemap.solid_angles(16)[..., None]
     expected, share = (
-        part.reshape(6, 8, 2, 8, 2, -1).sum((2, 4)) for part in (weighted, cubemap.solid_angles(16)[..., None])
+        part.reshape(6, 8, 2, 8, 2, -1).sum((2, 4))
+        for part in (weighted, cubemap.solid_angles(16)[..., None])
     )
     torch.testing.assert_close(blocks, expected / share)
 
@@ -167,23 +203,34 @@ def shares(roughness: float, scale: float = 1.0) -> dict[float, float]:
     assert index.shape == weight.shape == (1, 8)
     ends = [*(level.offset for level in operator.levels), operator.first_block]
     sums = [float(weight[(index >= first) & (index < end)].sum()) for first, end in itertools.pairwise(ends)]
-    return {level.roughness: total for level, total in zip(operator.levels, sums, strict=True) if abs(total) > 1e-6}
+    return {
+        level.roughness: total
+        for level, total in zip(operator.levels, sums, strict=True)
+        if abs(total) > 1e-6
+    }
 
 
 @pytest.mark.parametrize(
     ("roughness", "expected"),
     [
-        (0.0, {0.08: 1}), (0.08, {0.08: 1}), (1.4, {1.4: 1}), (3.0, {1.4: 1}), (0.305, {0.305: 1}), (1.0, {1.0: 1}),
+        (0.0, {0.08: 1}),
+        (0.08, {0.08: 1}),
+        (1.4, {1.4: 1}),
+        (3.0, {1.4: 1}),
+        (0.305, {0.305: 1}),
+        (1.0, {1.0: 1}),
         ((0.75 / 0.5**2 + 0.25 / 0.67**2) ** -0.5, {0.5: 0.75, 0.67: 0.25}),
         ((0.1 / 0.08**2 + 0.9 / 0.24**2) ** -0.5, {0.08: 0.1, 0.24: 0.9}),
         ((0.6 / 1.0**2 + 0.4 / 1.4**2) ** -0.5, {1.0: 0.6, 1.4: 0.4}),
     ],
-)  # fmt: skip
+)
 def test_between_two_levels_the_lobe_is_linear_in_one_over_alpha(
     roughness: float, expected: dict[float, float]
 ) -> None:
     assert shares(roughness) == pytest.approx(expected, abs=1e-5)
-    assert shares(roughness, 2.5) == pytest.approx({level: 2.5 * part for level, part in expected.items()}, abs=1e-5)
+    assert shares(roughness, 2.5) == pytest.approx(
+        {level: 2.5 * part for level, part in expected.items()}, abs=1e-5
+    )
 
 
 def test_taps_of_a_level_are_those_of_its_own_cubemap() -> None:

@@ -33,12 +33,17 @@ def test_a_lamp_is_found_where_and_as_bright_as_it_is(direction, resolution):
     (found,) = find_sources(under(true, resolution=resolution))
     assert degrees(found, true) < 0.5 * 90 / resolution
     assert found.irradiance == pytest.approx(true.irradiance, rel=0.15)
-    assert found.angular_radius == pytest.approx(true.angular_radius, abs=math.radians(2.5 if resolution > 16 else 4))
+    assert found.angular_radius == pytest.approx(
+        true.angular_radius, abs=math.radians(2.5 if resolution > 16 else 4)
+    )
 
 
 def test_sources_come_strongest_first_and_no_more_than_are_asked_for():
-    lamps = [lamp((1, 0, 0.2), irradiance=(1.0, 1.0, 1.0)), lamp((0, 1, 0.2), irradiance=(4.0, 3.0, 3.0)),
-             lamp((-1, -1, 0.5), irradiance=(2.0, 2.0, 2.5))]  # fmt: skip
+    lamps = [
+        lamp((1, 0, 0.2), irradiance=(1.0, 1.0, 1.0)),
+        lamp((0, 1, 0.2), irradiance=(4.0, 3.0, 3.0)),
+        lamp((-1, -1, 0.5), irradiance=(2.0, 2.0, 2.5)),
+    ]
     found = find_sources(under(*lamps))
     assert [min(range(3), key=lambda k: degrees(lamps[k], source)) for source in found] == [1, 2, 0]
     assert all(min(degrees(true, source) for true in lamps) < 2 for source in found)
@@ -46,10 +51,15 @@ def test_sources_come_strongest_first_and_no_more_than_are_asked_for():
     assert find_sources(under(*lamps)) == found
 
 
-@pytest.mark.parametrize("light", [
-    torch.full((6, 16, 16, 3), 0.7), torch.zeros(6, 16, 16, 3), under().texels,
-    torch.rand(6, 8, 8, 3, generator=torch.Generator().manual_seed(0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "light",
+    [
+        torch.full((6, 16, 16, 3), 0.7),
+        torch.zeros(6, 16, 16, 3),
+        under().texels,
+        torch.rand(6, 8, 8, 3, generator=torch.Generator().manual_seed(0)),
+    ],
+)
 def test_a_light_without_sources_has_none(light):
     split = split_light(Environment(light))
     assert split.sources == ()
@@ -76,7 +86,9 @@ def test_the_rest_of_a_fine_light_is_fine():
 def test_a_source_as_texels_has_its_irradiance(resolution):
     source = lamp((0.2, 0.5, 0.7), radius=0.3)
     cosine = (cubemap.directions(resolution) @ torch.tensor(source.direction)).clamp(min=0)
-    received = (source.texels(resolution) * (cosine * cubemap.solid_angles(resolution))[..., None]).sum((0, 1, 2))
+    received = (source.texels(resolution) * (cosine * cubemap.solid_angles(resolution))[..., None]).sum(
+        (0, 1, 2)
+    )
     assert received.tolist() == pytest.approx(source.irradiance, rel=1e-4)
 
 
@@ -88,10 +100,17 @@ def test_json_gives_the_source_back():
     assert (again.angular_radius, again.direction_uncertainty) == pytest.approx((source.angular_radius, 0.05))
 
 
-@pytest.mark.parametrize("change", [
-    {"direction": [0, 0, 0]}, {"direction": [1, 0]}, {"irradiance_rgb": [1, -1, 0]}, {"angular_radius_deg": "x"},
-    {"direction": [float("nan"), 0, 1]}, {"irradiance_rgb": None},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"direction": [0, 0, 0]},
+        {"direction": [1, 0]},
+        {"irradiance_rgb": [1, -1, 0]},
+        {"angular_radius_deg": "x"},
+        {"direction": [float("nan"), 0, 1]},
+        {"irradiance_rgb": None},
+    ],
+)
 def test_numbers_of_no_source_are_refused(change):
     with pytest.raises((ValueError, TypeError, KeyError)):
         LightSource.from_json(lamp((1, 0, 0)).to_json() | change)
@@ -99,7 +118,11 @@ def test_numbers_of_no_source_are_refused(change):
 
 def test_the_form_in_json_is_in_degrees_and_says_none_of_what_is_not_known() -> None:
     source = LightSource((0.6, 0.0, 0.8), math.pi / 6, (1.0, 2.0, 3.0), 0.25, math.pi / 36)
-    known = {"direction": [0.6, 0.0, 0.8], "angular_radius_deg": pytest.approx(30), "irradiance_rgb": [1, 2, 3]}
+    known = {
+        "direction": [0.6, 0.0, 0.8],
+        "angular_radius_deg": pytest.approx(30),
+        "irradiance_rgb": [1, 2, 3],
+    }
     assert source.to_json() == known | {"uncertainty": 0.25, "direction_uncertainty_deg": pytest.approx(5)}
     plain = LightSource(source.direction, source.angular_radius, source.irradiance)
     assert plain.to_json() == known | {"uncertainty": None, "direction_uncertainty_deg": None}
@@ -126,11 +149,19 @@ def test_a_radius_is_at_least_the_sun_s_and_at_most_half_a_turn(degrees: float, 
     assert math.degrees(source.angular_radius) == pytest.approx(kept)
 
 
-@pytest.mark.parametrize("change", [
-    {"direction": [0, 9e-7, 0]}, {"direction": [0, 0, 1.2e6]}, {"irradiance_rgb": [-0.1, 1, 1]},
-    {"irradiance_rgb": [1, 1, -0.1]}, {"irradiance_rgb": [1, math.inf, 1]}, {"angular_radius_deg": math.nan},
-    {"uncertainty": math.nan}, {"direction_uncertainty_deg": math.inf},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"direction": [0, 9e-7, 0]},
+        {"direction": [0, 0, 1.2e6]},
+        {"irradiance_rgb": [-0.1, 1, 1]},
+        {"irradiance_rgb": [1, 1, -0.1]},
+        {"irradiance_rgb": [1, math.inf, 1]},
+        {"angular_radius_deg": math.nan},
+        {"uncertainty": math.nan},
+        {"direction_uncertainty_deg": math.inf},
+    ],
+)
 def test_numbers_beyond_what_a_source_may_have_are_refused(change: dict) -> None:
     with pytest.raises(ValueError, match="no light source has such numbers"):
         LightSource.from_json(VALID | change)
@@ -143,7 +174,9 @@ def test_a_factor_scales_each_channel_of_sources_and_rest() -> None:
     assert split.rest.texels[3, 1, 2].tolist() == [2, 3, 0.5]
 
 
-@pytest.mark.parametrize(("radius", "sharpness"), [(math.pi / 9, 4 / (math.pi / 9) ** 2), (0.01, 16**2 * 6 / math.pi)])
+@pytest.mark.parametrize(
+    ("radius", "sharpness"), [(math.pi / 9, 4 / (math.pi / 9) ** 2), (0.01, 16**2 * 6 / math.pi)]
+)
 def test_a_source_is_a_spherical_gaussian_no_narrower_than_a_texel(radius: float, sharpness: float) -> None:
     towards = cubemap.directions(16)
     source = LightSource((0.0, -0.6, 0.8), radius, (1.0, 2.0, 4.0))
@@ -157,5 +190,7 @@ def test_a_source_is_a_spherical_gaussian_no_narrower_than_a_texel(radius: float
 
 def test_a_source_as_wide_as_the_sphere_lights_a_surface_from_its_front_alone() -> None:
     source = LightSource((0.0, 0.0, 1.0), math.pi, (1.0, 2.0, 3.0))
-    received = source.texels(8) * (cubemap.directions(8)[..., 2].clamp(min=0) * cubemap.solid_angles(8))[..., None]
+    received = (
+        source.texels(8) * (cubemap.directions(8)[..., 2].clamp(min=0) * cubemap.solid_angles(8))[..., None]
+    )
     assert received.sum((0, 1, 2)).tolist() == pytest.approx([1, 2, 3], rel=1e-4)

@@ -10,7 +10,9 @@ from speed import cases
 
 @pytest.fixture
 def probes():
-    """4096 pixels of a sphere in the order of the photo, mirrors to matte, for 6 x 128 x 128 texels: 403 M pairs."""
+    """4096 pixels of a sphere in the order of the photo, mirrors to matte, for 6 x 128 x 128 texels: 403 M
+    pairs.
+    """
     return cases.sphere_pixels()
 
 

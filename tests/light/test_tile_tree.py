@@ -1,4 +1,6 @@
-"""The tree of a cubemap's tiles: where each tile and its nodes lie, how far it extends, and what hands sums down."""
+"""The tree of a cubemap's tiles: where each tile and its nodes lie, how far it extends, and what hands sums
+down.
+"""
 
 import itertools
 import math
@@ -23,7 +25,10 @@ def tiles(levels: int) -> list[tuple[float, float, float]]:
         for _ in range(levels):
             found += level
             level = [
-                (a + x * half / 2, b + y * half / 2, half / 2) for a, b, half in level for y in (-1, 1) for x in (-1, 1)
+                (a + x * half / 2, b + y * half / 2, half / 2)
+                for a, b, half in level
+                for y in (-1, 1)
+                for x in (-1, 1)
             ]
     return found
 
@@ -83,10 +88,16 @@ def test_sums_at_nodes_are_handed_down_by_cubic_interpolation(kind: int, places:
 @pytest.mark.parametrize(
     ("resolution", "kind", "pays"),
     [
-        (32, torch.float32, False), (63, torch.float32, False), (64, torch.float32, True), (64, torch.float64, False),
-        (65, torch.float32, False), (96, torch.float32, False), (256, torch.float32, True), (256, torch.float16, False),
+        (32, torch.float32, False),
+        (63, torch.float32, False),
+        (64, torch.float32, True),
+        (64, torch.float64, False),
+        (65, torch.float32, False),
+        (96, torch.float32, False),
+        (256, torch.float32, True),
+        (256, torch.float16, False),
     ],
-)  # fmt: skip
+)
 def test_tiles_pay_from_64_on_for_powers_of_two_and_plain_floats(
     resolution: int, kind: torch.dtype, pays: bool
 ) -> None:

@@ -41,8 +41,10 @@ def test_a_larger_map_averages_back_to_the_map(height):
 @pytest.mark.slow
 def test_the_light_of_the_whole_sphere_is_kept():
     image = lit_map()
-    flux = [(part * equirect.solid_angles(len(part)).numpy()[..., None]).sum((0, 1), dtype=np.float64)
-            for part in (image, resized_map(image, 1024))]  # fmt: skip
+    flux = [
+        (part * equirect.solid_angles(len(part)).numpy()[..., None]).sum((0, 1), dtype=np.float64)
+        for part in (image, resized_map(image, 1024))
+    ]
     assert np.allclose(*flux, rtol=1e-3)
 
 
@@ -51,13 +53,19 @@ def test_the_light_of_the_whole_sphere_is_kept():
 def test_the_seam_is_no_different_from_any_other_column(turn):
     image = lit_map()
     large = resized_map(image, 256)
-    assert np.allclose(np.roll(resized_map(np.roll(image, turn, 1), 256), -4 * turn, 1), large, rtol=1e-4, atol=1e-7)
+    assert np.allclose(
+        np.roll(resized_map(np.roll(image, turn, 1), 256), -4 * turn, 1), large, rtol=1e-4, atol=1e-7
+    )
 
 
 def test_a_smooth_light_stays_smooth_across_seam_and_poles():
     direction = equirect.directions(64).numpy()
-    image = np.exp(direction @ np.array([[0.9, 0.2, 0.1], [0.5, 0.8, 0.3], [0.4, 0.6, 0.7]])).astype(np.float32)
-    true = np.exp(equirect.directions(512).numpy() @ np.array([[0.9, 0.2, 0.1], [0.5, 0.8, 0.3], [0.4, 0.6, 0.7]]))
+    image = np.exp(direction @ np.array([[0.9, 0.2, 0.1], [0.5, 0.8, 0.3], [0.4, 0.6, 0.7]])).astype(
+        np.float32
+    )
+    true = np.exp(
+        equirect.directions(512).numpy() @ np.array([[0.9, 0.2, 0.1], [0.5, 0.8, 0.3], [0.4, 0.6, 0.7]])
+    )
     large = resized_map(image, 512)
     assert np.abs(large / true - 1).max() < 2e-3
     over_the_pole = np.roll(large[0], 512, 0)
@@ -66,7 +74,9 @@ def test_a_smooth_light_stays_smooth_across_seam_and_poles():
 
 @pytest.mark.slow
 def test_a_sun_is_smooth_and_darkens_only_its_neighbours():
-    """Texels beside a sun of a thousand times their level keep their means, so that their far halves get darker."""
+    """Texels beside a sun of a thousand times their level keep their means, so that their far halves get
+    darker.
+    """
     image = np.full((64, 128, 3), 0.5, np.float32)
     image[20, 40] = 500.0
     large = resized_map(image, 1024)
@@ -88,7 +98,10 @@ def test_smaller_maps_are_means_by_solid_angle():
 def test_a_sun_keeps_its_flux_in_a_smaller_map(row):
     image = np.zeros((256, 512, 3), np.float32)
     image[row, 17] = 1000.0
-    flux = [(part[..., 0] * equirect.solid_angles(len(part)).numpy()).sum() for part in (image, resized_map(image, 64))]
+    flux = [
+        (part[..., 0] * equirect.solid_angles(len(part)).numpy()).sum()
+        for part in (image, resized_map(image, 64))
+    ]
     assert flux[1] == pytest.approx(flux[0], rel=1e-3)
 
 
@@ -107,7 +120,9 @@ def test_sizes_are_read():
     assert [map_height(str(2 * rows)) for rows in HEIGHTS] == list(HEIGHTS)
 
 
-@pytest.mark.parametrize("size", ["", "100", "2048x2048", "64x32", "8192x4096", "-128x64", "1e3", "128x64x3", "384"])
+@pytest.mark.parametrize(
+    "size", ["", "100", "2048x2048", "64x32", "8192x4096", "-128x64", "1e3", "128x64x3", "384"]
+)
 def test_other_sizes_are_one_sentence(size):
     with pytest.raises(ConfigError, match=r"cannot have the --size .*128x64, 256x128.*4096x2048"):
         map_height(size)
@@ -120,7 +135,9 @@ def test_both_formats_read_back(tmp_path):
         write(tmp_path / name, large)
     exact, rough = read_hdr(tmp_path / "a.exr"), read_hdr(tmp_path / "a.hdr")
     assert np.array_equal(exact, large)
-    assert (np.abs(rough - large) <= (1 / 256) * large.max(-1, keepdims=True)).all()  # eight bits of a mantissa
+    assert (
+        np.abs(rough - large) <= (1 / 256) * large.max(-1, keepdims=True)
+    ).all()  # eight bits of a mantissa
     import OpenEXR
 
     assert np.array_equal(OpenEXR.File(str(tmp_path / "a.exr")).channels()["RGB"].pixels, large)

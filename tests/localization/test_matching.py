@@ -29,7 +29,8 @@ def test_the_right_focal_length_has_the_most_inliers(views, camera, photo):
 def test_nothing_agrees_about_noise(views):
     random = np.random.default_rng(0)
     noise = Features(
-        random.uniform(0, 128, (200, 2)).astype(np.float32), random.integers(0, 60, (200, 128), dtype=np.uint8)
+        random.uniform(0, 128, (200, 2)).astype(np.float32),
+        random.integers(0, 60, (200, 128), dtype=np.uint8),
     )
     poses = matched_poses(noise, views.landmarks, [170.0], 128, 128)
     assert all(pose.inliers < 12 for pose in poses)

@@ -18,7 +18,10 @@ SCATTER = np.array([0.06, 0.06, 0.06, 0.02, 0.02, 0.03, 0.0])  # radians, distan
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [20, 21])
 def test_poses_come_back_under_any_light(known, camera, seed):
-    levels, points = Levels(photo_of(known.asset, camera, seed)[0]), known.mesh.vertices[::20].double().numpy()
+    levels, points = (
+        Levels(photo_of(known.asset, camera, seed)[0]),
+        known.mesh.vertices[::20].double().numpy(),
+    )
     random, errors = np.random.default_rng(0), []
     for _ in range(4):
         start = moved(camera, random.normal(size=7) * SCATTER)

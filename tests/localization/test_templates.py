@@ -12,11 +12,15 @@ def test_views_surround_the_cameras_and_nothing_else():
     cameras = [view_from((2.5, 0.3, 0.8)), view_from((0.2, 2.5, 0.8))]
     views = surrounding_views(cameras, spacing=10, reach=20)
     known = [camera.position / np.linalg.norm(camera.position) for camera in cameras]
-    angles = [np.degrees(np.arccos(max(v.position @ k / np.linalg.norm(v.position) for k in known))) for v in views]
+    angles = [
+        np.degrees(np.arccos(max(v.position @ k / np.linalg.norm(v.position) for k in known))) for v in views
+    ]
     assert 12 <= len(views) <= 40
     assert max(angles) <= 20
     for camera in cameras:  # nowhere is the next view farther than about their spacing
-        nearest = max(view.position @ camera.position for view in views) / np.linalg.norm(camera.position) ** 2
+        nearest = (
+            max(view.position @ camera.position for view in views) / np.linalg.norm(camera.position) ** 2
+        )
         assert nearest > np.cos(np.radians(9))
 
 

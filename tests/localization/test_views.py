@@ -19,7 +19,11 @@ def test_views_come_back_from_their_file(views, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("mask", None), ("photo", torch.tensor([1, 0], dtype=torch.int32)), ("focal", torch.tensor([0.0]).double())],
+    [
+        ("mask", None),
+        ("photo", torch.tensor([1, 0], dtype=torch.int32)),
+        ("focal", torch.tensor([0.0]).double()),
+    ],
 )
 def test_a_damaged_file_is_named_with_the_remedy(views, tmp_path, name, value):
     path = tmp_path / "views.safetensors"
@@ -32,5 +36,7 @@ def test_a_damaged_file_is_named_with_the_remedy(views, tmp_path, name, value):
     else:
         tensors[name] = value
     save_tensors(path, tensors)
-    with pytest.raises(InputError, match=r"views\.safetensors.*delete it, and lightprobe locate makes it again"):
+    with pytest.raises(
+        InputError, match=r"views\.safetensors.*delete it, and lightprobe locate makes it again"
+    ):
         KnownViews.load(path)

@@ -24,7 +24,9 @@ def points(count=300, seed=0, size=2.0):
 
 
 def test_any_numbers_become_a_valid_material():
-    raw = torch.cat([torch.randn(100, CHANNELS, generator=torch.Generator().manual_seed(0)) * 5, torch.zeros(1, 8)])
+    raw = torch.cat(
+        [torch.randn(100, CHANNELS, generator=torch.Generator().manual_seed(0)) * 5, torch.zeros(1, 8)]
+    )
     material = activate(torch.cat([raw, torch.full((1, 8), 1e4), torch.full((1, 8), -1e4)]))
     assert 0 <= float(material[:, :5].min()) <= float(material[:, :5].max()) <= 1
     assert float(material[:, 3].min()) == pytest.approx(MIN_ROUGHNESS)
@@ -64,13 +66,18 @@ def test_beyond_the_cube_its_border_goes_on():
 
 
 def test_gradients_reach_table_network_and_points():
-    material, at = field(levels=2, log2_size=4, finest=16, extent=1.0).double(), points(7).double().requires_grad_()
+    material, at = (
+        field(levels=2, log2_size=4, finest=16, extent=1.0).double(),
+        points(7).double().requires_grad_(),
+    )
     names, values = zip(*material.named_parameters(), strict=True)
 
     def shown(at, *values):
         return torch.func.functional_call(material, dict(zip(names, values, strict=True)), (at,))
 
     with torch.no_grad():
-        material.table.normal_(generator=torch.Generator().manual_seed(3))  # far from the kinks of relu at zero
+        material.table.normal_(
+            generator=torch.Generator().manual_seed(3)
+        )  # far from the kinks of relu at zero
     values = tuple(value.detach().requires_grad_() for value in values)
     assert torch.autograd.gradcheck(shown, (at, *values), fast_mode=True)

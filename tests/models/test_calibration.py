@@ -15,12 +15,21 @@ def test_files_give_it_back(tmp_path):
     assert Calibration.load(tmp_path / "none.json") is None
 
 
-@pytest.mark.parametrize("value", [
-    [], {}, {"light_factor_rgb": [1, 2], "source": "x"}, {"light_factor_rgb": [1, 2, "3"], "source": "x"},
-    {"light_factor_rgb": [1, 2, 1000], "source": "x"}, {"light_factor_rgb": [1, 2, 0], "source": "x"},
-    {"light_factor_rgb": [1, 1, True], "source": "x"}, {"light_factor_rgb": [1, 1, 1]},
-    {"light_factor_rgb": [1, 1, 10**400], "source": "x"}, {"light_factor_rgb": [1, 1, float("nan")], "source": "x"},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "value",
+    [
+        [],
+        {},
+        {"light_factor_rgb": [1, 2], "source": "x"},
+        {"light_factor_rgb": [1, 2, "3"], "source": "x"},
+        {"light_factor_rgb": [1, 2, 1000], "source": "x"},
+        {"light_factor_rgb": [1, 2, 0], "source": "x"},
+        {"light_factor_rgb": [1, 1, True], "source": "x"},
+        {"light_factor_rgb": [1, 1, 1]},
+        {"light_factor_rgb": [1, 1, 10**400], "source": "x"},
+        {"light_factor_rgb": [1, 1, float("nan")], "source": "x"},
+    ],
+)
 def test_a_damaged_file_is_told_with_its_remedy(tmp_path, value):
     (tmp_path / "c.json").write_text(json.dumps(value))
     with pytest.raises(InputError, match=r"c\.json .*--reset"):

@@ -8,9 +8,14 @@ from lightprobe.core.errors import InputError
 from lightprobe.models.object_verdict import ObjectVerdict, Trust
 
 
-@pytest.mark.parametrize(("disagreement", "trust", "told"), [
-    (0.03, Trust.GOOD, "is good"), (0.06, Trust.DOUBTFUL, "look at its materials"), (0.09, Trust.POOR, "--seed"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("disagreement", "trust", "told"),
+    [
+        (0.03, Trust.GOOD, "is good"),
+        (0.06, Trust.DOUBTFUL, "look at its materials"),
+        (0.09, Trust.POOR, "--seed"),
+    ],
+)
 def test_parts_that_disagree_about_the_light_tell_a_poor_object(disagreement, trust, told):
     verdict = ObjectVerdict(disagreement, 5)
     assert verdict.trust is trust
@@ -21,7 +26,9 @@ def test_parts_that_disagree_about_the_light_tell_a_poor_object(disagreement, tr
 def test_an_object_that_was_only_judged_by_photos_it_was_fitted_to_is_doubtful_at_best(tmp_path):
     verdict = ObjectVerdict(0.03, 4, held_out=False)
     assert verdict.trust is Trust.DOUBTFUL
-    assert "4 photos that it was fitted to, as none was held out, expect some 27 dB at best" in verdict.sentence
+    assert (
+        "4 photos that it was fitted to, as none was held out, expect some 27 dB at best" in verdict.sentence
+    )
     assert "at least eight photos" in verdict.sentence
     assert ObjectVerdict(0.09, 4, held_out=False).trust is Trust.POOR
     verdict.save(tmp_path / "verdict.json")
@@ -45,10 +52,13 @@ def test_lights_that_know_where_the_camera_stands_make_an_object_doubtful(bias, 
     assert ObjectVerdict(0.09, 5, bias, 9.0).trust is Trust.POOR
 
 
-@pytest.mark.parametrize(("excess", "told"), [
-    (-1.5, "dimmer than what its photos show around it, so it is probably taken for too bright"),
-    (1.5, "brighter than what its photos show around it, so it is probably taken for too dark"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("excess", "told"),
+    [
+        (-1.5, "dimmer than what its photos show around it, so it is probably taken for too bright"),
+        (1.5, "brighter than what its photos show around it, so it is probably taken for too dark"),
+    ],
+)
 def test_lights_that_do_not_fit_what_photos_show_make_an_object_doubtful(excess, told):
     verdict = ObjectVerdict(0.03, 5, 0.1, 0.5, excess, 4.5)
     assert verdict.trust is Trust.DOUBTFUL

@@ -34,7 +34,9 @@ def test_the_energy_of_a_lobe(roughness, rule):
     expected = scipy.integrate.quad(ring, 0, 1, points=[1 - 4 * a2] if a2 < 0.2 else None)[0]
     directions = cubemap.directions(4 * R).reshape(-1, 3)
     density = mean_distribution(pixels(roughness), directions, rule)
-    assert float((density * cubemap.solid_angles(4 * R).reshape(-1)).sum()) == pytest.approx(expected, rel=0.02)
+    assert float((density * cubemap.solid_angles(4 * R).reshape(-1)).sum()) == pytest.approx(
+        expected, rel=0.02
+    )
     if roughness == 1:
         assert expected == pytest.approx(1.0)  # a cosine over pi
 

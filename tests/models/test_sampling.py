@@ -29,7 +29,10 @@ def test_pairs_are_drawn_without_replacement():
         assert len(chosen.unique()) == 2
         left_out[[k for k in range(3) if k not in chosen.tolist()]] += 1
     expected = torch.stack(
-        [draws * sum(p[i] * p[j] / (1 - p[i]) for i, j in ((a, b), (b, a))) for a, b in ((1, 2), (0, 2), (0, 1))]
+        [
+            draws * sum(p[i] * p[j] / (1 - p[i]) for i, j in ((a, b), (b, a)))
+            for a, b in ((1, 2), (0, 2), (0, 1))
+        ]
     )
     assert float(((left_out - expected) ** 2 / expected).sum()) < chi2.ppf(0.999, df=2)
 

@@ -72,7 +72,10 @@ def test_a_short_training_beats_the_constant_and_the_stacked_light_on_photos_it_
 
 def test_turned_maps_are_those_of_a_turned_world():
     one = lesson(
-        glossy_sphere(), camera_at((2.6, 1.4, 1.2), size=40, focal=53.0), patch_light((1.0, 0.3, 0.4)), "photo"
+        glossy_sphere(),
+        camera_at((2.6, 1.4, 1.2), size=40, focal=53.0),
+        patch_light((1.0, 0.3, 0.4)),
+        "photo",
     )
     pixels, colors = one.pixels, one.pixels.color * torch.tensor([1.2, 1.0, 0.7])
     maps = probe_maps(pixels, colors, one.clipped, one.light_level, one.solved, one.up, AlphaRule.R4)
@@ -82,9 +85,14 @@ def test_turned_maps_are_those_of_a_turned_world():
         back = torch.linalg.lstsq(texels, texels[index[turn]]).solution  # w there is w @ back here
         blocks = (cubemap.directions(BLOCKS).reshape(-1, 3) @ back).contiguous()
         there = probe_maps(
-            replace(pixels, normal=pixels.normal @ back.T, view=pixels.view @ back.T), colors, one.clipped,
-            one.light_level, one.solved[:, cubemap.nearest_texel(blocks, BLOCKS)], one.up @ back.T, AlphaRule.R4,
-        )  # fmt: skip
+            replace(pixels, normal=pixels.normal @ back.T, view=pixels.view @ back.T),
+            colors,
+            one.clipped,
+            one.light_level,
+            one.solved[:, cubemap.nearest_texel(blocks, BLOCKS)],
+            one.up @ back.T,
+            AlphaRule.R4,
+        )
         torch.testing.assert_close(turned(maps[None], torch.tensor([turn]))[0], there, rtol=1e-3, atol=1e-3)
     assert set(handedness[[3, 16, 29, 47]].tolist()) == {-1.0, 1.0}
 
@@ -128,7 +136,9 @@ def test_a_training_starts_from_the_bundled_network_unless_told_otherwise_or_of_
 def test_directions_are_told_by_up_and_by_the_camera():
     """Where light comes from is asked in a frame of the object and its photo, not of the file's axes."""
     asset, config = glossy_sphere(), DistillConfig(samples=256, width=16, depth=1)
-    photo = lesson(asset, camera_at((2.6, 0.0, 0.0), size=40, focal=53.0), patch_light((1.0, 0.3, 0.4)), "photo")
+    photo = lesson(
+        asset, camera_at((2.6, 0.0, 0.0), size=40, focal=53.0), patch_light((1.0, 0.3, 0.4)), "photo"
+    )
     up = sphere_examples(new_network(config), [photo], config, 0).maps[0, -3:].reshape(3, -1).T
     side = (
         sphere_examples(new_network(config), [replace(photo, up=torch.eye(3)[1])], config, 0)
@@ -151,7 +161,8 @@ def test_training_ends_halfway_between_the_bundled_network_and_what_was_learned(
     config = DistillConfig(steps=1, samples=256, width=16, depth=1, sphere_steps=1, sphere_batch=1)
     learned = train(photos, config, CPU, 0).sphere
     moved = max(
-        float((a - b).detach().abs().max()) for a, b in zip(learned.parameters(), start.parameters(), strict=True)
+        float((a - b).detach().abs().max())
+        for a, b in zip(learned.parameters(), start.parameters(), strict=True)
     )
     # Adam's first step is as long as its rate, a fiftieth of the full one in the warm-up
     assert moved == pytest.approx(0.5 * config.sphere_learning_rate / 50, rel=0.05)

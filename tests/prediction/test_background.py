@@ -135,7 +135,9 @@ def test_what_the_object_contradicts_is_left_out(observation, photo):
 
 def test_nothing_seen_changes_nothing(observation, background):
     trust = confidence(observation, LIGHT, fitted=True, seed=0)
-    none = SeenLight.of(Background(background.color, background.seen & False, background.clipped, CAMERA), 16, CPU)
+    none = SeenLight.of(
+        Background(background.color, background.seen & False, background.clipped, CAMERA), 16, CPU
+    )
     light, _, use = with_background(observation, LIGHT, trust, none, 0)
     assert use is BackgroundUse.ABSENT
     assert torch.equal(light, LIGHT)
@@ -146,7 +148,9 @@ def test_predictions_follow_it_where_they_are_fitted(sphere, photo, background):
     predictor = Predictor(
         Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16)
     )
-    plain, with_it = (predictor.predict(photo, CAMERA, Method.SOLVE, background=part) for part in (None, background))
+    plain, with_it = (
+        predictor.predict(photo, CAMERA, Method.SOLVE, background=part) for part in (None, background)
+    )
     assert (plain.background, with_it.background) == (BackgroundUse.ABSENT, BackgroundUse.USED)
     assert rmse(with_it.environment.texels) < 0.97 * rmse(plain.environment.texels)
     grey = predictor.predict(photo, CAMERA, Method.CONSTANT, background=background)
@@ -157,8 +161,12 @@ def test_predictions_follow_it_where_they_are_fitted(sphere, photo, background):
 
 
 def test_what_is_seen_is_radiance_whatever_the_object_s_calibration(sphere, photo, background):
-    """The object is taken for 1.6 times too bright, and its lights for as much too dim, until they are calibrated."""
-    known = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0), calibration=Calibration((1.6, 1.6, 1.6), "a card"))
+    """The object is taken for 1.6 times too bright, and its lights for as much too dim, until they are
+    calibrated.
+    """
+    known = Decomposition(
+        sphere, {}, Similarity(np.zeros(3), 1.0), calibration=Calibration((1.6, 1.6, 1.6), "a card")
+    )
     dim = photograph(sphere, CAMERA, LIGHT / 1.6)
     found = Predictor(known, config=PredictConfig(light_resolution=16)).predict(
         dim, CAMERA, Method.SOLVE, background=background

@@ -22,12 +22,18 @@ def test_a_confidence_has_the_same_color_in_every_picture():
 
 
 def test_the_bar_has_the_pictures_colors():
-    stops = [f"#{''.join(f'{round(255 * c):02x}' for c in color)}" for color in confidence_colors(np.array(TICKS))]
+    stops = [
+        f"#{''.join(f'{round(255 * c):02x}' for c in color)}" for color in confidence_colors(np.array(TICKS))
+    ]
     assert css_gradient() == f"linear-gradient(to right, {', '.join(stops)})"
 
 
 def test_ticks_stand_where_their_colors_are_and_name_the_factor():
     assert [place for place, _, _ in ticks()] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
     assert [words for _, *words in ticks()] == [
-        ["≤ 0.3", "≥ ×3.3"], ["0.4", "×2.5"], ["0.5", "×2"], ["0.6", "×1.7"], ["0.7", "×1.4"],
-    ]  # fmt: skip
+        ["≤ 0.3", "≥ ×3.3"],
+        ["0.4", "×2.5"],
+        ["0.5", "×2"],
+        ["0.6", "×1.7"],
+        ["0.7", "×1.4"],
+    ]

@@ -26,7 +26,9 @@ def flat(value: float = 0.7) -> torch.Tensor:
 
 @pytest.fixture
 def weighty(monkeypatch):
-    """Weights under which every cause but the first counts clearly, whatever those in use were last fitted to."""
+    """Weights under which every cause but the first counts clearly, whatever those in use were last fitted
+    to.
+    """
     weights = Weights(unseen=0.0, unpinned=0.15, bright=0.25, dark=0.20, rough=0.40, least=0.52)
     monkeypatch.setattr("lightprobe.prediction.confidence.FITTED", weights)
 

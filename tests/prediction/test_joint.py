@@ -18,7 +18,9 @@ from tests.lit_sphere import CPU, glossy_sphere, patch_light, photograph
 from tests.shapes import camera_at
 
 SIDES = ((2.6, 1.4, 1.2), (-2.0, 2.2, 0.6), (0.4, -2.9, 1.0))
-CAMERAS = [camera_at(place, size=48 + 8 * number, focal=64.0 + 10 * number) for number, place in enumerate(SIDES)]
+CAMERAS = [
+    camera_at(place, size=48 + 8 * number, focal=64.0 + 10 * number) for number, place in enumerate(SIDES)
+]
 LIGHT = patch_light((0.2, 1.0, 0.5)) + 0.5 * patch_light((-0.5, -0.8, 0.4))
 FACTORS = (1.0, 2.5, 0.6)
 
@@ -35,12 +37,16 @@ def photos(sphere):
 
 @pytest.fixture(scope="module")
 def seen(sphere, photos):
-    return [observe(sphere, photo, camera, CPU, 65_536) for photo, camera in zip(photos, CAMERAS, strict=True)]
+    return [
+        observe(sphere, photo, camera, CPU, 65_536) for photo, camera in zip(photos, CAMERAS, strict=True)
+    ]
 
 
 @pytest.fixture(scope="module")
 def predictor(sphere):
-    return Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16))
+    return Predictor(
+        Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16)
+    )
 
 
 def scaled(photo, factor):
@@ -96,11 +102,16 @@ def test_what_no_light_explains_hardly_tells_its_exposure(sphere, photos):
 
 @pytest.mark.slow
 def test_three_views_of_one_light_tell_more_than_any_of_them(predictor, photos):
-    views = [(scaled(photo, factor), camera) for photo, factor, camera in zip(photos, FACTORS, CAMERAS, strict=True)]
+    views = [
+        (scaled(photo, factor), camera)
+        for photo, factor, camera in zip(photos, FACTORS, CAMERAS, strict=True)
+    ]
     joint, exposures = predictor.predict_together(views, Method.SOLVE, exposures=FACTORS)
     error = environment_log_rmse(log_difference(joint.environment.texels, LIGHT))
     singly = [
-        environment_log_rmse(log_difference(predictor.predict(*view, Method.SOLVE).environment.texels / factor, LIGHT))
+        environment_log_rmse(
+            log_difference(predictor.predict(*view, Method.SOLVE).environment.texels / factor, LIGHT)
+        )
         for view, factor in zip(views, FACTORS, strict=True)
     ]
     assert error < 0.95 * min(singly)

@@ -57,7 +57,9 @@ def test_a_moved_mask_is_off_by_its_move(sphere, photo, down, across):
 def test_the_light_level_is_the_constant_light_s_radiance(sphere):
     for radiance in (0.25, 0.5):
         white = photograph(sphere, CAMERA, torch.full((6, 16, 16, 3), radiance))
-        assert float(observe(sphere, white, CAMERA, CPU, 65_536).light_level) == pytest.approx(radiance, rel=0.01)
+        assert float(observe(sphere, white, CAMERA, CPU, 65_536).light_level) == pytest.approx(
+            radiance, rel=0.01
+        )
 
 
 def test_large_photos_are_reduced_to_about_as_many_pixels(sphere, photo):

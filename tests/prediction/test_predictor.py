@@ -42,13 +42,17 @@ def photo(sphere):
 def model():
     config = DistillConfig(width=16, depth=1, sphere_width=4)
     network, sphere = new_network(config).requires_grad_(False), new_sphere(config).requires_grad_(False)
-    return ProbeModel(network, Environment(torch.ones(6, 16, 16, 3)), torch.tensor([0.0, 0.0, 1.0]), config, sphere)
+    return ProbeModel(
+        network, Environment(torch.ones(6, 16, 16, 3)), torch.tensor([0.0, 0.0, 1.0]), config, sphere
+    )
 
 
 @pytest.fixture(scope="module")
 def predictor(sphere, model):
     decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
-    return Predictor(decomposition, model, config=COARSE, optimize_config=OptimizeConfig(iterations=10, pixels=512))
+    return Predictor(
+        decomposition, model, config=COARSE, optimize_config=OptimizeConfig(iterations=10, pixels=512)
+    )
 
 
 def test_the_configured_method_comes_first(model):
@@ -104,7 +108,15 @@ def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, me
     assert float(prediction.environment.texels.min()) >= 0
     assert prediction.confidence.shape == (6, 16, 16)
     assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
-    assert set(prediction.seconds) == {"rasterise", "verdict", "network", "stack", "solve", "confidence", "total"}
+    assert set(prediction.seconds) == {
+        "rasterise",
+        "verdict",
+        "network",
+        "stack",
+        "solve",
+        "confidence",
+        "total",
+    }
     parts = sum(seconds for part, seconds in prediction.seconds.items() if part != "total")
     assert parts <= prediction.seconds["total"] * 1.001
 
@@ -138,10 +150,13 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
 @pytest.mark.slow
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
     patient = Predictor(
-        Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE,
+        Decomposition(sphere, {}, predictor.decomposition.similarity),
+        config=COARSE,
         optimize_config=OptimizeConfig(iterations=150, pixels=512),
-    )  # fmt: skip
-    optimised, solved = (patient.predict(photo, CAMERA, m).environment.texels for m in (Method.OPTIMIZE, Method.SOLVE))
+    )
+    optimised, solved = (
+        patient.predict(photo, CAMERA, m).environment.texels for m in (Method.OPTIMIZE, Method.SOLVE)
+    )
     assert rerender_error(predictor, photo, optimised) < 1.1 * rerender_error(predictor, photo, solved)
     axis = torch.nn.functional.normalize(torch.tensor(PATCH), dim=0)
     assert float(brightest(optimised) @ axis) > 0.97
@@ -166,7 +181,9 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
     usual = replace(model, mean_light=Environment(torch.full((6, 16, 16, 3), 3.0)))
     asked = Predictor(
-        Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity), usual, config=COARSE
+        Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity),
+        usual,
+        config=COARSE,
     )
     prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
@@ -186,7 +203,9 @@ def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
         )
         for count in (65_536, 2000)
     )
-    difference = (whole.environment.texels - reduced.environment.texels).abs().mean() / whole.environment.texels.mean()
+    difference = (
+        whole.environment.texels - reduced.environment.texels
+    ).abs().mean() / whole.environment.texels.mean()
     assert float(difference) < 0.1
 
 
@@ -239,7 +258,9 @@ def test_a_sphere_network_that_is_no_numbers_or_of_another_size_is_refused(model
 
 def test_weights_too_large_predict_nothing(predictor, photo, model):
     """Finite weights can overflow all the same."""
-    weak = Predictor(predictor.decomposition, replace(model, mean_light=model.mean_light.scaled(1e38)), config=COARSE)
+    weak = Predictor(
+        predictor.decomposition, replace(model, mean_light=model.mean_light.scaled(1e38)), config=COARSE
+    )
     weak.model = replace(weak.model, mean_light=weak.model.mean_light.scaled(1e38))
     with pytest.raises(ConvergenceError, match="check the photo"):
         weak.predict(photo, CAMERA, Method.PROBE_MLP)

@@ -14,7 +14,9 @@ def noisy(lights, spread=0.3, seed=0):
 
 
 def error(lights, truth):
-    return sum(environment_log_rmse(log_difference(a, b)) for a, b in zip(lights, truth, strict=True)) / len(truth)
+    return sum(environment_log_rmse(log_difference(a, b)) for a, b in zip(lights, truth, strict=True)) / len(
+        truth
+    )
 
 
 def test_a_still_light_stops_flickering():

@@ -1,4 +1,6 @@
-"""The correction of a prior: it mends what the photo shows, scales with the prior, and knows when to leave it alone."""
+"""The correction of a prior: it mends what the photo shows, scales with the prior, and knows when to leave it
+alone.
+"""
 
 from dataclasses import replace
 
@@ -57,7 +59,9 @@ def test_the_unit_of_radiance_does_not_matter(observation, unit):
     asset, prior = glossy_sphere(), torch.where(LIGHT[..., :1] > 2, 0.4 * LIGHT, LIGHT)
     pixels = photograph(asset, CAMERA, LIGHT)
     other = observe(asset, replace(pixels, color=pixels.color * np.float32(unit)), CAMERA, CPU, 65_536)
-    torch.testing.assert_close(solve(other, unit * prior) / unit, solve(observation, prior), rtol=1e-3, atol=1e-4)
+    torch.testing.assert_close(
+        solve(other, unit * prior) / unit, solve(observation, prior), rtol=1e-3, atol=1e-4
+    )
 
 
 def test_factors_are_smooth_bounded_and_multiply():

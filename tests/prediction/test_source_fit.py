@@ -100,9 +100,10 @@ def test_the_same_call_gives_the_same_bits_and_scales_with_exposure(scene):
     first, again = (fitted_sources(observation, dim, asset.mesh, 0).sources for _ in range(2))
     assert first == again
     brighter = dataclasses.replace(
-        observation, pixels=dataclasses.replace(observation.pixels, color=4 * observation.pixels.color),
+        observation,
+        pixels=dataclasses.replace(observation.pixels, color=4 * observation.pixels.color),
         light_level=4 * observation.light_level,
-    )  # fmt: skip
+    )
     (scaled,) = fitted_sources(brighter, dim.scaled(4.0), asset.mesh, 0).sources
     assert scaled.irradiance == pytest.approx([4 * e for e in first[0].irradiance], rel=1e-3)
 
@@ -131,8 +132,13 @@ def test_non_negative_minima_are_scipys(count):
     random = np.random.default_rng(count)
     held = 0
     for _ in range(20):
-        matrix, observed = random.uniform(size=(30, count)) ** 4 + 1, random.uniform(size=30)  # alike, as images are
-        found = _non_negative(torch.from_numpy(matrix.T @ matrix), torch.from_numpy(matrix.T @ observed)).numpy()
+        matrix, observed = (
+            random.uniform(size=(30, count)) ** 4 + 1,
+            random.uniform(size=30),
+        )  # alike, as images are
+        found = _non_negative(
+            torch.from_numpy(matrix.T @ matrix), torch.from_numpy(matrix.T @ observed)
+        ).numpy()
         np.testing.assert_allclose(found, scipy.optimize.nnls(matrix, observed)[0], atol=1e-9)
         held += int((found == 0).sum())
     assert (held > 0) == (count > 1)

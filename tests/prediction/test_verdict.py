@@ -26,7 +26,8 @@ CAMERA = camera_at(tuple(PLACE), size=96, focal=128.0)
 @pytest.fixture(scope="module")
 def predictor():
     return Predictor(
-        Decomposition(glossy_sphere(), {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16)
+        Decomposition(glossy_sphere(), {}, Similarity(np.zeros(3), 1.0)),
+        config=PredictConfig(light_resolution=16),
     )
 
 
@@ -75,7 +76,9 @@ SENTENCES = {"black": "black in this photo", "white": "100 % of the object's val
 @pytest.mark.parametrize("kind", UNREADABLE)
 def test_a_photo_that_no_light_explains_is_refused(predictor, photo, kind):
     spoilt = eight_bit(photo, UNREADABLE[kind](photo))
-    with pytest.raises(InputError, match=SENTENCES.get(kind, "No light makes this object look like this photo")):
+    with pytest.raises(
+        InputError, match=SENTENCES.get(kind, "No light makes this object look like this photo")
+    ):
         predictor.predict(spoilt, CAMERA)
 
 
@@ -107,11 +110,17 @@ DOUBTFUL = {
     "moved": (lambda photo: photo, moved([0.05, 0, 0]), "0.05 object radii beside"),
     "turned": (lambda photo: photo, turned(0.2), "of what this photo shows"),
     "colours swapped": (
-        lambda photo: eight_bit(photo, srgb_encode(photo.color)[..., [1, 2, 0]]), CAMERA, "Light explains only",
+        lambda photo: eight_bit(photo, srgb_encode(photo.color)[..., [1, 2, 0]]),
+        CAMERA,
+        "Light explains only",
     ),
-    "another object": (lambda photo: eight_bit(photo, other_object(photo)), CAMERA, "of what this photo shows"),
+    "another object": (
+        lambda photo: eight_bit(photo, other_object(photo)),
+        CAMERA,
+        "of what this photo shows",
+    ),
     "too bright": (lambda photo: eight_bit(photo, srgb_encode(8 * photo.color)), CAMERA, "clipped to white"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.slow
@@ -131,12 +140,16 @@ def test_a_photo_flipped_left_to_right_is_noticed(predictor, photo):
 
 
 def test_the_verdict_is_the_photos_not_the_methods(predictor, photo):
-    verdicts = [predictor.predict(photo, CAMERA, method).verdict for method in (Method.CONSTANT, Method.SOLVE)]
+    verdicts = [
+        predictor.predict(photo, CAMERA, method).verdict for method in (Method.CONSTANT, Method.SOLVE)
+    ]
     assert verdicts[0] == verdicts[1] == verdict_on(predictor, photo)
 
 
 def test_exposure_does_not_matter(predictor, photo):
-    one, other = (verdict_on(predictor, Pixels.of(factor * photo.color, photo.alpha)) for factor in (0.5, 0.05))
+    one, other = (
+        verdict_on(predictor, Pixels.of(factor * photo.color, photo.alpha)) for factor in (0.5, 0.05)
+    )
     assert one.explained == pytest.approx(other.explained, abs=1e-3)
     assert one.residual == pytest.approx(other.residual, rel=1e-2)
     assert one.status is other.status is Status.GOOD
@@ -144,7 +157,9 @@ def test_exposure_does_not_matter(predictor, photo):
 
 def of_lights(predictor, directions):
     """Return photos of the ball from around it, each under a light from one of the directions."""
-    cameras = [camera_at((3.0 * math.cos(a), 3.0 * math.sin(a), 1.2), size=96, focal=128.0) for a in (0.0, 0.9, 1.8)]
+    cameras = [
+        camera_at((3.0 * math.cos(a), 3.0 * math.sin(a), 1.2), size=96, focal=128.0) for a in (0.0, 0.9, 1.8)
+    ]
     asset = predictor.decomposition.asset
     return [
         (photograph(asset, camera, patch_light(direction)), camera)
@@ -153,7 +168,9 @@ def of_lights(predictor, directions):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("others", "status"), [((0.2, 1.0, 0.5), Status.GOOD), ((-0.6, -1.0, 0.4), Status.DOUBTFUL)])
+@pytest.mark.parametrize(
+    ("others", "status"), [((0.2, 1.0, 0.5), Status.GOOD), ((-0.6, -1.0, 0.4), Status.DOUBTFUL)]
+)
 def test_photos_of_different_lights_are_not_of_one(predictor, others, status):
     views = of_lights(predictor, [(0.2, 1.0, 0.5), others, others])
     verdict = predictor.predict_together(views, Method.CONSTANT)[0].verdict

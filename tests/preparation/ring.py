@@ -1,4 +1,6 @@
-"""Points on a ball and cameras around it, as structure from motion would hand them on, without a single picture."""
+"""Points on a ball and cameras around it, as structure from motion would hand them on, without a single
+picture.
+"""
 
 import numpy as np
 
@@ -24,7 +26,9 @@ def ball_points(count: int, seed: int = 0) -> np.ndarray:
 def disc(camera: Camera, radius: float = 0.7) -> np.ndarray:
     """Return the ball's true mask (h, w) bool: a cone around the ray to its centre."""
     rows, columns = np.mgrid[:SIZE, :SIZE] + 0.5
-    rays = np.stack([(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones((SIZE, SIZE))], -1)
+    rays = np.stack(
+        [(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones((SIZE, SIZE))], -1
+    )
     rays = rays @ camera.camera_to_world[:3, :3].T
     cosine = -(rays @ camera.position) / np.linalg.norm(rays, axis=-1) / np.linalg.norm(camera.position)
     return cosine > np.sqrt(1 - (radius / np.linalg.norm(camera.position)) ** 2)
@@ -33,16 +37,26 @@ def disc(camera: Camera, radius: float = 0.7) -> np.ndarray:
 def photographed(cameras: list[Camera], points: np.ndarray) -> tuple[list[Features], dict, Solution]:
     """Return features, matches of neighbours and the true solution; every photo sees every point."""
     features = [
-        Features(camera.project(points)[:, :2].astype(np.float32), np.zeros((len(points), 128), np.uint8), SIZE, SIZE)
+        Features(
+            camera.project(points)[:, :2].astype(np.float32),
+            np.zeros((len(points), 128), np.uint8),
+            SIZE,
+            SIZE,
+        )
         for camera in cameras
     ]
     rows = np.repeat(np.arange(len(points), dtype=np.uint32)[:, None], 2, axis=1)
     pairs = {(i, i + 1): rows for i in range(len(cameras) - 1)}
     count = len(cameras)
     solution = Solution(
-        np.arange(count), np.stack([c.camera_to_world for c in cameras]),
-        np.tile([300.0, SIZE / 2, SIZE / 2, 0.0], (count, 1)), np.full((count, 2), SIZE), points,
-        np.full(len(points), 0.3), np.repeat(np.arange(count), len(points)),
-        np.tile(np.arange(len(points)), count), np.tile(np.arange(len(points)), count),
-    )  # fmt: skip
+        np.arange(count),
+        np.stack([c.camera_to_world for c in cameras]),
+        np.tile([300.0, SIZE / 2, SIZE / 2, 0.0], (count, 1)),
+        np.full((count, 2), SIZE),
+        points,
+        np.full(len(points), 0.3),
+        np.repeat(np.arange(count), len(points)),
+        np.tile(np.arange(len(points)), count),
+        np.tile(np.arange(len(points)), count),
+    )
     return features, pairs, solution

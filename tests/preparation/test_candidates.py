@@ -87,7 +87,9 @@ def test_photos_that_fit_together_elsewhere_are_kept_by_index(monkeypatch, tmp_p
 
 def test_a_choice_is_made_once(turned, tmp_path):
     photos, matches, inside, _, _ = turned
-    first = kept_choice(Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, inside))
+    first = kept_choice(
+        Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, inside)
+    )
     again = kept_choice(Cache(tmp_path), "cameras", "key", lambda: pytest.fail("it was kept"))
     assert again.trap == first.trap
     assert again.kept.to_json() == first.kept.to_json()

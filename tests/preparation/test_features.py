@@ -62,10 +62,12 @@ def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):
     photos = [
         Features(
             rng.uniform(0, 100, (40, 2)).astype(np.float32),
-            (kinds[i % 2] + rng.integers(0, 3, (40, 128))).astype(np.uint8), 100, 100,
+            (kinds[i % 2] + rng.integers(0, 3, (40, 128))).astype(np.uint8),
+            100,
+            100,
         )
         for i in range(6)
-    ]  # fmt: skip
+    ]
     assert likely_pairs(photos) == [(0, 2), (0, 4), (1, 3), (1, 5), (2, 4), (3, 5)]
     assert len(likely_pairs(photos[:4])) == 6
 
@@ -84,13 +86,16 @@ def test_the_largest_blobs_are_kept_whichever_way_they_are_turned(monkeypatch):
     monkeypatch.setattr(features, "MOST", 2)
     size, angle = np.array([1.5, 4.0, 2.0, 3.0]), np.array([3.1, 0.1, -3.0, 0.2])
     turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], 1) * size[:, None]
-    turned *= np.array([[3, 1 / 3] * 2, [1 / 3, 3] * 2, [1, 1] * 2, [1 / 3, 3] * 2])  # ellipses of the same area
+    turned *= np.array(
+        [[3, 1 / 3] * 2, [1 / 3, 3] * 2, [1, 1] * 2, [1 / 3, 3] * 2]
+    )  # ellipses of the same area
     table = np.concatenate([np.arange(8.0).reshape(4, 2), turned], 1)
     stored = SimpleNamespace(
-        exists_image=lambda name: True, read_image_with_name=lambda name: SimpleNamespace(image_id=1),
+        exists_image=lambda name: True,
+        read_image_with_name=lambda name: SimpleNamespace(image_id=1),
         read_keypoints=lambda number: table,
         read_descriptors=lambda number: SimpleNamespace(data=np.arange(4)[:, None].repeat(128, 1)),
-    )  # fmt: skip
+    )
     kept = features._stored(stored, "0.png", np.zeros((10, 20), np.uint8))
     assert kept.points.tolist() == [[2, 3], [6, 7]]
     assert kept.descriptors[:, 0].tolist() == [1, 3]

@@ -22,7 +22,10 @@ def stored(folder, *files, orientation=1):
     for file in files:
         (folder / file).parent.mkdir(exist_ok=True)
         Image.new("RGB", (40, 30) if orientation < 5 else (30, 40)).save(folder / file, exif=exif)
-    return [SourcePhoto(file.replace("/", "_")[:-4], folder / file, 40, 30, file, None, None, False) for file in files]
+    return [
+        SourcePhoto(file.replace("/", "_")[:-4], folder / file, 40, 30, file, None, None, False)
+        for file in files
+    ]
 
 
 def test_a_box_is_a_mask(photos):
@@ -74,7 +77,9 @@ def test_a_box_that_was_drawn_in_a_scene_is_a_hint(photos, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("drawn", "areas"), [("IMG_1", {0: 8, 1: 200}), ("IMG_2", {1: 8})], ids=["beside the other", "in its place"]
+    ("drawn", "areas"),
+    [("IMG_1", {0: 8, 1: 200}), ("IMG_2", {1: 8})],
+    ids=["beside the other", "in its place"],
 )
 def test_a_box_that_was_drawn_counts_beside_the_option(photos, tmp_path, drawn, areas):
     store_hint(tmp_path, drawn, (1, 1, 5, 3))
@@ -91,9 +96,15 @@ def test_a_drawn_box_that_fits_no_photo_costs_no_other_hint(photos, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["[]", "{}", '{"photo": "a", "box": [1, 2, 3]}', '{"photo": "a", "box": [1, 2, 3, "/etc/x.png"]}',
-             '{"photo": 7, "box": [1, 2, 3, 4]}']
-)  # fmt: skip
+    "text",
+    [
+        "[]",
+        "{}",
+        '{"photo": "a", "box": [1, 2, 3]}',
+        '{"photo": "a", "box": [1, 2, 3, "/etc/x.png"]}',
+        '{"photo": 7, "box": [1, 2, 3, 4]}',
+    ],
+)
 def test_a_stored_hint_that_is_no_box_is_refused(tmp_path, text):
     (tmp_path / STORED).write_text(text)
     with pytest.raises(InputError, match="draw the box again"):
@@ -108,7 +119,9 @@ def test_a_mistyped_box_is_one_sentence(photos, numbers):
 
 def test_a_name_of_several_photos_needs_its_folder(tmp_path):
     photos = stored(tmp_path, "a/IMG_0.jpg", "b/IMG_0.jpg", "b/IMG_1.jpg")
-    with pytest.raises(ConfigError, match=r"there are 2 photos .*; say which one: a/IMG_0\.jpg, b/IMG_0\.jpg"):
+    with pytest.raises(
+        ConfigError, match=r"there are 2 photos .*; say which one: a/IMG_0\.jpg, b/IMG_0\.jpg"
+    ):
         read_hint("IMG_0.jpg=5,10,15,30", photos)
     for name, index in (("a/IMG_0.jpg", 0), ("b/IMG_0", 1), ("b_IMG_0", 1), ("IMG_1", 2), ("b/IMG_1.jpg", 2)):
         assert read_hint(f"{name}=5,10,15,30", photos)[0] == index

@@ -37,8 +37,13 @@ def world():
     views, truth = {}, {}
     for index, camera in enumerate(cameras):
         inside = disc(camera)
-        color = np.where(inside[..., None], [170, 70, 50], [60, 110, 120]) + rng.normal(0, 18, (SIZE, SIZE, 3))
-        views[index], truth[index] = View(camera, np.clip(color, 0, 255).astype(np.uint8), None, False), inside
+        color = np.where(inside[..., None], [170, 70, 50], [60, 110, 120]) + rng.normal(
+            0, 18, (SIZE, SIZE, 3)
+        )
+        views[index], truth[index] = (
+            View(camera, np.clip(color, 0, 255).astype(np.uint8), None, False),
+            inside,
+        )
     return solution, views, truth
 
 
@@ -46,7 +51,9 @@ def rounds(solution, views, labels):
     masks = cut_all(views, solution, labels)
     found = carve(views, masks, AGREEMENTS[0])
     for margin, agreement in zip(MARGINS, AGREEMENTS[1:], strict=True):
-        near = {i: cut_near_hull(v, silhouette_of(found, v), found.masks[i], margin) for i, v in views.items()}
+        near = {
+            i: cut_near_hull(v, silhouette_of(found, v), found.masks[i], margin) for i, v in views.items()
+        }
         found = carve(views, near, agreement)
     return found
 
@@ -142,7 +149,9 @@ def test_only_what_a_photo_saw_itself_marks_the_object_in_it(world):
 @pytest.mark.slow
 def test_a_part_that_some_first_cuts_lose_is_not_lost_in_all():
     cameras = ring_cameras(40)
-    views = {i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)}
+    views = {
+        i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)
+    }
     truth = {i: disc(camera) for i, camera in enumerate(cameras)}
     upper = np.arange(SIZE)[:, None] < cameras[0].project(np.zeros((1, 3)))[0, 1] - 15
     masks = {i: mask & ~upper if i % 10 == 0 else mask for i, mask in truth.items()}
@@ -163,12 +172,16 @@ def test_specks_and_pinholes_go():
 
 
 def test_a_cropped_hint_shows_how_far_a_long_object_reaches():
-    """Few points lie on the long part, outside of the ball that most photos show; one photo shows all but its foot."""
+    """Few points lie on the long part, outside of the ball that most photos show; one photo shows all but its
+    foot.
+    """
     cameras = ring_cameras(12)
     rng = np.random.default_rng(5)
     mast = np.stack([rng.normal(0, 0.05, 12), rng.normal(0, 0.05, 12), np.linspace(0.9, 1.5, 12)], 1)
     _, _, solution = photographed(cameras, np.concatenate([ball_points(150), mast]))
-    views = {i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)}
+    views = {
+        i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)
+    }
     wide = camera_at(tuple(cameras[4].position), size=SIZE, focal=160)
     column, top, _ = wide.project(np.array([[0.0, 0.0, 1.6]]))[0]
     assert 0 < top < SIZE / 3

@@ -20,7 +20,9 @@ MARGIN = 0.16
 
 
 def view(rim_color=None):
-    """A disc, left gold and right blue, with a ridge near its rim, before grey on the left and gold on the right."""
+    """A disc, left gold and right blue, with a ridge near its rim, before grey on the left and gold on the
+    right.
+    """
     left = (np.indices(RADIUS.shape)[1] < SIZE / 2)[..., None]
     color = np.where((RADIUS < TRUE)[..., None], np.where(left, GOLD, BLUE), np.where(left, GREY, GOLD))
     color = np.where((np.abs(RADIUS - RIDGE) < 0.6)[..., None], 0.6 * color, color)

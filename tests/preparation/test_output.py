@@ -1,4 +1,6 @@
-"""What the report says of a preparation: masks that all lose the same part agree with their hull, not with the hint."""
+"""What the report says of a preparation: masks that all lose the same part agree with their hull, not with
+the hint.
+"""
 
 from types import SimpleNamespace
 
@@ -36,7 +38,9 @@ def test_photos_of_another_reconstruction_are_told_from_photos_that_fit_nothing(
     assert lost["3.png"].startswith("fits 1.png and 1 more")  # the larger of its two
     assert lost["4.png"].startswith("fits 3.png, apart")
     warnings = _warnings(photos, cutting, SimpleNamespace(doubt=None), 1.0)
-    assert next(text for text in warnings if "fit together" in text).startswith("2 photos, such as 2.png, fit together")
+    assert next(text for text in warnings if "fit together" in text).startswith(
+        "2 photos, such as 2.png, fit together"
+    )
 
 
 def test_a_found_mask_is_held_against_the_hint_that_it_came_from():
@@ -44,7 +48,8 @@ def test_a_found_mask_is_held_against_the_hint_that_it_came_from():
     hint[20:100, 40:80] = True
     found[60:100, 40:80] = True  # without the upper half
     views = {
-        i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(ring_cameras(3))
+        i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False)
+        for i, camera in enumerate(ring_cameras(3))
     }
     views[1] = View(views[1].camera, views[1].color, hint, False)
     views[2] = View(views[2].camera, views[2].color, hint, True)  # given, not found: nothing to compare

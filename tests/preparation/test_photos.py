@@ -46,7 +46,9 @@ def test_a_mask_without_a_tag_is_turned_with_its_photo(tmp_path, orientation):
     exif, turn = Image.Exif(), {3: 180, 6: 90, 8: 270}[orientation]
     exif[0x0112] = orientation
     for seed in range(4):
-        write_noise(tmp_path / "images" / f"{seed}.jpg", seed, shape=(30, 40) if turn == 180 else (40, 30), exif=exif)
+        write_noise(
+            tmp_path / "images" / f"{seed}.jpg", seed, shape=(30, 40) if turn == 180 else (40, 30), exif=exif
+        )
     upright = np.arange(40)[None] < 10 + np.zeros((30, 1))
     (tmp_path / "masks").mkdir()
     Image.fromarray(upright).rotate(turn, expand=True).save(tmp_path / "masks" / "0.png")
@@ -56,7 +58,9 @@ def test_a_mask_without_a_tag_is_turned_with_its_photo(tmp_path, orientation):
 
 
 def test_scenes_and_runs_in_a_folder_hold_no_photos_of_it(tmp_path):
-    for seed, name in enumerate(["0", "1", "sub/2", "3", "scene/images/0", "run/report/a", "run/scene/images/4"]):
+    for seed, name in enumerate(
+        ["0", "1", "sub/2", "3", "scene/images/0", "run/report/a", "run/scene/images/4"]
+    ):
         write_noise(tmp_path / f"{name}.jpg", seed)
     (tmp_path / "scene" / ".prepare").mkdir()
     (tmp_path / "run" / "config.json").write_text("{}")

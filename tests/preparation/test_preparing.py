@@ -21,7 +21,9 @@ pytest.importorskip("cv2")
 
 @pytest.fixture(scope="module")
 def photographed(tmp_path_factory):
-    """Photos of an object that was turned before a still background, each under another light, and their scene."""
+    """Photos of an object that was turned before a still background, each under another light, and their
+    scene.
+    """
     folder = tmp_path_factory.mktemp("turntable")
     write(render(16, 480, focal=2.0, arc=144), folder)
     steps = []
@@ -35,7 +37,10 @@ def test_a_turned_object_is_reconstructed_and_the_trap_is_named(photographed):
     report = prepared.report
     assert report["registered"] >= 15
     assert report["trap"].startswith("Trap: the background stands still")
-    true = {n: Camera.from_json(v, source=n) for n, v in json.loads((folder / "true_cameras.json").read_text()).items()}
+    true = {
+        n: Camera.from_json(v, source=n)
+        for n, v in json.loads((folder / "true_cameras.json").read_text()).items()
+    }
     turned, moved = compare(written_cameras(prepared.folder), true)
     assert np.median(turned) < 2.0
     assert np.median(moved) < 4.0
@@ -50,7 +55,9 @@ def test_a_turned_object_is_reconstructed_and_the_trap_is_named(photographed):
 def test_the_scene_stands_upright(photographed):
     _, prepared, _ = photographed
     cameras = list(written_cameras(prepared.folder).values())
-    assert min(camera.camera_to_world[2, 1] for camera in cameras) > 0.85  # all are held level, 25 degrees from above
+    assert (
+        min(camera.camera_to_world[2, 1] for camera in cameras) > 0.85
+    )  # all are held level, 25 degrees from above
     assert max(abs(camera.camera_to_world[2, 0]) for camera in cameras) < 0.03
 
 
@@ -82,7 +89,9 @@ def write_photos(folder, pictures):
 
 def test_photos_that_show_nothing_in_common_are_one_sentence(tmp_path):
     rng = np.random.default_rng(0)
-    noise = [np.kron(rng.integers(0, 256, (30, 30, 3), np.uint8), np.ones((4, 4, 1), np.uint8)) for _ in range(4)]
+    noise = [
+        np.kron(rng.integers(0, 256, (30, 30, 3), np.uint8), np.ones((4, 4, 1), np.uint8)) for _ in range(4)
+    ]
     with pytest.raises(InputError, match="No cameras were found"):
         prepare(write_photos(tmp_path / "photos", noise), tmp_path / "scene")
     assert not (tmp_path / "scene" / "transforms.json").exists()
@@ -110,6 +119,9 @@ def test_another_process_cannot_prepare_the_same_scene(photographed, tmp_path):
 
     folder, _, _ = photographed
     (tmp_path / ".prepare").mkdir()
-    with locked_file(tmp_path / ".prepare" / "lock", "busy"), pytest.raises(ResourceError, match="being prepared"):
+    with (
+        locked_file(tmp_path / ".prepare" / "lock", "busy"),
+        pytest.raises(ResourceError, match="being prepared"),
+    ):
         prepare(folder / "images", tmp_path, PrepareOptions())
     shutil.rmtree(tmp_path / ".prepare")

@@ -20,6 +20,8 @@ def test_a_disk_that_would_run_full_is_one_sentence(monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=100 << 20))
     with working_folder(30 << 20):
         pass
-    with pytest.raises(ResourceError, match=r"has 100 MB free, finding cameras needs 114 MB there; .* TMPDIR"), \
-            working_folder(50 << 20):  # fmt: skip
+    with (
+        pytest.raises(ResourceError, match=r"has 100 MB free, finding cameras needs 114 MB there; .* TMPDIR"),
+        working_folder(50 << 20),
+    ):
         pass

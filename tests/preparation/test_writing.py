@@ -64,7 +64,9 @@ def test_straightening_moves_every_pixel_to_where_a_pinhole_shows_it():
 @pytest.mark.parametrize("channels", [None, 3])
 def test_strips_of_rows_are_straightened_as_the_whole_is(monkeypatch, channels):
     camera, k = ring_cameras(1)[0], -0.2
-    picture = np.random.default_rng(3).random((SIZE, SIZE) if channels is None else (SIZE, SIZE, channels), np.float32)
+    picture = np.random.default_rng(3).random(
+        (SIZE, SIZE) if channels is None else (SIZE, SIZE, channels), np.float32
+    )
     whole = straight(picture, camera, k)
     monkeypatch.setattr(writing, "STRIP", 7 * SIZE)
     np.testing.assert_array_equal(straight(picture, camera, k), whole)
@@ -74,10 +76,14 @@ def test_strips_of_rows_are_straightened_as_the_whole_is(monkeypatch, channels):
 def test_straight_photos_are_copied_and_bent_ones_keep_their_exposure(tmp_path):
     camera = ring_cameras(1)[0]
     photos = {name: source(tmp_path / f"{name}.jpg") for name in ("a", "b")}
-    files = write_images({"a": (photos["a"], camera, 0.0), "b": (photos["b"], camera, -0.2)}, tmp_path / "images")
+    files = write_images(
+        {"a": (photos["a"], camera, 0.0), "b": (photos["b"], camera, -0.2)}, tmp_path / "images"
+    )
     assert files == {"a": "a.jpg", "b": "b.png"}
     assert (tmp_path / "images" / "a.jpg").read_bytes() == (tmp_path / "a.jpg").read_bytes()
-    assert read_exif_ev100(tmp_path / "images" / "b.png") == pytest.approx(read_exif_ev100(tmp_path / "a.jpg"))
+    assert read_exif_ev100(tmp_path / "images" / "b.png") == pytest.approx(
+        read_exif_ev100(tmp_path / "a.jpg")
+    )
     one, other = (read_ldr(tmp_path / "images" / files[name])[0] for name in ("a", "b"))
     assert np.abs(one - other)[100, 100].max() < 0.02
     assert np.abs(one - other)[10, 10].max() > 0.001
@@ -107,7 +113,9 @@ def test_a_bent_photo_that_shows_more_than_white_keeps_it(tmp_path):
     (file,) = write_images({"a": (photo, camera, -0.2)}, tmp_path / "images").values()
     middle = (SIZE // 2, SIZE // 2)
     assert read_ldr(path)[0][middle].min() > 2
-    np.testing.assert_allclose(read_ldr(tmp_path / "images" / file)[0][middle], read_ldr(path)[0][middle], rtol=0.01)
+    np.testing.assert_allclose(
+        read_ldr(tmp_path / "images" / file)[0][middle], read_ldr(path)[0][middle], rtol=0.01
+    )
 
 
 @pytest.mark.parametrize("suffix", ["exr", "tif"])

@@ -19,9 +19,14 @@ from lightprobe.scene.hull import Hull
 from tests.lit_sphere import CORNER, CPU
 
 CONFIG = DecomposeConfig(
-    hash_levels=4, hash_finest=32, surface_smoothing=0, texture_size=256, unwrap_seconds=0.0, shadows=False,
+    hash_levels=4,
+    hash_finest=32,
+    surface_smoothing=0,
+    texture_size=256,
+    unwrap_seconds=0.0,
+    shadows=False,
     normal_ramp=0.0,
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +54,19 @@ def test_the_asset_shows_what_the_model_shows(model, baked):
     mine = asset_gbuffer(asset, visible_surface(asset.mesh.vertices, asset.mesh.faces, view), view)
     theirs = next(model.gbuffers([view], 1.0))
     assert torch.equal(mine.pixel, theirs.pixel)
-    for name, tolerance in (("position", 1e-5), ("base_color", 0.01), ("roughness", 0.01), ("metallic", 0.01)):
+    for name, tolerance in (
+        ("position", 1e-5),
+        ("base_color", 0.01),
+        ("roughness", 0.01),
+        ("metallic", 0.01),
+    ):
         found, expected = getattr(mine, name), getattr(theirs, name)
         assert float((found - expected).abs().mean()) < tolerance, name
         assert name == "position" or float(expected.std(0).min()) > 3 * tolerance, name
     assert float((mine.normal * theirs.normal).sum(1).mean()) > 0.995
-    assert float((torch.nn.functional.normalize(mine.position, dim=1) * mine.normal).sum(1).mean()) < 0.99  # bent
+    assert (
+        float((torch.nn.functional.normalize(mine.position, dim=1) * mine.normal).sum(1).mean()) < 0.99
+    )  # bent
 
 
 def test_the_surface_loses_the_lattice_s_ripples(model, baked):

@@ -23,7 +23,9 @@ POINTS = LATTICE.vertices.numpy()
 
 def cylinder(points: np.ndarray) -> np.ndarray:
     """Signed distance, or a bound of it, of a closed upright cylinder."""
-    return np.maximum(np.hypot(points[:, 0], points[:, 1]) - RADIUS, np.abs(points[:, 2]) - HEIGHT).astype(np.float32)
+    return np.maximum(np.hypot(points[:, 0], points[:, 1]) - RADIUS, np.abs(points[:, 2]) - HEIGHT).astype(
+        np.float32
+    )
 
 
 def surface(distance: np.ndarray) -> ClosedSurface:
@@ -42,7 +44,9 @@ def hollow(distance: np.ndarray | None = None, **sizes) -> np.ndarray:
     """A solid, by default the cylinder, with a cavity behind its top."""
     distance = cylinder(POINTS) if distance is None else distance
     closed = surface(distance)
-    return hollowed(LatticeSolid(distance, POINTS, LATTICE.edges.numpy(), CELL), closed, top_lid(closed), **sizes)
+    return hollowed(
+        LatticeSolid(distance, POINTS, LATTICE.edges.numpy(), CELL), closed, top_lid(closed), **sizes
+    )
 
 
 def at(distance: np.ndarray, *point: float) -> float:
@@ -86,7 +90,9 @@ def test_the_inside_is_as_smooth_as_the_outside():
     inwards = -inside.vertices[wall, :2] / across[wall, None]
     cosine = (inside.normals[wall, :2] * inwards).sum(1)
     assert wall.sum() > 500
-    assert np.degrees(np.arccos(cosine.clip(-1, 1))).mean() < 1.7  # 1.9 with distances from the nearest vertices
+    assert (
+        np.degrees(np.arccos(cosine.clip(-1, 1))).mean() < 1.7
+    )  # 1.9 with distances from the nearest vertices
 
 
 def test_the_cavity_goes_no_deeper_than_told():

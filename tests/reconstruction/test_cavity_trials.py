@@ -47,7 +47,9 @@ def photos(model: LatticeModel, count: int = COUNT) -> tuple[list[Target], Light
     lights = Lights([f"photo{k}" for k in range(count)], CONFIG, CPU, 0)
     for k in range(count):
         angle = 2 * np.pi * k / COUNT
-        view = View.of(camera_at((2.2 * np.cos(angle), 2.2 * np.sin(angle), 2.0), size=SIDE, focal=1.1 * SIDE), CPU)
+        view = View.of(
+            camera_at((2.2 * np.cos(angle), 2.2 * np.sin(angle), 2.0), size=SIDE, focal=1.1 * SIDE), CPU
+        )
         light = rotate_light(0.3 * sky(CONFIG.light_resolution), turned(2.4 * k), CONFIG.light_resolution)
         lights.replace(f"photo{k}", light)
         (pixels,) = model.gbuffers([view], 1.0)
@@ -185,9 +187,13 @@ def small_task() -> ImageTask:
 def test_a_lid_is_in_doubt_until_it_is_tried(monkeypatch, found):
     task, resumed = small_task(), small_task()
     for name, answer in {
-        "has_doubtful_lid": found, "best_opening": None, "best_new": None, "best_metals": None, "best_rescaled": None,
+        "has_doubtful_lid": found,
+        "best_opening": None,
+        "best_new": None,
+        "best_metals": None,
+        "best_rescaled": None,
         "choose_brightness": 1.0,
-    }.items():  # fmt: skip
+    }.items():
         monkeypatch.setattr(image_task, name, lambda *_, answer=answer, **__: answer)
     assert task.model.lid_in_doubt  # nobody has looked yet
     task.refresh(300, 0.2)
@@ -200,10 +206,17 @@ def test_a_lid_is_in_doubt_until_it_is_tried(monkeypatch, found):
     assert not task.model.lid_in_doubt
 
 
-@pytest.mark.parametrize("changes", [
-    {"pass1_iterations": 400}, {"trial_steps": 0}, {"brightness_anchor": 0.0}, {"sdf": SdfMode.MLP},
-    {"texture_gradient_from": 0.0}, {"texture_gradient_from": 1.0},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pass1_iterations": 400},
+        {"trial_steps": 0},
+        {"brightness_anchor": 0.0},
+        {"sdf": SdfMode.MLP},
+        {"texture_gradient_from": 0.0},
+        {"texture_gradient_from": 1.0},
+    ],
+)
 def test_no_lid_is_in_doubt_where_none_is_tried_or_the_texture_moves_always_or_never(changes):
     model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, **changes), CPU, 0)
     assert not model.lid_in_doubt

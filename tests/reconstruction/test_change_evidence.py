@@ -1,4 +1,6 @@
-"""A change of the object is kept where its own part is surely better explained and the object's halves no worse."""
+"""A change of the object is kept where its own part is surely better explained and the object's halves no
+worse.
+"""
 
 import pytest
 import torch
@@ -16,13 +18,14 @@ def evidence(whole: float, own: float, noise: float = 0.01, photos: int = 12):
 @pytest.mark.parametrize(
     ("whole", "own", "noise", "photos", "accepted"),
     [
-        (0.02, 0.05, 0.01, 12, True), (-0.002, 0.05, 0.01, 12, True),
+        (0.02, 0.05, 0.01, 12, True),
+        (-0.002, 0.05, 0.01, 12, True),
         (-0.02, 0.05, 0.01, 12, False),  # halves explain each other worse
         (0.02, -0.05, 0.01, 12, False),  # the part itself is explained worse
         (0.02, 0.05, 0.1, 12, False),  # not surely better
         (0.02, 0.05, 0.01, 7, False),  # too few photos
     ],
-)  # fmt: skip
+)
 def test_a_change_needs_both_to_speak_for_it(whole, own, noise, photos, accepted):
     before, after = evidence(whole, own, noise, photos)
     assert after.speaks_for_change(before) is accepted

@@ -1,4 +1,6 @@
-"""Coarse grids interpolate linearly at the lattice's own vertices, and their gradients are the sums of those there."""
+"""Coarse grids interpolate linearly at the lattice's own vertices, and their gradients are the sums of those
+there.
+"""
 
 import numpy as np
 import torch

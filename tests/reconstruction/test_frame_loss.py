@@ -25,9 +25,13 @@ def test_the_loss_is_the_loop_s(kind):
         for channel in range(3):
             ours = float(alpha[k] * (render[k, channel] + (1 - cover[k]) * background[channel]))
             theirs = float(alpha[k] * (photo[k, channel] + (1 - alpha[k]) * background[channel]))
-            expected += (ours - theirs) ** 2 if kind is ImageLoss.L2 else abs(displayed(ours) - displayed(theirs))
+            expected += (
+                (ours - theirs) ** 2 if kind is ImageLoss.L2 else abs(displayed(ours) - displayed(theirs))
+            )
     expected = expected / 60 + 0.5 * float((cover - alpha).square().sum()) / 20
-    assert float(frame_loss(render, cover, photo, alpha, background, 0.5, kind)) == pytest.approx(expected, rel=1e-4)
+    assert float(frame_loss(render, cover, photo, alpha, background, 0.5, kind)) == pytest.approx(
+        expected, rel=1e-4
+    )
 
 
 def test_light_beyond_a_clipped_pixel_costs_as_it_does_there():

@@ -1,4 +1,6 @@
-"""Lights that know where the camera stands: under a wrong brightness, on a turntable, and in photographers' habits."""
+"""Lights that know where the camera stands: under a wrong brightness, on a turntable, and in photographers'
+habits.
+"""
 
 import math
 from dataclasses import replace
@@ -35,8 +37,12 @@ def test_lights_from_all_sides_are_likely():
 
 
 def test_lights_from_behind_are_less_likely_than_lights_from_the_front():
-    spread = [math.atan2(0.4, 0.6) + 0.9 * math.sin(5 * k) for k in range(16)]  # suns in front, up to 52 degrees off
-    front, behind = (FrontBias.of(skies([a - side for a in spread]), [FRONT] * 16, UP) for side in (0.0, math.pi))
+    spread = [
+        math.atan2(0.4, 0.6) + 0.9 * math.sin(5 * k) for k in range(16)
+    ]  # suns in front, up to 52 degrees off
+    front, behind = (
+        FrontBias.of(skies([a - side for a in spread]), [FRONT] * 16, UP) for side in (0.0, math.pi)
+    )
     assert front.mean == pytest.approx(-behind.mean, abs=0.02)
     assert front.mean > 0.3
     assert 1 < front.surprise < 3 < behind.surprise
@@ -53,11 +59,17 @@ def test_it_is_the_camera_s_side_whatever_the_frame():
 
 
 def test_up_need_not_be_z():
-    """As in the frames of programs whose y axis points down: light from above comes from neither side there, too."""
-    down = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # takes such a frame to one with z up
+    """As in the frames of programs whose y axis points down: light from above comes from neither side there,
+    too.
+    """
+    down = torch.tensor(
+        [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+    )  # takes such a frame to one with z up
     angles, towards = [0.3 * k for k in range(8)], [FRONT + 0.1 * k * UP for k in range(8)]
     bias = FrontBias.of(skies(angles), towards, UP)
-    fallen = FrontBias.of([rotate_light(s, down, R) for s in skies(angles)], [at @ down for at in towards], UP @ down)
+    fallen = FrontBias.of(
+        [rotate_light(s, down, R) for s in skies(angles)], [at @ down for at in towards], UP @ down
+    )
     assert fallen.mean == pytest.approx(bias.mean, abs=0.02)
     assert fallen.error == pytest.approx(bias.error, rel=0.05)
 
@@ -85,7 +97,9 @@ def test_a_surface_taken_for_too_bright_asks_for_light_from_behind(metallic):
         for light in lights:
             photo = shade(ball, operator, operator.apply(light))
             grey, rows = torch.full_like(light, 0.5 / factor), torch.arange(len(photo))
-            found.append(solve_target_light(photo, torch.zeros_like(photo).bool(), taken, grey, rows, CONFIG, 3))
+            found.append(
+                solve_target_light(photo, torch.zeros_like(photo).bool(), taken, grey, rows, CONFIG, 3)
+            )
         biases.append(FrontBias.of(found, [FRONT] * 8, UP))
     right, wrong = biases
     assert abs(right.mean) < 0.1

@@ -8,7 +8,14 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.light.prefilter import cached
-from lightprobe.reconstruction.gauge import BRIGHTEST, CHOICES, DARKEST, choose_brightness, metals_tried, trials_at
+from lightprobe.reconstruction.gauge import (
+    BRIGHTEST,
+    CHOICES,
+    DARKEST,
+    choose_brightness,
+    metals_tried,
+    trials_at,
+)
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
@@ -90,13 +97,16 @@ def test_lights_on_the_way_by_gradients_follow_the_brightness_too():
     assert torch.allclose(held * model.factors[0], 2 * light)
 
 
-@pytest.mark.parametrize(("stage", "iteration", "choices"), [
-    (Stage("pass1", 0, 2000), 0, 0),
-    (Stage("pass1", 0, 2000), 1, 1),
-    (Stage("pass1", 0, 2000), CHOICES, 1),
-    (Stage("pass1", 0, 2000), CHOICES + 1, 0),
-    (Stage("pass2", 100, 100), 1, 0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stage", "iteration", "choices"),
+    [
+        (Stage("pass1", 0, 2000), 0, 0),
+        (Stage("pass1", 0, 2000), 1, 1),
+        (Stage("pass1", 0, 2000), CHOICES, 1),
+        (Stage("pass1", 0, 2000), CHOICES + 1, 0),
+        (Stage("pass2", 100, 100), 1, 0),
+    ],
+)
 def test_only_the_first_checkpoints_choose(stage, iteration, choices):
     true, target, _, lights, config = ball()
     model = _Dark(true, 0.2)
@@ -105,18 +115,30 @@ def test_only_the_first_checkpoints_choose(stage, iteration, choices):
     assert len(model.factors) == choices
 
 
-@pytest.mark.parametrize(("trial_steps", "length", "every", "steps"), [
-    (240, 1500, 150, {300, 1050}), (240, 650, 150, {300, 450}), (240, 5000, 1000, {2000, 4000}),
-    (240, 301, 150, {150, 300}), (0, 1500, 150, set()),
-])  # fmt: skip
-def test_materials_are_tried_on_the_rough_shape_and_again_on_the_nearly_finished_one(trial_steps, length, every, steps):
-    config = replace(DecomposeConfig(), trial_steps=trial_steps, pass1_iterations=length, checkpoint_every=every)
+@pytest.mark.parametrize(
+    ("trial_steps", "length", "every", "steps"),
+    [
+        (240, 1500, 150, {300, 1050}),
+        (240, 650, 150, {300, 450}),
+        (240, 5000, 1000, {2000, 4000}),
+        (240, 301, 150, {150, 300}),
+        (0, 1500, 150, set()),
+    ],
+)
+def test_materials_are_tried_on_the_rough_shape_and_again_on_the_nearly_finished_one(
+    trial_steps, length, every, steps
+):
+    config = replace(
+        DecomposeConfig(), trial_steps=trial_steps, pass1_iterations=length, checkpoint_every=every
+    )
     assert trials_at(config) == steps
     tried = {step for step in range(0, length + 1, every) if metals_tried(config, step)}
     assert tried == ({step for step in range(0, length + 1, every) if step >= max(steps)} if steps else set())
 
 
-@pytest.mark.parametrize(("length", "only"), [(430, 300), (300, 150)])  # after the last step nothing is tried any more
+@pytest.mark.parametrize(
+    ("length", "only"), [(430, 300), (300, 150)]
+)  # after the last step nothing is tried any more
 def test_metals_are_not_tried_where_there_is_one_trial(length, only):
     config = replace(DecomposeConfig(), trial_steps=240, pass1_iterations=length, checkpoint_every=150)
     assert trials_at(config) == {only}

@@ -1,8 +1,10 @@
-"""The whole loss of a step of the second pass, image, coverage and all regularisers, by finite differences in float64.
+"""The whole loss of a step of the second pass, image, coverage and all regularisers, by finite differences in
+float64.
 
-The loss holds some values fixed on purpose (`detach`): which face a pixel sees, what a metal's price depends on, the
-cast of all lights. So it is compared twice: with these values held as they were, where its gradient is the derivative
-to many digits; and as it is, where a moving outline covers and uncovers pixels and only larger steps mean anything.
+The loss holds some values fixed on purpose (`detach`): which face a pixel sees, what a metal's price depends
+on, the cast of all lights. So it is compared twice: with these values held as they were, where its gradient
+is the derivative to many digits; and as it is, where a moving outline covers and uncovers pixels and only
+larger steps mean anything.
 """
 
 import itertools
@@ -31,10 +33,21 @@ CPU = torch.device("cpu")
 PARAMETERS = ("displacement", "color", "finish", "light")
 # Every term counts at the step that is looked at, none so much that it hides the others.
 CONFIG = DecomposeConfig(
-    pass1_iterations=4, light_resolution=8, light_update=LightUpdate.GRADIENT, shadows=False, smoothness_texture=0.1,
-    metallic_prior=0.3, roughness_prior=0.3, brightness_anchor=0.1, parsimony=0.1, color_gauge=0.2, light_grey=0.1,
-    laplacian=0.5, normal_prior=1.0, coverage_weight=4.0,
-)  # fmt: skip
+    pass1_iterations=4,
+    light_resolution=8,
+    light_update=LightUpdate.GRADIENT,
+    shadows=False,
+    smoothness_texture=0.1,
+    metallic_prior=0.3,
+    roughness_prior=0.3,
+    brightness_anchor=0.1,
+    parsimony=0.1,
+    color_gauge=0.2,
+    light_grey=0.1,
+    laplacian=0.5,
+    normal_prior=1.0,
+    coverage_weight=4.0,
+)
 
 
 def uneven_sphere(random: torch.Generator) -> Asset:
@@ -86,7 +99,9 @@ class Step:
         return torch.randn(self.values[name].shape, generator=random, dtype=torch.float64)
 
     @torch.no_grad()
-    def difference(self, moves: dict[str, Tensor], step: float, again: Callable[[], object] = lambda: None) -> float:
+    def difference(
+        self, moves: dict[str, Tensor], step: float, again: Callable[[], object] = lambda: None
+    ) -> float:
         """Return the central difference of the loss along `moves`, calling `again` before each evaluation."""
         start, ends = {name: self.values[name].clone() for name in moves}, []
         for sign in (1, -1):
@@ -138,8 +153,8 @@ class Held:
 def test_the_gradient_is_the_derivative_where_held_values_are_held(monkeypatch, change):
     """In three random directions of each parameter, and of all at once.
 
-    Relative errors fall from 1e-6 for steps of 1e-8, where the loss is rounded, to 1e-9 for 1e-6. From 1e-5 on absolute
-    differences of neighbouring texels change sign on the way.
+    Relative errors fall from 1e-6 for steps of 1e-8, where the loss is rounded, to 1e-9 for 1e-6. From 1e-5
+    on absolute differences of neighbouring texels change sign on the way.
     """
     step = Step(uneven_sphere(torch.Generator().manual_seed(0)), replace(CONFIG, **change))
     with torch.no_grad():  # so that the Laplacian is not at rest
@@ -167,8 +182,9 @@ def test_nothing_is_held_that_light_and_texels_move():
 def test_the_gradient_follows_an_outline_over_the_pixels():
     """Of a sphere that is smaller than the photo's, as it grows, moves and turns into an ellipsoid.
 
-    A step is in radii; .02 moves the outline by a pixel. Relative errors are below 1e-4 for steps of 1e-6, between two
-    pixels, and up to .14 from .01 to .03, over which pixels come and go; in between single ones decide, by up to .2.
+    A step is in radii; .02 moves the outline by a pixel. Relative errors are below 1e-4 for steps of 1e-6,
+    between two pixels, and up to .14 from .01 to .03, over which pixels come and go; in between single ones
+    decide, by up to .2.
     """
     step = Step(even_sphere(), CONFIG, 96)
     vertices, unit = step.task.model.start.vertices, step.task.model.unit

@@ -1,4 +1,6 @@
-"""The first pass's model: its colours stay valid and can be learnt, and a texture in the photos moves its surface."""
+"""The first pass's model: its colours stay valid and can be learnt, and a texture in the photos moves its
+surface.
+"""
 
 from dataclasses import replace
 
@@ -79,7 +81,10 @@ def test_what_a_material_costs_moves_no_surface():
     model.config = replace(FROM_THE_START, sdf_regularisation=0.0)
     (with_distances,) = torch.autograd.grad(seen.regularisation, model.distance, retain_graph=True)
     (without,) = torch.autograd.grad(
-        model.rasterise(view, 0, 1.0).regularisation, model.distance, allow_unused=True, materialize_grads=True
+        model.rasterise(view, 0, 1.0).regularisation,
+        model.distance,
+        allow_unused=True,
+        materialize_grads=True,
     )
     assert with_distances.any()
     assert not without.any()

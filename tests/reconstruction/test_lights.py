@@ -23,7 +23,9 @@ GRADIENT = replace(CONFIG, light_update=LightUpdate.GRADIENT)
 
 
 def ball():
-    """Return the G-buffer of a glossy ball, its photo, of which some pixels lie outside the mask, and its light."""
+    """Return the G-buffer of a glossy ball, its photo, of which some pixels lie outside the mask, and its
+    light.
+    """
     gbuffer, operator = sphere_gbuffer(1500, roughness=0.2, metallic=0.5), cached(CONFIG.light_resolution)
     light = 0.5 * sky(CONFIG.light_resolution).clamp(max=3)
     color = shade(gbuffer, operator, operator.apply(light))
@@ -35,10 +37,13 @@ def ball():
 def test_a_solved_light_explains_its_photo():
     gbuffer, target, light = ball()
     rows, start = torch.arange(0, 1500, 2), torch.full_like(light, 0.5)
-    solved = solve_target_light(target.color[rows], target.clipped[rows], gbuffer, start, rows, CONFIG, times=6)
+    solved = solve_target_light(
+        target.color[rows], target.clipped[rows], gbuffer, start, rows, CONFIG, times=6
+    )
     operator = cached(CONFIG.light_resolution)
     before, after = (
-        float((shade(gbuffer, operator, operator.apply(x)) - target.color).abs().mean()) for x in (start, solved)
+        float((shade(gbuffer, operator, operator.apply(x)) - target.color).abs().mean())
+        for x in (start, solved)
     )
     assert after < 0.1 * before
     assert (solved >= 0).all()
@@ -46,7 +51,9 @@ def test_a_solved_light_explains_its_photo():
 
 @pytest.mark.parametrize("highlight", ["of the photo", "of the asset"])
 def test_highlights_that_only_one_of_photo_and_asset_has_change_the_light_little(monkeypatch, highlight):
-    monkeypatch.setattr(lights_module, "refit_contrast", lambda transport, solved, observed, clipped: solved.light)
+    monkeypatch.setattr(
+        lights_module, "refit_contrast", lambda transport, solved, observed, clipped: solved.light
+    )
     gbuffer, target, light = ball()
     true, brightness = target.color, target.color.mean(1)
     if highlight == "of the photo":
@@ -55,27 +62,37 @@ def test_highlights_that_only_one_of_photo_and_asset_has_change_the_light_little
     else:
         wrong = brightness > brightness.quantile(0.9)
         photo = torch.where(wrong[:, None], 0.0, true)
-    solved = solve_target_light(photo, target.clipped, gbuffer, torch.full_like(light, 0.5), None, CONFIG, times=6)
+    solved = solve_target_light(
+        photo, target.clipped, gbuffer, torch.full_like(light, 0.5), None, CONFIG, times=6
+    )
     operator = cached(CONFIG.light_resolution)
     shown = shade(gbuffer, operator, operator.apply(solved))
     error = (shown - true)[~wrong].abs().mean() / true[~wrong].mean()
-    assert error < 0.16  # by the picture's brightness alone 1.0 with the photo's, by the photo's .19 with the asset's
+    assert (
+        error < 0.16
+    )  # by the picture's brightness alone 1.0 with the photo's, by the photo's .19 with the asset's
 
 
 def test_what_the_asset_cannot_explain_does_not_dim_the_light():
     gbuffer, target, light = ball()
     brighter = torch.rand(1500, generator=torch.Generator().manual_seed(0)) > 0.5
     photo = torch.where(brighter, 1.5, 0.5)[:, None] * target.color
-    solved = solve_target_light(photo, target.clipped, gbuffer, torch.full_like(light, 0.5), None, CONFIG, times=6)
+    solved = solve_target_light(
+        photo, target.clipped, gbuffer, torch.full_like(light, 0.5), None, CONFIG, times=6
+    )
     operator = cached(CONFIG.light_resolution)
     shown = shade(gbuffer, operator, operator.apply(solved))
-    assert float(shown.mean() / photo.mean()) == pytest.approx(1, abs=0.03)  # by the photo .95, by the picture 1.06
+    assert float(shown.mean() / photo.mean()) == pytest.approx(
+        1, abs=0.03
+    )  # by the photo .95, by the picture 1.06
 
 
 def test_a_pull_of_its_own_takes_the_place_of_the_configured_one(monkeypatch):
     gbuffer, target, light = ball()
     photo = (target.color, target.clipped, gbuffer, torch.full_like(light, 0.5), None, CONFIG)
-    monkeypatch.setattr(lights_module, "refit_contrast", lambda transport, solved, observed, clipped: solved.light)
+    monkeypatch.setattr(
+        lights_module, "refit_contrast", lambda transport, solved, observed, clipped: solved.light
+    )
     firm = solve_target_light(*photo, regularisation=100.0)
     assert firm.std() < 0.1 * solve_target_light(*photo).std()
 
@@ -109,7 +126,9 @@ def test_recorded_visits_solve_what_single_ones_do(monkeypatch):
 
     single, recorders = visits(), record_on_tape(monkeypatch, lights_module)
     recorded = visits()
-    assert [(recorder.recordings, recorder.replays) for recorder in recorders] == 2 * [(1, 2)]  # one each surface
+    assert [(recorder.recordings, recorder.replays) for recorder in recorders] == 2 * [
+        (1, 2)
+    ]  # one each surface
     for one, other in zip(single, recorded, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
     assert not torch.allclose(single[3], single[4], rtol=1e-3)  # other pixels, another light
@@ -131,8 +150,12 @@ def test_photos_of_fewer_pixels_are_solved_from_the_same_recording(monkeypatch):
     for one, other in zip(single, solved(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
     assert [(recorder.recordings, recorder.replays) for recorder in recorders] == [(1, 2)]
-    half_more = LightSolver(CONFIG, CPU, pixels=375)(target.color, target.clipped, gbuffer, bright_first[:250], start)
-    torch.testing.assert_close(half_more, single[3], rtol=0.2, atol=0.05)  # as many more of the bright as of the dark
+    half_more = LightSolver(CONFIG, CPU, pixels=375)(
+        target.color, target.clipped, gbuffer, bright_first[:250], start
+    )
+    torch.testing.assert_close(
+        half_more, single[3], rtol=0.2, atol=0.05
+    )  # as many more of the bright as of the dark
 
 
 @pytest.mark.cuda
@@ -182,7 +205,9 @@ def test_only_a_coloured_light_costs():
 
 def test_the_cast_is_what_all_lights_have_in_common():
     lights, factors = Lights(["a", "b"], CONFIG, CPU, 0), torch.tensor([2.0, 1.0, 0.5])
-    lights.load(torch.stack([0.5 * torch.ones(6, 16, 16, 3) * factors, 3.0 * torch.ones(6, 16, 16, 3) * factors]))
+    lights.load(
+        torch.stack([0.5 * torch.ones(6, 16, 16, 3) * factors, 3.0 * torch.ones(6, 16, 16, 3) * factors])
+    )
     torch.testing.assert_close(lights.color_cast(), factors.log())
     lights.load(torch.stack([torch.ones(6, 16, 16, 3) * factors, torch.ones(6, 16, 16, 3) / factors]))
     torch.testing.assert_close(lights.color_cast(), torch.zeros(3), atol=1e-6, rtol=0)

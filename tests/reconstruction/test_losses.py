@@ -24,7 +24,10 @@ def material(base: float, roughness: float, metallic: float) -> torch.Tensor:
 
 
 def test_the_usual_dielectric_costs_nothing():
-    assert float(material_prior(material(0.3, USUAL_ROUGHNESS, 0.0).detach(), DecomposeConfig(), decided=False)) < 1e-9
+    assert (
+        float(material_prior(material(0.3, USUAL_ROUGHNESS, 0.0).detach(), DecomposeConfig(), decided=False))
+        < 1e-9
+    )
 
 
 def test_unusual_materials_are_pulled_back():
@@ -87,7 +90,9 @@ def test_metals_of_few_colours_cost_less():
     many = torch.linspace(0.2, 0.7, 60)[:, None].expand(60, 3)
     cost = metal_parsimony(many, rough, metal)
     assert abs(float(metal_parsimony(many[:1].expand(60, 3), rough, metal))) < 1e-5
-    assert np.isclose(float(metal_parsimony(two, rough, metal)), np.log(2), rtol=1e-3)  # halves that share nothing
+    assert np.isclose(
+        float(metal_parsimony(two, rough, metal)), np.log(2), rtol=1e-3
+    )  # halves that share nothing
     assert float(cost) > np.log(2)
     assert torch.isclose(metal_parsimony(many, rough, 0.5 * metal), 0.5 * cost)
     assert float(metal_parsimony(many, rough, 0 * metal)) == 0  # paint may have any pattern
@@ -104,7 +109,9 @@ def test_a_metal_of_another_colour_is_drawn_to_the_others():
 
 
 def test_the_mean_base_colour_is_held():
-    assert float(brightness_anchor(torch.tensor([[0.1, 0.2, 0.4], [0.3, 0.2, 0.0]]), torch.tensor(0.2))) < 1e-9
+    assert (
+        float(brightness_anchor(torch.tensor([[0.1, 0.2, 0.4], [0.3, 0.2, 0.0]]), torch.tensor(0.2))) < 1e-9
+    )
     assert float(brightness_anchor(torch.full((3, 3), 0.4), torch.tensor(0.2))) > 0.4
 
 
@@ -121,7 +128,9 @@ def test_a_red_cast_of_all_lights_is_moved_to_the_surface():
 
 def test_missing_coverage_costs_whatever_the_colour():
     photo, alpha, cpu = torch.full((4, 3), 0.3), torch.ones(4), torch.device("cpu")
-    target = Target("grey", View.of(camera_at((3, 0, 0)), cpu), photo, alpha, torch.zeros(4, 3, dtype=torch.bool))
+    target = Target(
+        "grey", View.of(camera_at((3, 0, 0)), cpu), photo, alpha, torch.zeros(4, 3, dtype=torch.bool)
+    )
     background = torch.tensor([0.3, 0.3, 0.3])  # the hole looks like the object
     full = image_loss(photo, alpha, target, background, 4.0)
     hole = torch.tensor([1.0, 1.0, 1.0, 0.0])
@@ -130,7 +139,9 @@ def test_missing_coverage_costs_whatever_the_colour():
 
 
 def test_the_difference_of_neighbours_and_its_gradient():
-    maps = torch.rand(5, 7, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0)).requires_grad_()
+    maps = torch.rand(
+        5, 7, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0)
+    ).requires_grad_()
     plain = (maps[:, 1:] - maps[:, :-1]).abs().mean() + (maps[1:] - maps[:-1]).abs().mean()
     assert torch.isclose(neighbour_difference(maps), plain)
     assert torch.autograd.gradcheck(neighbour_difference, maps)

@@ -23,14 +23,18 @@ CONFIG = DecomposeConfig(hash_finest=64)
 
 
 def photos(scale, count=6):
-    """Return samples of a glossy ball with bright and dark quarters, under turned lights, and lights to start from."""
+    """Return samples of a glossy ball with bright and dark quarters, under turned lights, and lights to start
+    from.
+    """
     ball = sphere_gbuffer(1200, roughness=0.25, base=(0.6, 0.6, 0.6))
     dark = (ball.position[:, 1:2] * ball.position[:, 2:3] > 0).float()
     color = scale * ball.base_color * (1 - 0.9 * dark)
     operator = cached(CONFIG.light_resolution)
     samples = []
     for k in range(count):
-        light = rotate_light(0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution)
+        light = rotate_light(
+            0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution
+        )
         photo = shade(replace(ball, base_color=color), operator, operator.apply(light))
         photo = photo * 0.22 / photo.mean()
         samples.append(Sample(f"photo{k}", ball, photo, torch.zeros_like(photo, dtype=torch.bool), 0.5, UP))
@@ -43,16 +47,22 @@ def material_of(mean, config=CONFIG):
 
 @pytest.fixture
 def best_at_eight_percent(monkeypatch):
-    """Let logarithms of errors fall evenly to a mean base colour of .08 and rise from it, and fits change nothing."""
+    """Let logarithms of errors fall evenly to a mean base colour of .08 and rise from it, and fits change
+    nothing.
+    """
 
     def errors(trial):
-        return torch.full((4, 2), abs(math.log(float(trial.material.mean_color) / 0.08)), dtype=torch.float64).exp()
+        return torch.full(
+            (4, 2), abs(math.log(float(trial.material.mean_color) / 0.08)), dtype=torch.float64
+        ).exp()
 
     monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
     monkeypatch.setattr(Trial, "errors", errors)
 
 
-@pytest.mark.parametrize(("mean", "expected"), [(0.5, (0.08, 1.0)), (0.03, (0.08, 1.0)), (0.09, None), (0.07, None)])
+@pytest.mark.parametrize(
+    ("mean", "expected"), [(0.5, (0.08, 1.0)), (0.03, (0.08, 1.0)), (0.09, None), (0.07, None)]
+)
 def test_the_best_start_is_taken_where_it_is_another_one(best_at_eight_percent, mean, expected):
     samples, lights, _ = photos(0.25, 1)
     best = best_new(samples, lights, material_of(mean), 0)
@@ -83,7 +93,9 @@ def test_a_brightness_from_before_the_metals_is_not_defended(monkeypatch, settle
     """Where a doubled brightness is better by a hundredth."""
 
     def errors(trial):
-        return torch.full((4, 2), 1.0 if float(trial.material.mean_color) == pytest.approx(0.16) else 1.01).double()
+        return torch.full(
+            (4, 2), 1.0 if float(trial.material.mean_color) == pytest.approx(0.16) else 1.01
+        ).double()
 
     monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
     monkeypatch.setattr(Trial, "errors", errors)
@@ -99,7 +111,9 @@ def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch,
     """Where parts agree alike at any brightness."""
     monkeypatch.setattr(Trial, "fit", lambda trial, steps: None)
     monkeypatch.setattr(Trial, "errors", lambda trial: torch.ones(4, 2, dtype=torch.float64))
-    monkeypatch.setattr(Trial, "surprise", lambda trial: unit * abs(math.log(float(trial.material.mean_color) / 0.08)))
+    monkeypatch.setattr(
+        Trial, "surprise", lambda trial: unit * abs(math.log(float(trial.material.mean_color) / 0.08))
+    )
     samples, lights, _ = photos(0.25, 1)
     best = best_rescaled(samples, lights, material_of(0.32), 0, settled=True)
     assert (best is not None) == changed
@@ -110,16 +124,21 @@ def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch,
     assert float(anew[0].material.mean_color) == pytest.approx(0.08 if changed else 0.2)  # the usual one
 
 
-@pytest.mark.parametrize(("disagreements", "surprises", "best"), [
-    ([1.0, 1.0, 1.0, 1.0], [0, 0, 0, 0], 1),  # what is usual decides where nothing else does
-    ([1.0, 1.01, 1.1, 1.3], [0.5, 0, 0.5, 3], 1),  # or next to nothing
-    ([1.0, 1.3, 1.5, 1.9], [0.5, 0, 0.5, 3], 0),  # a bright object whose parts tell
-    ([1.9, 1.3, 1.15, 1.0], [0, 0, 0, 0], 3),  # a dark one
-    ([1.0, 1.02, 1.08, 1.14], [8.6, 2.7, 0.0, 0.2], 2),  # a dark one whose lights tell
-    ([1.02, 1.0, 1.05, 1.15], [0.1, 1.4, 4.1, 6.9], 1),  # lights that tell nothing
-    ([1.0, 1.3, 1.5, 1.9], [9.0, 0, 0, 0], 1),
-])  # fmt: skip
-def test_what_parts_disagree_by_how_likely_lights_are_and_what_is_usual_decide_together(disagreements, surprises, best):
+@pytest.mark.parametrize(
+    ("disagreements", "surprises", "best"),
+    [
+        ([1.0, 1.0, 1.0, 1.0], [0, 0, 0, 0], 1),  # what is usual decides where nothing else does
+        ([1.0, 1.01, 1.1, 1.3], [0.5, 0, 0.5, 3], 1),  # or next to nothing
+        ([1.0, 1.3, 1.5, 1.9], [0.5, 0, 0.5, 3], 0),  # a bright object whose parts tell
+        ([1.9, 1.3, 1.15, 1.0], [0, 0, 0, 0], 3),  # a dark one
+        ([1.0, 1.02, 1.08, 1.14], [8.6, 2.7, 0.0, 0.2], 2),  # a dark one whose lights tell
+        ([1.02, 1.0, 1.05, 1.15], [0.1, 1.4, 4.1, 6.9], 1),  # lights that tell nothing
+        ([1.0, 1.3, 1.5, 1.9], [9.0, 0, 0, 0], 1),
+    ],
+)
+def test_what_parts_disagree_by_how_likely_lights_are_and_what_is_usual_decide_together(
+    disagreements, surprises, best
+):
     spread = 1 + 0.1 * torch.linspace(-1, 1, 8, dtype=torch.float64)[:, None]
     found = [0.03 * value * spread.expand(8, 2) for value in disagreements]
     scores = [material_trials._score(errors) for errors in found]
@@ -129,7 +148,10 @@ def test_what_parts_disagree_by_how_likely_lights_are_and_what_is_usual_decide_t
 def test_doubt_is_that_of_the_photos_that_both_judge():
     least = torch.full((8, 2), 0.03, dtype=torch.float64)
     assert material_trials._doubt(least, least) == 0
-    steady, scattered = least * 1.2, least * (1.2 + torch.linspace(-0.6, 0.6, 8, dtype=torch.float64)[:, None])
+    steady, scattered = (
+        least * 1.2,
+        least * (1.2 + torch.linspace(-0.6, 0.6, 8, dtype=torch.float64)[:, None]),
+    )
     assert material_trials._doubt(steady, least) > 2 * material_trials._doubt(scattered, least) > 0
     unjudged = torch.full((8, 2), torch.nan, dtype=torch.float64)
     assert material_trials._doubt(unjudged, least) == 0
@@ -176,8 +198,12 @@ def test_a_nearly_finished_material_is_changed_only_for_what_is_clearly_better(g
 def test_photos_that_cannot_be_halved_have_no_say():
     samples, lights, _ = photos(0.25, 2)
     few = torch.arange(10)
-    small = replace(samples[1], pixels=samples[1].pixels.select(few), color=samples[1].color[few],
-                    clipped=samples[1].clipped[few])  # fmt: skip
+    small = replace(
+        samples[1],
+        pixels=samples[1].pixels.select(few),
+        color=samples[1].color[few],
+        clipped=samples[1].clipped[few],
+    )
     errors = Trial(material_of(0.3), [samples[0], small], lights, 1.0, 0).errors()
     assert errors.isnan().any(1).tolist() == [False, True]
     assert material_trials._score(errors) == material_trials._score(errors[:1])
@@ -186,19 +212,26 @@ def test_photos_that_cannot_be_halved_have_no_say():
     assert material_trials._clearly_less(unjudged, rival)  # as a gain of 0 it would make .04 uncertain
 
 
-@pytest.mark.parametrize(("errors", "best", "expected"), [
-    ([3.0, 1.0, 3.0, 5.0], 1, 1.0),  # nearly even on both sides
-    ([1.0, 2.0, 3.0, 4.0], 0, 1.0),  # at the end of the range
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("errors", "best", "expected"),
+    [
+        ([3.0, 1.0, 3.0, 5.0], 1, 1.0),  # nearly even on both sides
+        ([1.0, 2.0, 3.0, 4.0], 0, 1.0),  # at the end of the range
+    ],
+)
 def test_the_lowest_point_of_the_parabola(errors, best, expected):
     assert material_trials._vertex(STARTS, errors, best) == pytest.approx(expected, abs=0.06)
 
 
 def test_the_lowest_point_leans_towards_the_lower_neighbour():
-    assert material_trials._vertex(STARTS, [1.5, 1.0, 3.0, 5.0], 1) > 1  # the brighter start is the better neighbour
+    assert (
+        material_trials._vertex(STARTS, [1.5, 1.0, 3.0, 5.0], 1) > 1
+    )  # the brighter start is the better neighbour
 
 
 def test_no_pixels_no_trial():
     samples, lights, _ = photos(0.1, 1)
-    empty = [Sample(s.name, s.pixels.select(torch.arange(0)), s.color[:0], s.clipped[:0], 0.0, UP) for s in samples]
+    empty = [
+        Sample(s.name, s.pixels.select(torch.arange(0)), s.color[:0], s.clipped[:0], 0.0, UP) for s in samples
+    ]
     assert best_new(empty, lights, material_of(0.4), 0) is None

@@ -19,7 +19,8 @@ def halves(points):
     """A material that is a red paint where x < 0 and a rough grey metal elsewhere."""
     left = points[:, :1] < 0
     red, grey = (
-        torch.tensor(row) for row in ([0.6, 0.05, 0.05, 0.3, 0.0, 0, 0, 0], [0.3, 0.3, 0.3, 0.6, 1.0, 0, 0, 0])
+        torch.tensor(row)
+        for row in ([0.6, 0.05, 0.05, 0.3, 0.0, 0, 0, 0], [0.3, 0.3, 0.3, 0.6, 1.0, 0, 0, 0])
     )
     return torch.where(left, red, grey)
 

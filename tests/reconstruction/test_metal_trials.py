@@ -41,7 +41,9 @@ def photos(gilt: bool, count=10):
     operator, samples = cached(CONFIG.light_resolution), []
     lights = Lights([f"photo{k}" for k in range(count)], CONFIG, CPU, 0)
     for k in range(count):
-        light = rotate_light(0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution)
+        light = rotate_light(
+            0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution
+        )
         photo = shade(ball, operator, operator.apply(light))
         light, photo = (x * 0.22 / photo.mean() for x in (light, photo))
         lights.replace(f"photo{k}", light)

@@ -39,7 +39,9 @@ def test_a_gpu_looks_up_the_same_openness_without_a_tree(monkeypatch):
     view = View.of(camera_at([0.3, 0.0, 3.0]), torch.device("cpu"))
     moved = 1.01 * vertices + torch.tensor([0.003, 0.001, -0.002])
     surface = visible_surface(moved, faces, view)
-    usual = MovingVisibility.of(vertices, faces, torch.full_like(vertices, 0.5), 256).at(moved, faces, surface)
+    usual = MovingVisibility.of(vertices, faces, torch.full_like(vertices, 0.5), 256).at(
+        moved, faces, surface
+    )
     monkeypatch.setattr(moving_visibility, "_searches", lambda points: False)
     monkeypatch.setattr(moving_visibility.scipy.spatial, "cKDTree", None)
     shadows = MovingVisibility.of(vertices, faces, torch.full_like(vertices, 0.5), 256).brightened(0.5)

@@ -13,10 +13,23 @@ from lightprobe.scene import load_scene
 from tests.toy_scene import write_toy_scene
 
 CONFIG = DecomposeConfig(
-    pass1_iterations=4, pass2_iterations=3, pass3_iterations=3, pass1_side=24, pass2_side=24, lattice_cells=8,
-    hull_voxels=16, hash_levels=2, hash_finest=16, light_resolution=8, teacher_resolution=8, texture_size=64,
-    pass3_texture_size=64, light_update=LightUpdate.GRADIENT, unwrap_seconds=0.0, shadows=False,
-)  # fmt: skip
+    pass1_iterations=4,
+    pass2_iterations=3,
+    pass3_iterations=3,
+    pass1_side=24,
+    pass2_side=24,
+    lattice_cells=8,
+    hull_voxels=16,
+    hash_levels=2,
+    hash_finest=16,
+    light_resolution=8,
+    teacher_resolution=8,
+    texture_size=64,
+    pass3_texture_size=64,
+    light_update=LightUpdate.GRADIENT,
+    unwrap_seconds=0.0,
+    shadows=False,
+)
 
 
 @pytest.mark.slow
@@ -43,7 +56,9 @@ def test_held_out_photos_that_are_too_thin_to_judge_by_judge_nothing(tmp_path, m
     handed, first_pass = [], phase1._first_pass
     monkeypatch.setattr(phase1, "_first_pass", lambda *a: handed.append(first_pass(*a)) or handed[-1])
     found = phase1.decompose(scene, CONFIG)
-    assert not torch.equal(found.lights[scene.train[0].name].texels, handed[0].lights[0])  # refined, as without any
+    assert not torch.equal(
+        found.lights[scene.train[0].name].texels, handed[0].lights[0]
+    )  # refined, as without any
 
 
 @pytest.mark.slow

@@ -48,7 +48,12 @@ def test_taking_over_keeps_the_parameters_that_an_optimiser_holds():
 def test_a_usual_even_material_costs_nothing_and_every_oddity_something():
     """Each term alone, against its definition."""
     off = replace(
-        CONFIG, smoothness=0.0, metallic_prior=0.0, roughness_prior=0.0, brightness_anchor=0.0, normal_prior=0.0
+        CONFIG,
+        smoothness=0.0,
+        metallic_prior=0.0,
+        roughness_prior=0.0,
+        brightness_anchor=0.0,
+        normal_prior=0.0,
     )
     usual = torch.tensor([0.2, 0.2, 0.2, USUAL_ROUGHNESS, 0.0, 0.0, 0.0, 0.0]).expand(200, 8)
 
@@ -56,7 +61,12 @@ def test_a_usual_even_material_costs_nothing_and_every_oddity_something():
         model = ScaledMaterial(START_BASE, replace(off, **weights), CPU, 0)
         return float(model.loss(points(), material, 0, 0.5).detach())
 
-    everything = {"metallic_prior": 1.0, "roughness_prior": 1.0, "brightness_anchor": 1.0, "normal_prior": 1.0}
+    everything = {
+        "metallic_prior": 1.0,
+        "roughness_prior": 1.0,
+        "brightness_anchor": 1.0,
+        "normal_prior": 1.0,
+    }
     assert cost(usual, **everything) == pytest.approx(0, abs=1e-12)
     odd = usual + torch.tensor([0.0, 0, 0, 0.3, 0.5, 0, 0.2, 0])
     assert cost(odd) == 0
@@ -77,7 +87,9 @@ def test_smoothness_is_the_change_beside():
             material.field.table.normal_(generator=torch.Generator().manual_seed(0)).mul_(size)
         costs.append(float(material.loss(points(), material(points()), 0, 0.5).detach()))
     assert 0 < costs[0] < 0.1 * costs[1]
-    assert costs[1] == float(material.loss(points(), material(points()), 0, 0.5).detach())  # of step and seed alone
+    assert costs[1] == float(
+        material.loss(points(), material(points()), 0, 0.5).detach()
+    )  # of step and seed alone
     assert costs[1] != float(material.loss(points(), material(points()), 1, 0.5).detach())
 
 

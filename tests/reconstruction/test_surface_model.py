@@ -14,9 +14,15 @@ from tests.lit_sphere import CORNER, CPU, glossy_sphere
 
 CONFIG = DecomposeConfig(shadows=False)
 SHAPE = replace(  # nothing costs but what bends the shape
-    CONFIG, smoothness_texture=0.0, normal_prior=0.0, metallic_prior=0.0, roughness_prior=0.0, late_roughness_prior=0.0,
-    brightness_anchor=0.0, laplacian=1.0,
-)  # fmt: skip
+    CONFIG,
+    smoothness_texture=0.0,
+    normal_prior=0.0,
+    metallic_prior=0.0,
+    roughness_prior=0.0,
+    late_roughness_prior=0.0,
+    brightness_anchor=0.0,
+    laplacian=1.0,
+)
 
 
 def cost(model, progress=0.0):
@@ -46,9 +52,9 @@ def test_it_starts_as_the_asset():
 def test_displacements_are_in_their_unit(unit):
     asset = glossy_sphere()
     model = SurfaceModel(asset, replace(CONFIG, vertex_unit=unit))
-    edges = (asset.mesh.vertices[model.edges.vertices[:, 0]] - asset.mesh.vertices[model.edges.vertices[:, 1]]).norm(
-        dim=1
-    )
+    edges = (
+        asset.mesh.vertices[model.edges.vertices[:, 0]] - asset.mesh.vertices[model.edges.vertices[:, 1]]
+    ).norm(dim=1)
     size = float(edges.mean()) if unit is VertexUnit.EDGE else 1.0
     with torch.no_grad():
         model.displacement[5, 2] = 3.0

@@ -66,7 +66,9 @@ def test_blotches_come_back():
         seen[uv[:, 1] * true.textures.size + uv[:, 0]] = True
 
     def contrast(asset):
-        """Return how well the base colours' differences between texels follow the true ones, and their strength."""
+        """Return how well the base colours' differences between texels follow the true ones, and their
+        strength.
+        """
         a, b = (t.textures.base_color.reshape(-1, 3)[seen] for t in (asset, true))
         a, b = a - a.mean(0), b - b.mean(0)
         return float((a * b).sum() / (a.norm() * b.norm()).clamp(min=1e-9))

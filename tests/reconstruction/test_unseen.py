@@ -76,10 +76,14 @@ def test_a_cave_that_one_photo_looks_into_stays_as_far_as_it_is_seen(config):
 def test_what_no_photo_frames_stays(config):
     model = model_of(cave, config)
     kept = model.distances().detach().clone()
-    fill_unseen(model, views([(2.6, 0.0, 1.3)], focal=4000.0))  # a close-up of the ball's front, past the cave's end
+    fill_unseen(
+        model, views([(2.6, 0.0, 1.3)], focal=4000.0)
+    )  # a close-up of the ball's front, past the cave's end
     changed = model.distances() != kept
     assert not changed.all()
-    assert (model.distances()[model.lattice.vertices[:, 2] < -0.5] == kept[model.lattice.vertices[:, 2] < -0.5]).all()
+    assert (
+        model.distances()[model.lattice.vertices[:, 2] < -0.5] == kept[model.lattice.vertices[:, 2] < -0.5]
+    ).all()
     fill_unseen(model, [])
     assert torch.equal(model.distances() != kept, changed)
 

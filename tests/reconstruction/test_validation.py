@@ -64,7 +64,8 @@ def test_the_light_of_a_dark_photo_is_found_as_well(exposure):
     _, dim = fit_light(true, replace(photo, color=exposure * photo.color), 16, CONFIG, 0)
     expected = patch_light(PATCHES[0]).log()
     errors = [
-        float(((found.clamp(min=1e-3)).log() - expected).square().mean() ** 0.5) for found in (light, dim / exposure)
+        float(((found.clamp(min=1e-3)).log() - expected).square().mean() ** 0.5)
+        for found in (light, dim / exposure)
     ]
     assert errors[1] < 1.1 * errors[0]
 
@@ -115,7 +116,11 @@ def test_parts_of_the_true_asset_agree_about_the_light_better_than_those_of_a_wr
     assert (told.disagreement, told.front_bias) == (best.disagreement, -0.3)
     assert told.surprise == pytest.approx(4.5)
     told = judge_object(true, photos, None, Surroundings(-1.0), CONFIG, 0)
-    assert (told.disagreement, told.excess, told.excess_surprise) == (best.disagreement, -1.0, pytest.approx(2.0))
+    assert (told.disagreement, told.excess, told.excess_surprise) == (
+        best.disagreement,
+        -1.0,
+        pytest.approx(2.0),
+    )
 
 
 def test_photos_that_do_not_show_the_object_give_no_verdict():

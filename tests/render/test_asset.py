@@ -79,7 +79,10 @@ def test_the_normal_map_bends_towards_growing_u_and_falling_v():
     tangents = uv_tangents(mesh)
     straight = shading_normals(surface, mesh, mesh.normals(), tangents, even)
     corners, uv = mesh.vertices[mesh.faces[surface.face].long()], mesh.uvs[mesh.uv_faces[surface.face].long()]
-    edges, along = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]  # what a step in u and v is in space
+    edges, along = (
+        corners[:, 1:] - corners[:, :1],
+        uv[:, 1:] - uv[:, :1],
+    )  # what a step in u and v is in space
     u, v = torch.nn.functional.normalize(torch.linalg.solve(along, edges), dim=2).unbind(1)
     v = v - (u * v).sum(1, keepdim=True) * u  # charts are sheared, and the frame is not
     facing = (straight * surface.view).sum(1) > 0.5
@@ -130,12 +133,18 @@ def small(size: int = 2) -> dict[str, torch.Tensor]:
 @pytest.mark.parametrize(
     ("name", "low", "high", "step"),
     [
-        ("vertices", -1000.0, 1000.0, 1.0), ("uvs", -0.00099, 1.00099, 1e-4), ("base_color", -0.00099, 1.00099, 1e-4),
-        ("roughness", -0.00099, 1.00099, 1e-4), ("metallic", -0.00099, 1.00099, 1e-4),
-        ("normal", -1.00099, 1.00099, 1e-4), ("blockers", -0.00099, 1.00099, 1e-4), ("faces", 0, 2, 1),
-        ("uv_faces", 0, 2, 1), ("normal_faces", 0, 2, 1),
+        ("vertices", -1000.0, 1000.0, 1.0),
+        ("uvs", -0.00099, 1.00099, 1e-4),
+        ("base_color", -0.00099, 1.00099, 1e-4),
+        ("roughness", -0.00099, 1.00099, 1e-4),
+        ("metallic", -0.00099, 1.00099, 1e-4),
+        ("normal", -1.00099, 1.00099, 1e-4),
+        ("blockers", -0.00099, 1.00099, 1e-4),
+        ("faces", 0, 2, 1),
+        ("uv_faces", 0, 2, 1),
+        ("normal_faces", 0, 2, 1),
     ],
-)  # fmt: skip
+)
 def test_values_are_taken_up_to_their_bounds_and_refused_beyond(name, low, high, step):
     for value, fits in ((low, True), (high, True), (low - step, False), (high + step, False)):
         tensors = small()
@@ -177,7 +186,11 @@ def test_an_asset_moves_with_all_its_parts():
 
 @pytest.mark.parametrize(
     ("uvs", "sign"),
-    [(UVS, 1.0), (UVS * torch.tensor([-1.0, 1.0]) + torch.tensor([1.0, 0.0]), -1.0), (torch.zeros(3, 2), 1.0)],
+    [
+        (UVS, 1.0),
+        (UVS * torch.tensor([-1.0, 1.0]) + torch.tensor([1.0, 0.0]), -1.0),
+        (torch.zeros(3, 2), 1.0),
+    ],
 )
 def test_handedness_tells_where_the_bitangent_lies(uvs, sign):
     mesh = triangle(uvs)
@@ -234,7 +247,11 @@ def test_a_gbuffer_has_each_channel_of_the_textures_in_its_place():
     channels = torch.tensor([0.1, 0.2, 0.3, 0.4, 0.6, 0.0, 0.28, 0.96]).expand(4, 8)
     gbuffer = textured_gbuffer(one_point(), view, mesh, channels, uv_tangents(mesh))
     assert (gbuffer.height, gbuffer.width) == (view.height, view.width)
-    for name, value in (("base_color", [0.1, 0.2, 0.3]), ("normal", [0.0, 0.28, 0.96]), ("position", [0.4, 0.5, 0.0])):
+    for name, value in (
+        ("base_color", [0.1, 0.2, 0.3]),
+        ("normal", [0.0, 0.28, 0.96]),
+        ("position", [0.4, 0.5, 0.0]),
+    ):
         assert getattr(gbuffer, name)[0].tolist() == pytest.approx(value), name
     assert (float(gbuffer.roughness), float(gbuffer.metallic)) == pytest.approx((0.4, 0.6))
     assert gbuffer.visibility is None

@@ -30,7 +30,9 @@ def test_environment_brdf_matches_direct_integration():
             v = torch.tensor([math.sqrt(1 - float(cos_view[i]) ** 2), 0.0, float(cos_view[i])])
             g = sphere_gbuffer(1, roughness=float(roughness[i]), metallic=1.0, base=(f0,) * 3)
             g = GBuffer(**{**vars(g), "normal": torch.tensor([[0.0, 0, 1]]), "view": v[None]})
-            assert float(brute_force(g, torch.ones(6, 96, 96, 3))[0, 0]) == pytest.approx(float(expected), abs=0.012)
+            assert float(brute_force(g, torch.ones(6, 96, 96, 3))[0, 0]) == pytest.approx(
+                float(expected), abs=0.012
+            )
 
 
 def test_the_bundled_table_is_what_integration_gives():
@@ -78,7 +80,9 @@ def test_reflectance_at_the_ends_of_metallic():
 
 def test_gradients():
     random = torch.Generator().manual_seed(1)
-    cosine, roughness = (0.1 + 0.85 * torch.rand(2, 20, generator=random, dtype=torch.float64)).requires_grad_()
+    cosine, roughness = (
+        0.1 + 0.85 * torch.rand(2, 20, generator=random, dtype=torch.float64)
+    ).requires_grad_()
     assert torch.autograd.gradcheck(environment_brdf, (cosine, roughness))
     assert torch.autograd.gradcheck(diffuse_fresnel, (cosine,))
 
@@ -96,7 +100,9 @@ def test_look_ups_are_bilinear_in_roughness_and_in_the_root_of_the_cosine():
     expected = above * (1 - fy) + below * fy
     found = integrals_at(view_taps(torch.from_numpy(cosine), torch.from_numpy(roughness)))
     np.testing.assert_allclose(torch.stack(found, 1).numpy(), expected, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(diffuse_fresnel(torch.from_numpy(cosine)).numpy(), expected[:, 2], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        diffuse_fresnel(torch.from_numpy(cosine)).numpy(), expected[:, 2], rtol=1e-9, atol=1e-12
+    )
 
 
 def test_reflectance_between_plastic_and_metal():

@@ -13,7 +13,9 @@ from tests.shapes import ball_over_floor, sphere
 def directions(count=50):
     random = torch.Generator().manual_seed(0)
     axes = torch.cat([torch.eye(3), -torch.eye(3)])
-    return torch.nn.functional.normalize(torch.cat([axes, torch.randn(count - 6, 3, generator=random)]), dim=1)
+    return torch.nn.functional.normalize(
+        torch.cat([axes, torch.randn(count - 6, 3, generator=random)]), dim=1
+    )
 
 
 def test_frames_are_rotations_onto_the_direction():
@@ -62,7 +64,9 @@ def test_an_open_mesh_and_a_closed_one_block_alike():
         assert (one != other).float().mean() < 0.01
 
 
-AXES = torch.tensor([[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]])  # across, down, towards the light
+AXES = torch.tensor(
+    [[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]]
+)  # across, down, towards the light
 EXTENT, SIDE, PIXEL = 2.0, 16, 0.25
 LEFT, RIGHT, TOP, BOTTOM, HEIGHT = -0.55, 0.35, -0.3, 0.8, 1.3  # of a sheet before the origin, in these axes
 
@@ -116,7 +120,9 @@ def test_a_point_is_as_open_as_the_four_pixels_around_it(normal):
     assert set(face.tolist()) == {-1, 0, 1}
 
 
-@pytest.mark.parametrize(("normal", "bias"), [((0.0, 0.0, 1.0), 3.0), ((1.0, 0.0, 0.0), 1.5), ((0.0, 0.0, -1.0), 0.0)])
+@pytest.mark.parametrize(
+    ("normal", "bias"), [((0.0, 0.0, 1.0), 3.0), ((1.0, 0.0, 0.0), 1.5), ((0.0, 0.0, -1.0), 0.0)]
+)
 def test_what_is_nearer_than_the_lift_and_a_bias_of_one_and_a_half_pixels_blocks_nothing(normal, bias):
     for away, open_share in ((bias - 0.1, 1.0), (bias + 0.1, 0.0)):
         point = torch.tensor([[-0.35, 0.1, HEIGHT - away * PIXEL]])
@@ -136,7 +142,14 @@ def test_of_a_closed_slab_the_face_before_a_point_is_one_that_looks_at_the_light
     """By its number among all faces of the mesh; those that look away are not drawn."""
     low, high = torch.tensor([-0.5, -0.5, 0.6]), torch.tensor([0.5, 0.5, 1.1])
     local = torch.tensor([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]  # the last at the top
+    quads = [
+        (0, 1, 3, 2),
+        (4, 6, 7, 5),
+        (0, 4, 5, 1),
+        (2, 3, 7, 6),
+        (0, 2, 6, 4),
+        (1, 5, 7, 3),
+    ]  # the last at the top
     faces = torch.tensor([tri for a, b, c, d in quads for tri in ((a, b, c), (a, c, d))], dtype=torch.int32)
     point, normal = torch.tensor([[0.1, -0.2, 0.0]]), torch.tensor([[0.0, 0, 1]])
     maps = DepthMaps.of(local @ AXES, faces, point @ AXES, normal @ AXES, 64)

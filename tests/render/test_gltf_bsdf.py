@@ -35,9 +35,10 @@ def texture(*values: float) -> dict:
 
 def bsdf(base: float, roughness: float, metallic: float, normal: tuple[float, float, float] | None = None):
     description = {
-        "type": "gltf_metallic_roughness", "base_color": texture(base, base, base),
+        "type": "gltf_metallic_roughness",
+        "base_color": texture(base, base, base),
         "orm": texture(1.0, roughness, metallic),
-    }  # fmt: skip
+    }
     if normal is not None:
         tangent = {"type": "srgb", "color": [1.0, 0.0, 0.0], "unbounded": True}
         description |= {"normal": texture(*normal), "tangent": tangent, "handedness": texture(1.0, 1.0, 1.0)}
@@ -94,7 +95,9 @@ def test_samples_follow_the_density(material, normal):
     solid_angle = 2 * math.pi / density.size
     expected = COUNT * solid_angle * density.reshape(rows, fine, columns, fine).sum((1, 3)).ravel()
     row = np.minimum((wo[kept, 2] * rows).astype(int), rows - 1)
-    column = (np.arctan2(wo[kept, 1], wo[kept, 0]) % (2 * math.pi) / (2 * math.pi) * columns).astype(int) % columns
+    column = (np.arctan2(wo[kept, 1], wo[kept, 0]) % (2 * math.pi) / (2 * math.pi) * columns).astype(
+        int
+    ) % columns
     counted = np.bincount(row * columns + column, minlength=rows * columns)
     likely = expected > 50  # cells at the very rim hold what the numerical sum cannot resolve
     statistic = ((counted - expected)[likely] ** 2 / expected[likely]).sum()
@@ -114,22 +117,35 @@ def test_a_mapped_normal_turns_the_highlight():
 
 
 TANGENT = np.array([0.5, -0.7, 0.6])  # in the world, neither of unit length nor in the surface's plane
-AXES = np.array([[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]])  # of the shading frame, in the world
+AXES = np.array(
+    [[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]]
+)  # of the shading frame, in the world
 BASE = np.array([0.9, 0.45, 0.15])
 SURFACES = [  # roughness, metallic, mapped normal with the side of its bitangent; all three bounds of the chance
-    (0.35, 0.0, None), (0.5, 0.6, None), (0.3, 1.0, None), (0.45, 0.3, (0.3, -0.2, 1)), (0.45, 0.3, (0.3, -0.2, -1)),
+    (0.35, 0.0, None),
+    (0.5, 0.6, None),
+    (0.3, 1.0, None),
+    (0.45, 0.3, (0.3, -0.2, 1)),
+    (0.45, 0.3, (0.3, -0.2, -1)),
     (0.6, 0.1, (-0.8, 0.5, 1)),
-]  # fmt: skip
+]
 
 
 def described(roughness: float, metallic: float, bend: tuple[float, float, int] | None) -> mi.BSDF:
-    """Return the model; `bend`: x and y of the mapped normal, and on which side of the tangent the bitangent is."""
+    """Return the model; `bend`: x and y of the mapped normal, and on which side of the tangent the bitangent
+    is.
+    """
     description = {
-        "type": "gltf_metallic_roughness", "base_color": texture(*BASE), "orm": texture(0.2, roughness, metallic),
-    }  # fmt: skip
+        "type": "gltf_metallic_roughness",
+        "base_color": texture(*BASE),
+        "orm": texture(0.2, roughness, metallic),
+    }
     if bend is not None:
         x, y, side = bend
-        description |= {"normal": texture(x, y, math.sqrt(1 - x * x - y * y)), "handedness": texture(side, side, side)}
+        description |= {
+            "normal": texture(x, y, math.sqrt(1 - x * x - y * y)),
+            "handedness": texture(side, side, side),
+        }
         description["tangent"] = texture(*TANGENT)
     return mi.load_dict(description)
 
@@ -151,7 +167,9 @@ def mapped_normal(bend: tuple[float, float, int] | None, view: np.ndarray) -> np
 
 
 def expected(surface, wi: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return value times cosine (N, 3), density (N,), and the chance (N,) of the specular lobe, as glTF defines f."""
+    """Return value times cosine (N, 3), density (N,), and the chance (N,) of the specular lobe, as glTF
+    defines f.
+    """
     roughness, metallic, bend = surface
     upper = np.sign(wi[:, 2:]) * [[0, 0, 1]] + [[1, 1, 0]]
     view, light = wi * upper, wo * upper
@@ -166,7 +184,9 @@ def expected(surface, wi: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.nd
     value = ((1 - fresnel) * diffuse / math.pi + fresnel * lobe[:, None]) * nl[:, None]
     head_on = (f0 + (1 - f0) * ((1 - np.abs(nv)) ** 5)[:, None]).mean(1)
     chance = np.clip(head_on / (head_on + diffuse.mean() + 1e-4), 0.15, 0.95)
-    visible = 2 * nv / (nv + root_v) * d / (4 * nv)  # of normals seen from the view, in directions reflected by them
+    visible = (
+        2 * nv / (nv + root_v) * d / (4 * nv)
+    )  # of normals seen from the view, in directions reflected by them
     density = chance * visible + (1 - chance) * nl / math.pi
     lit = (view[:, 2] > 0) & (light[:, 2] > 0) & (nv > 0) & (nl > 0)
     return np.where(lit[:, None], value, 0), np.where(lit, density, 0), chance
@@ -212,7 +232,9 @@ def test_a_sample_tells_its_lobe_its_density_and_what_it_weighs(surface):
     clear = np.abs(one - chance) > 1e-4
     np.testing.assert_array_equal(np.array(found.sampled_component)[clear], specular[clear].astype(int))
     glossy, diffuse = (int(kind) for kind in (mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.DiffuseReflection))
-    np.testing.assert_array_equal(np.array(found.sampled_type)[clear], np.where(specular, glossy, diffuse)[clear])
+    np.testing.assert_array_equal(
+        np.array(found.sampled_type)[clear], np.where(specular, glossy, diffuse)[clear]
+    )
     np.testing.assert_array_equal(np.array(found.eta), 1)
     plain = (density == 0) | (density > 1e-3)
     np.testing.assert_allclose(np.array(found.pdf)[plain], density[plain], rtol=1e-2, atol=1e-4)

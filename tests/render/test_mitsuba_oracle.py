@@ -1,15 +1,19 @@
-"""Our shading of a convex object against Mitsuba's path tracer, which shares no code with it, under three lights.
+"""Our shading of a convex object against Mitsuba's path tracer, which shares no code with it, under three
+lights.
 
-Everything goes through its file-side conventions: an ellipsoid's mesh, a camera, an equirectangular light. What can be
-compared exactly is compared:
+Everything goes through its file-side conventions: an ellipsoid's mesh, a camera, an equirectangular light.
+What can be compared exactly is compared:
 
-- Diffuse: our glTF model lets only what the Fresnel term leaves through, base (1 - F0) (1 - C) E / pi. The difference
-  of a white and a black dielectric, divided by that factor, is E / pi, which Mitsuba's Lambertian `diffuse` reflects.
-- Specular: white metal has F = 1, as has Mitsuba's `roughconductor` of material "none", GGX with alpha = r^2. Mitsuba's
-  masking is separable, ours height-correlated, so ours is brighter where both directions graze. Divided by the image
-  under a white light, which each renderer makes for itself, both show the light's average under the lobe.
+- Diffuse: our glTF model lets only what the Fresnel term leaves through, base (1 - F0) (1 - C) E / pi. The
+  difference of a white and a black dielectric, divided by that factor, is E / pi, which Mitsuba's Lambertian
+  `diffuse` reflects.
+- Specular: white metal has F = 1, as has Mitsuba's `roughconductor` of material "none", GGX with alpha = r^2.
+  Mitsuba's masking is separable, ours height-correlated, so ours is brighter where both directions graze.
+  Divided by the image under a white light, which each renderer makes for itself, both show the light's
+  average under the lobe.
 
-Errors are RMS over the pixels inside the outline, relative to the RMS of Mitsuba's image, linear and per channel.
+Errors are RMS over the pixels inside the outline, relative to the RMS of Mitsuba's image, linear and per
+channel.
 """
 
 import math
@@ -114,8 +118,11 @@ class Stage:
         return picture.reshape(SIDE, SPLIT, SIDE, SPLIT, 3).mean((1, 3)).numpy()
 
     def theirs(self, light: np.ndarray, bsdf: dict, seed: int = 0) -> np.ndarray:
-        """Return Mitsuba's picture (SIDE, SIDE, 3) under light (H, 2H, 3); diffuse is sampled by the light alone."""
-        # Its first and last row of a light lie on the poles: on twice the rows its bilinear look-up is exactly ours.
+        """Return Mitsuba's picture (SIDE, SIDE, 3) under light (H, 2H, 3); diffuse is sampled by the light
+        alone.
+        """
+        # Its first and last row of a light lie on the poles: on twice the rows its bilinear look-up is
+        # exactly ours.
         padded = np.concatenate([light[:1], light, light[-1:]])
         rows = np.empty((2 * len(light) + 1, *light.shape[1:]), np.float32)
         rows[1::2], rows[0::2] = light, (padded[:-1] + padded[1:]) / 2
@@ -130,11 +137,13 @@ class Stage:
                 },
                 "sensor": _sensor(),
                 "integrator": {
-                    "type": "direct", "emitter_samples": 1, "bsdf_samples": int(bsdf["type"] != "diffuse"),
+                    "type": "direct",
+                    "emitter_samples": 1,
+                    "bsdf_samples": int(bsdf["type"] != "diffuse"),
                     "hide_emitters": True,
                 },
             }
-        )  # fmt: skip
+        )
         return np.array(mi.render(scene, seed=seed, spp=SAMPLES))[..., :3]
 
 
@@ -147,10 +156,14 @@ def _sensor() -> dict:
         "to_world": mi.ScalarTransform4f(pose.tolist()),
         "sampler": {"type": "multijitter", "sample_count": SAMPLES},
         "film": {
-            "type": "hdrfilm", "width": SIDE, "height": SIDE, "pixel_format": "rgba",
-            "component_format": "float32", "rfilter": {"type": "box"},
+            "type": "hdrfilm",
+            "width": SIDE,
+            "height": SIDE,
+            "pixel_format": "rgba",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
         },
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +172,9 @@ def stage(mitsuba, tmp_path_factory) -> Stage:
     vertices, faces = torch.from_numpy(ball * np.float32(AXES)), torch.from_numpy(faces)
     normals = vertex_normals(vertices, faces)
     path = tmp_path_factory.mktemp("mitsuba") / "ellipsoid.ply"
-    trimesh.Trimesh(vertices, faces, vertex_normals=normals.numpy(), process=False).export(path, vertex_normal=True)
+    trimesh.Trimesh(vertices, faces, vertex_normals=normals.numpy(), process=False).export(
+        path, vertex_normal=True
+    )
     return Stage(path, vertices, faces, normals)
 
 

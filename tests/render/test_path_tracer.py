@@ -43,7 +43,9 @@ def bumpy(asset: Asset) -> Asset:
 
 
 def differences(asset: Asset, other: Asset | None = None) -> float:
-    """Relative RMS difference of the path-traced picture and that of our own renderer, where the object covers all."""
+    """Relative RMS difference of the path-traced picture and that of our own renderer, where the object
+    covers all.
+    """
     light = patch_light((1.0, 0.3, 0.4))
     traced, cover = PathTracer(asset, 256).render(CAMERA, light)
     ours, _ = Picture.of(other or asset, CAMERA, prefilter.cached(16, CPU), CPU).render(light)
@@ -71,7 +73,9 @@ def test_under_a_constant_light_a_pixel_has_the_reflectance_of_its_integrals():
     flat, up = torch.full((8, 8), rough), torch.tensor([0.0, 0.0, 1.0]).expand(8, 8, 3)
     grey = Textures(torch.full((8, 8, 3), base), flat, torch.ones(8, 8), up)
     camera = camera_at((3.0, 0.0, 0.0), size=9, focal=120.0)  # its middle looks straight at the surface
-    image, cover = PathTracer(Asset(glossy_sphere().mesh, grey), 1024).render(camera, torch.full((6, 8, 8, 3), 2.0))
+    image, cover = PathTracer(Asset(glossy_sphere().mesh, grey), 1024).render(
+        camera, torch.full((6, 8, 8, 3), 2.0)
+    )
     a, b = brdf.environment_brdf(torch.tensor([1.0]), torch.tensor([rough]))
     assert float(cover.min()) == 1.0
     assert image[4, 4].numpy() == pytest.approx(2.0 * float(base * a + b), rel=0.02)
@@ -98,7 +102,9 @@ def test_coverage_is_that_of_our_renderer_and_outside_is_nothing():
 @pytest.mark.usefixtures("tracer_works")
 def test_equal_seeds_give_equal_pictures_and_others_other_noise():
     light = patch_light((1.0, 0.3, 0.4))
-    first, again, other = (PathTracer(glossy_sphere(), 4, seed).render(CAMERA, light)[0] for seed in (1, 1, 2))
+    first, again, other = (
+        PathTracer(glossy_sphere(), 4, seed).render(CAMERA, light)[0] for seed in (1, 1, 2)
+    )
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
 
@@ -208,11 +214,15 @@ def test_rays_go_through_random_points_of_their_pixels():
     ],
 )
 def test_pixels_are_those_of_the_rectangle_around_the_object(points, columns, rows):
-    """All of them where a part of it is behind the camera. Points are given as x and y in the picture, and depth."""
+    """All of them where a part of it is behind the camera. Points are given as x and y in the picture, and
+    depth.
+    """
     camera = shifted()
     x, y, depth = np.array(points).T
     vertices = np.stack([(x - 4) / 10 * depth, (3 - y) / 20 * depth, -depth], axis=1)
-    assert path_tracer._framed(vertices, camera).tolist() == [10 * row + column for row in rows for column in columns]
+    assert path_tracer._framed(vertices, camera).tolist() == [
+        10 * row + column for row in rows for column in columns
+    ]
 
 
 def test_corners_have_positions_normals_coordinates_and_tangents_in_their_order():
@@ -225,7 +235,11 @@ def test_corners_have_positions_normals_coordinates_and_tangents_in_their_order(
     assert corners["positions"].tolist() == [0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 3]
     assert corners["normals"].tolist() == [0, 0, 1] * 3 + [1, 0, 0] * 3
     assert corners["texcoords"].tolist() == [0, 1, 1, 1, 0, 0, 0.5, 0.25, 0, 1, 0, 0]
-    assert corners["tangent"][3:6].tolist() == [1, 0, 0]  # of the only corner that has a texture vertex for itself
+    assert corners["tangent"][3:6].tolist() == [
+        1,
+        0,
+        0,
+    ]  # of the only corner that has a texture vertex for itself
     assert corners["handedness"].tolist() == [1, 1, 1, -1, -1, -1]
     assert all(values.dtype == np.float32 for values in corners.values())
 

@@ -17,7 +17,9 @@ RED, BLUE = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
 
 
 def _two_squares(edge: float) -> Asset:
-    """Return a blue square of side 2 in the plane x = 0 and, just before it, a red one that ends at y = `edge`."""
+    """Return a blue square of side 2 in the plane x = 0 and, just before it, a red one that ends at y =
+    `edge`.
+    """
     corners = []
     for x, low, high in ((0.0, -1.0, 1.0), (0.001, -1.0, edge)):
         corners += [(x, low, -1.0), (x, high, -1.0), (x, high, 1.0), (x, low, 1.0)]
@@ -60,7 +62,9 @@ def test_one_light_after_the_other_gives_the_pictures_of_each():
     lights = torch.rand(2, 6, 8, 8, 3, generator=torch.Generator().manual_seed(0))
     kept = Picture.of(asset, camera, operator, CPU)
     for light in (*lights, lights[0]):
-        for one, other in zip(kept.render(light), Picture.of(asset, camera, operator, CPU).render(light), strict=True):
+        for one, other in zip(
+            kept.render(light), Picture.of(asset, camera, operator, CPU).render(light), strict=True
+        ):
             assert torch.equal(one, other)
 
 
@@ -83,12 +87,16 @@ def test_a_large_picture_is_made_in_bands_without_seams(monkeypatch):
 
 
 class Bands:
-    """Stands for `_Band`: rows that know their camera, whose image is the number of the row in all of the picture."""
+    """Stands for `_Band`: rows that know their camera, whose image is the number of the row in all of the
+    picture.
+    """
 
     def __init__(self) -> None:
         self.cameras: list[Camera] = []
 
-    def of(self, asset: Asset, camera: Camera, operator: prefilter.Prefilter, device: torch.device) -> SimpleNamespace:
+    def of(
+        self, asset: Asset, camera: Camera, operator: prefilter.Prefilter, device: torch.device
+    ) -> SimpleNamespace:
         self.cameras.append(camera)
         rows = torch.arange(camera.height) + 100.0 - camera.cy
 
@@ -99,7 +107,9 @@ class Bands:
         return SimpleNamespace(render=render)
 
 
-@pytest.mark.parametrize(("width", "height", "tops"), [(1024, 1024, [0]), (1000, 1049, [0, 262, 524, 786, 1048])])
+@pytest.mark.parametrize(
+    ("width", "height", "tops"), [(1024, 1024, [0]), (1000, 1049, [0, 262, 524, 786, 1048])]
+)
 def test_more_than_a_million_pixels_are_made_in_bands_of_a_quarter_of_one(monkeypatch, width, height, tops):
     """Each with a row more on either side, but for the picture's own ends."""
     bands = Bands()

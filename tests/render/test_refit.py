@@ -1,4 +1,6 @@
-"""The refit: finds brightness and contrast again, whatever the exposure, and does not mind clipped or stray pixels."""
+"""The refit: finds brightness and contrast again, whatever the exposure, and does not mind clipped or stray
+pixels.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,9 @@ def case(exposure=1.0):
 
 
 def refitted(transport, light, observed, clipped=None):
-    """Return a light with brightness and contrast refitted to pixels, none of them clipped where nothing is said."""
+    """Return a light with brightness and contrast refitted to pixels, none of them clipped where nothing is
+    said.
+    """
     clipped = torch.zeros_like(observed, dtype=torch.bool) if clipped is None else clipped
     return refit_contrast(transport, transport.lit(light), observed, clipped)
 
@@ -86,14 +90,19 @@ def test_six_rounds_of_reweighted_least_squares_in_displayed_values():
     clipped = observed > observed.quantile(0.8)
     flat = light.mean((0, 1, 2)).expand_as(light)
     unit = observed.mean() / 0.22
-    mean, both, target = ((x / unit).numpy() for x in (transport.apply(flat), transport.apply(light), observed))
+    mean, both, target = (
+        (x / unit).numpy() for x in (transport.apply(flat), transport.apply(light), observed)
+    )
     varying, a, b = both - mean, np.ones(3), 1.0
     for _ in range(6):
         render = np.maximum(a * mean + b * varying, 0)
         slope = (render + 0.02) ** -0.55
         weight = slope**2 / (slope * np.abs(render - target) + 0.005)
         weight[clipped.numpy() & (render > target)] = 0
-        rows = np.concatenate([np.eye(3)[None] * mean[..., None], varying[..., None]], 2) * np.sqrt(weight)[..., None]
+        rows = (
+            np.concatenate([np.eye(3)[None] * mean[..., None], varying[..., None]], 2)
+            * np.sqrt(weight)[..., None]
+        )
         steady = np.sqrt(1e-4 * (weight * mean**2).sum())  # keeps b at 1 where nothing tells
         rows = np.concatenate([rows.reshape(-1, 4), [[0, 0, 0, steady]]])
         wanted = np.append((np.sqrt(weight) * target).ravel(), steady)

@@ -5,7 +5,13 @@ import torch
 
 from lightprobe.geometry.mesh import edge_faces
 from lightprobe.kernels import rasterize
-from lightprobe.render.silhouette import Crossings, coverage, outline_vertices, silhouette_crossings, spread_color
+from lightprobe.render.silhouette import (
+    Crossings,
+    coverage,
+    outline_vertices,
+    silhouette_crossings,
+    spread_color,
+)
 from lightprobe.render.surface import View, visible_surface
 from tests.shapes import camera_at, sphere
 
@@ -104,7 +110,9 @@ def rectangle(left: float, top: float, right: float, bottom: float) -> list[tupl
     return [(left, top), (right, top), (right, bottom), (left, bottom)]
 
 
-def crossed(screen: torch.Tensor, faces: torch.Tensor, width: int, height: int) -> tuple[torch.Tensor, Crossings]:
+def crossed(
+    screen: torch.Tensor, faces: torch.Tensor, width: int, height: int
+) -> tuple[torch.Tensor, Crossings]:
     """Return which pixels the rasteriser covers (P,), and where the outline passes."""
     pixel = (rasterize(screen.detach(), faces, height, width).face.reshape(-1) >= 0).nonzero()[:, 0]
     view = replace(View.of(camera_at([3.0, 0.0, 0.0]), torch.device("cpu")), width=width, height=height)
@@ -121,17 +129,37 @@ def shares(screen: torch.Tensor, faces: torch.Tensor, width: int, height: int) -
     ("sides", "size", "expected"),
     [
         (  # amid the picture
-            (1.3, 0.8, 5.2, 3.6), (7, 5),
-            [[0, 0.2, 0.2, 0.2, 0.2, 0, 0], [0, 0.7, 1, 1, 1, 0.2, 0], [0, 0.7, 1, 1, 1, 0.2, 0],
-             [0, 0.3, 0.6, 0.6, 0.6, 0.2, 0], [0] * 7],
+            (1.3, 0.8, 5.2, 3.6),
+            (7, 5),
+            [
+                [0, 0.2, 0.2, 0.2, 0.2, 0, 0],
+                [0, 0.7, 1, 1, 1, 0.2, 0],
+                [0, 0.7, 1, 1, 1, 0.2, 0],
+                [0, 0.3, 0.6, 0.6, 0.6, 0.2, 0],
+                [0] * 7,
+            ],
         ),
         (  # ends on the outermost pixels
-            (0.7, 0.6, 5.1, 3.3), (6, 4),
-            [[0, 0.4, 0.4, 0.4, 0.4, 0], [0.3, 1, 1, 1, 1, 0.1], [0.3, 1, 1, 1, 1, 0.1], [0, 0.3, 0.3, 0.3, 0.3, 0]],
+            (0.7, 0.6, 5.1, 3.3),
+            (6, 4),
+            [
+                [0, 0.4, 0.4, 0.4, 0.4, 0],
+                [0.3, 1, 1, 1, 1, 0.1],
+                [0.3, 1, 1, 1, 1, 0.1],
+                [0, 0.3, 0.3, 0.3, 0.3, 0],
+            ],
         ),
         # goes on beyond the picture
-        ((-2.7, -1.4, 3.3, 2.2), (6, 4), [[1, 1, 1, 0.3, 0, 0], [1, 1, 1, 0.3, 0, 0], [0.2] * 3 + [0] * 3, [0] * 6]),
-        ((2.6, 1.7, 9.0, 8.0), (6, 4), [[0] * 6, [0] * 3 + [0.3] * 3, [0, 0, 0.4, 1, 1, 1], [0, 0.0, 0.4, 1, 1, 1]]),
+        (
+            (-2.7, -1.4, 3.3, 2.2),
+            (6, 4),
+            [[1, 1, 1, 0.3, 0, 0], [1, 1, 1, 0.3, 0, 0], [0.2] * 3 + [0] * 3, [0] * 6],
+        ),
+        (
+            (2.6, 1.7, 9.0, 8.0),
+            (6, 4),
+            [[0] * 6, [0] * 3 + [0.3] * 3, [0, 0, 0.4, 1, 1, 1], [0, 0.0, 0.4, 1, 1, 1]],
+        ),
         # between the last centres and the border, where there is no neighbour to share with
         ((3.9, 0.2, 5.8, 3.7), (6, 4), [[0, 0, 0, 0.1, 1, 1]] * 4),
         ((0.2, 2.9, 5.8, 3.8), (6, 4), [[0] * 6, [0] * 6, [0.1] * 6, [1] * 6]),
@@ -139,10 +167,12 @@ def shares(screen: torch.Tensor, faces: torch.Tensor, width: int, height: int) -
         ((2.3, -1.0, 2.9, 9.0), (5, 2), [[0, 0, 0.6, 0, 0]] * 2),
         ((-1.0, 1.2, 9.0, 1.9), (3, 4), [[0] * 3, [0.7] * 3, [0] * 3, [0] * 3]),
     ],
-)  # fmt: skip
+)
 def test_beside_a_straight_edge_a_pixel_has_the_share_that_is_left(sides, size, expected, turn):
     screen, faces = sheets(rectangle(*sides)[::turn])
-    torch.testing.assert_close(shares(screen, faces, *size), torch.tensor(expected).float(), rtol=0, atol=1e-5)
+    torch.testing.assert_close(
+        shares(screen, faces, *size), torch.tensor(expected).float(), rtol=0, atol=1e-5
+    )
 
 
 def overlap(low: float, high: float, count: int) -> list[float]:
@@ -153,7 +183,9 @@ def overlap(low: float, high: float, count: int) -> list[float]:
 @pytest.mark.parametrize("swapped", [False, True])
 def test_along_a_slanted_edge_the_share_is_that_at_the_middle_of_the_row(swapped):
     outline = [(1.2, -1.0), (4.6, -1.0), (5.4, 7.0), (2.9, 7.0)]
-    expected = [overlap(1.2 + 1.7 * (y + 1) / 8, 4.6 + 0.8 * (y + 1) / 8, 7) for y in (0.5, 1.5, 2.5, 3.5, 4.5)]
+    expected = [
+        overlap(1.2 + 1.7 * (y + 1) / 8, 4.6 + 0.8 * (y + 1) / 8, 7) for y in (0.5, 1.5, 2.5, 3.5, 4.5)
+    ]
     if swapped:
         found = shares(*sheets([(y, x) for x, y in outline]), 5, 7).T
     else:
@@ -173,7 +205,9 @@ def test_between_two_sheets_a_pixel_has_of_both_and_of_either_s_colour():
     screen, faces = sheets(rectangle(-1, -1, 2.2, 9), rectangle(2.9, -1, 9, 9))
     pixel, crossings = crossed(screen, faces, 5, 3)
     cover = coverage(pixel, crossings, 15)
-    torch.testing.assert_close(cover.reshape(3, 5), torch.tensor([[1, 1, 0.3, 1, 1]]).expand(3, 5), rtol=0, atol=1e-5)
+    torch.testing.assert_close(
+        cover.reshape(3, 5), torch.tensor([[1, 1, 0.3, 1, 1]]).expand(3, 5), rtol=0, atol=1e-5
+    )
     radiance = torch.tensor([[5.0, 1.0], [5.0, 1.0], [2.0, 7.0], [2.0, 7.0]]).repeat(3, 1)
     image = spread_color(radiance, pixel, crossings, cover).reshape(3, 5, 2)
     mixed = [0.2 * 5 + 0.1 * 2, 0.2 * 1 + 0.1 * 7]
@@ -239,4 +273,11 @@ def test_only_the_rim_of_a_solid_or_of_an_open_sheet_can_be_outline():
     assert outline_vertices(octahedron, faces).tolist() == [False, False, True, True, True, True]
     upper = faces[::2]  # without the lower half: the same rim, which is open now
     assert outline_vertices(octahedron, upper).tolist() == [False, False, True, True, True, True]
-    assert outline_vertices(octahedron, upper[:, [1, 0, 2]]).tolist() == [False, False, True, True, True, True]
+    assert outline_vertices(octahedron, upper[:, [1, 0, 2]]).tolist() == [
+        False,
+        False,
+        True,
+        True,
+        True,
+        True,
+    ]

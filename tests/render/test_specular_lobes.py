@@ -1,4 +1,6 @@
-"""The lobes that stand for the specular reflection: shares, the blend between metal and dielectric, and gradients."""
+"""The lobes that stand for the specular reflection: shares, the blend between metal and dielectric, and
+gradients.
+"""
 
 import json
 from pathlib import Path
@@ -43,9 +45,13 @@ def test_the_dielectric_s_part_at_both_ends():
     torch.testing.assert_close(dielectric_part(ends[1], a, b), torch.zeros_like(a))
     f0, d = torch.rand(len(a), generator=torch.Generator().manual_seed(1)), brdf.DIELECTRIC_F0
     f0 = d + (1 - d) * f0
-    metal = (f0 - d) / (1 - d) * (a + b)  # of what a surface of F0 reflects, f0 A + B, the rest is the dielectric's
+    metal = (
+        (f0 - d) / (1 - d) * (a + b)
+    )  # of what a surface of F0 reflects, f0 A + B, the rest is the dielectric's
     torch.testing.assert_close(dielectric_part(f0, a, b), 1 - metal / (f0 * a + b), atol=1e-5, rtol=0)
-    between = [float(dielectric_part(torch.full_like(a, f0), a, b).mean()) for f0 in (0.04, 0.1, 0.3, 0.7, 1.0)]
+    between = [
+        float(dielectric_part(torch.full_like(a, f0), a, b).mean()) for f0 in (0.04, 0.1, 0.3, 0.7, 1.0)
+    ]
     assert between == sorted(between, reverse=True)
 
 
@@ -59,8 +65,12 @@ def test_gradients():
 
 
 def bundled() -> np.ndarray:
-    """Return the fitted parameters: metal and dielectric, by roughness, by the root of n.v; bends, factors, shares."""
-    return np.array(json.loads((Path(lightprobe.__file__).parent / "assets" / "specular_lobes.json").read_text()))
+    """Return the fitted parameters: metal and dielectric, by roughness, by the root of n.v; bends, factors,
+    shares.
+    """
+    return np.array(
+        json.loads((Path(lightprobe.__file__).parent / "assets" / "specular_lobes.json").read_text())
+    )
 
 
 @pytest.mark.parametrize("dielectric", [0.0, 0.3, 1.0])

@@ -92,7 +92,9 @@ def test_a_normal_is_bent_until_the_view_s_cosine_was_a_fiftieth():
 
 
 def looking_down(width: int, height: int, lift: float) -> View:
-    """Return a view from (.5, -.25, lift) along -z with +y up; a step of 1 is 10 px across, 20 px down, over depth."""
+    """Return a view from (.5, -.25, lift) along -z with +y up; a step of 1 is 10 px across, 20 px down, over
+    depth.
+    """
     pose = np.eye(4)
     pose[:3, 3] = 0.5, -0.25, lift
     return View.of(Camera(pose, 10.0, 20.0, 3.0, 2.5, width, height), CPU)
@@ -109,7 +111,9 @@ def test_pixels_depths_and_rays_by_hand():
 
 
 def test_a_point_beside_the_camera_has_a_finite_place():
-    found = looking_down(7, 5, 2.0).project(torch.tensor([[0.5, -0.25, 2.0], [1.5, -0.25, 2.0], [0.5, 0.75, 2.0]]))
+    found = looking_down(7, 5, 2.0).project(
+        torch.tensor([[0.5, -0.25, 2.0], [1.5, -0.25, 2.0], [0.5, 0.75, 2.0]])
+    )
     assert torch.isfinite(found).all()
     assert found[0].tolist() == [3.0, 2.5, 0.0]
     assert float(found[1, 0]) == pytest.approx(1e7, rel=1e-3)
@@ -121,7 +125,9 @@ def test_of_two_triangles_a_pixel_sees_the_nearer_at_its_own_weights():
     view = looking_down(7, 5, 2.0)
     near = torch.tensor([[0.0, -1.0, 0.5], [1.5, -1.0, 0.5], [0.0, 1.0, 0.5]])
     far = torch.tensor([[-9.0, -9.0, -1.0], [9.0, -9.0, -1.0], [0.0, 9.0, -1.0]])
-    surface = visible_surface(torch.cat([far, near]), torch.tensor([[0, 1, 2], [3, 4, 5]], dtype=torch.int32), view)
+    surface = visible_surface(
+        torch.cat([far, near]), torch.tensor([[0, 1, 2], [3, 4, 5]], dtype=torch.int32), view
+    )
     assert surface.pixel.tolist() == list(range(35))
     for k in range(35):
         x, y = (k % 7 + 0.5 - 3) / 10, -(k // 7 + 0.5 - 2.5) / 20
@@ -136,7 +142,9 @@ def test_of_two_triangles_a_pixel_sees_the_nearer_at_its_own_weights():
             at = 0.5 + 3 * x, -0.25 + 3 * y, -1.0
             to_camera = np.array([0.5, -0.25, 2.0]) - at
         assert surface.position[k].tolist() == pytest.approx(list(at), abs=1e-5)
-        assert surface.view[k].tolist() == pytest.approx(list(to_camera / np.linalg.norm(to_camera)), abs=1e-5)
+        assert surface.view[k].tolist() == pytest.approx(
+            list(to_camera / np.linalg.norm(to_camera)), abs=1e-5
+        )
     assert set(surface.face.tolist()) == {0, 1}
 
 
@@ -145,13 +153,16 @@ def test_points_stay_within_their_face_where_rounding_puts_the_centre_beside_it(
     view, faces = looking_down(7, 5, 2.0), torch.tensor([[0, 1, 2]], dtype=torch.int32)
     centre = 0.6  # of the fourth column, at z = 0
     drawn, meant = (
-        torch.tensor([[edge, -0.9, 0.0], [edge, 0.4, 0.0], [1.2, -0.2, 0.0]]) for edge in (centre - 1e-3, centre + 1e-3)
+        torch.tensor([[edge, -0.9, 0.0], [edge, 0.4, 0.0], [1.2, -0.2, 0.0]])
+        for edge in (centre - 1e-3, centre + 1e-3)
     )
     for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1]):
         surface = visible_surface(meant[order], faces, view, view.project(drawn[order]))
         at_edge = surface.pixel % 7 == 3
         assert at_edge.sum() == 5
-        torch.testing.assert_close(surface.position[at_edge, 0], torch.full((5,), centre + 1e-3), rtol=0, atol=1e-6)
+        torch.testing.assert_close(
+            surface.position[at_edge, 0], torch.full((5,), centre + 1e-3), rtol=0, atol=1e-6
+        )
         assert float(surface.barycentric.min()) >= 0
         assert float(surface.barycentric.max()) <= 1
         torch.testing.assert_close(surface.barycentric.sum(1), torch.ones(len(surface.pixel)))

@@ -1,4 +1,6 @@
-"""The photo as a linear function of its light: it is the renderer, has its transpose, and gives the light back."""
+"""The photo as a linear function of its light: it is the renderer, has its transpose, and gives the light
+back.
+"""
 
 from dataclasses import replace
 
@@ -37,7 +39,8 @@ def test_some_pixels_of_a_transport_are_a_transport_of_their_own(taps, shadowed,
     if shadowed:
         random = torch.Generator().manual_seed(0)
         seen = VertexVisibility(
-            torch.randint(0, 256, (9, 384), generator=random, dtype=torch.uint8), torch.rand(9, 3, generator=random)
+            torch.randint(0, 256, (9, 384), generator=random, dtype=torch.uint8),
+            torch.rand(9, 3, generator=random),
         )
         index, weight = torch.randint(0, 9, (60, 3), generator=random), torch.full((60, 3), 1 / 3)
         gbuffer = replace(gbuffer, visibility=PointVisibility(seen, index, weight))
@@ -85,7 +88,9 @@ def test_unseen_directions_go_to_the_prior():
 @pytest.mark.slow
 @pytest.mark.parametrize("chroma", [0.0, 0.5])
 def test_the_solved_light_is_the_objective_s_minimum(chroma):
-    """As its docstring has it: the derivative vanishes where the light is free, and is not negative where it is 0."""
+    """As its docstring has it: the derivative vanishes where the light is free, and is not negative where it
+    is 0.
+    """
     gbuffer, operator = sphere_gbuffer(400, roughness=0.2, metallic=0.5), cached(8)
     mean = torch.tensor([0.5, 0.4, 0.3])
     linear, prior, share = Transport(gbuffer, operator), mean.expand(6, 8, 8, 3).contiguous(), 0.3
@@ -119,7 +124,9 @@ def test_the_solved_light_is_the_objective_s_minimum(chroma):
 
 @pytest.mark.slow
 def test_a_coloured_metal_cannot_imitate_paint_where_channels_hold_together():
-    """Red paint with white highlights: a red metal needs a light of much contrast in green and blue, little in red."""
+    """Red paint with white highlights: a red metal needs a light of much contrast in green and blue, little
+    in red.
+    """
     paint, operator = sphere_gbuffer(1500, roughness=0.2, metallic=0.0, base=(0.6, 0.02, 0.02)), cached(R)
     metal = replace(paint, metallic=torch.full_like(paint.metallic, 0.6))
     light = sky(R).mean(-1, keepdim=True).expand(6, R, R, 3).contiguous()
@@ -130,9 +137,15 @@ def test_a_coloured_metal_cannot_imitate_paint_where_channels_hold_together():
             linear = Transport(surface, operator)
             start = torch.full_like(light, float(light.mean()))
             found = solve_light(
-                linear, photo, torch.ones(1500), torch.zeros_like(photo, dtype=torch.bool), start, 1e-3, 40,
+                linear,
+                photo,
+                torch.ones(1500),
+                torch.zeros_like(photo, dtype=torch.bool),
+                start,
+                1e-3,
+                40,
                 chroma=chroma,
-            )  # fmt: skip
+            )
             errors[name, chroma] = float((found.radiance - photo).abs().mean() / photo.mean())
     assert errors["paint", 1.0] < 1.1 * errors["paint", 0.0]  # a grey light loses nothing
     assert errors["metal", 1.0] > 2 * errors["metal", 0.0]
@@ -145,18 +158,29 @@ class Case:
     def __init__(self, chroma: float, faint: float = 0.4):
         random = torch.Generator().manual_seed(7)
         self.transport, self.share, self.chroma = DenseTransport.random(60, 4), 0.05, chroma
-        self.prior = torch.rand(6, 4, 4, 3, generator=random, dtype=torch.float64) * torch.tensor([0.9, 0.6, faint])
+        self.prior = torch.rand(6, 4, 4, 3, generator=random, dtype=torch.float64) * torch.tensor(
+            [0.9, 0.6, faint]
+        )
         self.start = 2 * torch.rand(6, 4, 4, 3, generator=random, dtype=torch.float64)
         truth = torch.rand(6, 4, 4, 3, generator=random, dtype=torch.float64) ** 4 * 6
-        self.observed = self.transport.apply(truth) * (0.5 + torch.rand(60, 3, generator=random, dtype=torch.float64))
+        self.observed = self.transport.apply(truth) * (
+            0.5 + torch.rand(60, 3, generator=random, dtype=torch.float64)
+        )
         self.weight = torch.rand(60, generator=random, dtype=torch.float64) * (torch.arange(60) % 5 > 0)
         self.clipped = self.observed > self.observed.quantile(0.7)
 
     def solved(self, iterations: int) -> torch.Tensor:
         return solve_light(
-            self.transport, self.observed, self.weight, self.clipped, self.prior, self.share, iterations,
-            self.transport.lit(self.start), chroma=self.chroma,
-        ).light  # fmt: skip
+            self.transport,
+            self.observed,
+            self.weight,
+            self.clipped,
+            self.prior,
+            self.share,
+            iterations,
+            self.transport.lit(self.start),
+            chroma=self.chroma,
+        ).light
 
     def objective(self, light: torch.Tensor) -> torch.Tensor:
         weight = (self.weight / self.weight.sum())[:, None]

@@ -25,7 +25,9 @@ def test_under_a_ball_a_cone_is_blocked(radius, height):
     vertices, faces, middle = ball_over_floor(radius, height)
     normals = torch.tensor([0.0, 0, 1]).expand(len(vertices), 3)
     opened = float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), normals)[middle])
-    assert opened == pytest.approx(1 - (radius / height) ** 2, abs=0.05)  # one of 384 directions weighs up to .02
+    assert opened == pytest.approx(
+        1 - (radius / height) ** 2, abs=0.05
+    )  # one of 384 directions weighs up to .02
 
 
 @pytest.mark.slow
@@ -50,7 +52,9 @@ def two_balls() -> tuple[torch.Tensor, torch.Tensor]:
 @pytest.mark.slow
 def test_a_solid_is_blocked_by_the_faces_that_look_at_the_light_alone():
     vertices, faces = two_balls()
-    every = vertex_visibility(vertices, faces[:-1], grey(faces[:-1]))  # with a hole, so that no face is left out
+    every = vertex_visibility(
+        vertices, faces[:-1], grey(faces[:-1])
+    )  # with a hole, so that no face is left out
     table = vertex_visibility(vertices, faces, grey(faces)).unoccluded
     assert (table == 0).all(1).sum() > 8  # within the other ball
     assert (table != every.unoccluded).float().mean() < 1e-3
@@ -74,13 +78,23 @@ LEVEL = 0.5  # of the sheet
 def sheet() -> tuple[torch.Tensor, torch.Tensor]:
     """Return a sheet of two triangles over the origin, 1.4 by 1 in size and off its middle."""
     corners = [(-0.4, -0.3), (1.0, -0.3), (1.0, 0.7), (-0.4, 0.7)]
-    return torch.tensor([(x, y, LEVEL) for x, y in corners]), torch.tensor([[0, 1, 2], [0, 2, 3]], dtype=torch.int32)
+    return torch.tensor([(x, y, LEVEL) for x, y in corners]), torch.tensor(
+        [[0, 1, 2], [0, 2, 3]], dtype=torch.int32
+    )
 
 
 def before(margin: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return which directions from the origin (384,) hit the sheet made wider by a margin, and which triangle."""
+    """Return which directions from the origin (384,) hit the sheet made wider by a margin, and which
+    triangle.
+    """
     x, y = (LEVEL * DIRECTIONS[:, axis] / DIRECTIONS[:, 2].clamp(min=1e-6) for axis in (0, 1))
-    hit = (DIRECTIONS[:, 2] > 0) & (x > -0.4 - margin) & (x < 1.0 + margin) & (y > -0.3 - margin) & (y < 0.7 + margin)
+    hit = (
+        (DIRECTIONS[:, 2] > 0)
+        & (x > -0.4 - margin)
+        & (x < 1.0 + margin)
+        & (y > -0.3 - margin)
+        & (y < 0.7 + margin)
+    )
     return hit, ((y + 0.3) * 1.4 > (x + 0.4) * 1.0).long()
 
 
@@ -110,7 +124,9 @@ def test_directions_that_nobody_asks_for_are_open_down_to_the_horizon():
     seen = point_visibility(vertices, faces, COLORS, torch.zeros(1, 3), up, asked=asked)
     expected = torch.where(DIRECTIONS @ up[0] > -0.2, 255, 0)
     assert torch.equal(seen.unoccluded[0].long(), expected)
-    torch.testing.assert_close(seen.occluder_color[0], torch.tensor([0.5, 0.25, 0.45]))  # none: the mean of all
+    torch.testing.assert_close(
+        seen.occluder_color[0], torch.tensor([0.5, 0.25, 0.45])
+    )  # none: the mean of all
     asked[surely.nonzero()[:5, 0]] = True
     seen = point_visibility(vertices, faces, COLORS, torch.zeros(1, 3), up, asked=asked)
     assert torch.equal(seen.unoccluded[0].long(), torch.where(asked, 0, expected))

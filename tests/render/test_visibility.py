@@ -29,7 +29,9 @@ def shaded_gbuffer(blockers=(0.6, 0.3, 0.8), **material):
     index = torch.randint(0, 30, (400, 3), generator=random)
     weight = torch.rand(400, 3, generator=random)
     seen = VertexVisibility(table, torch.tensor(blockers).expand(30, 3).contiguous())
-    return dataclasses.replace(gbuffer, visibility=PointVisibility(seen, index, weight / weight.sum(1, keepdim=True)))
+    return dataclasses.replace(
+        gbuffer, visibility=PointVisibility(seen, index, weight / weight.sum(1, keepdim=True))
+    )
 
 
 @pytest.mark.slow
@@ -62,9 +64,13 @@ def test_transport_is_shading_and_its_transpose(taps, monkeypatch):
 def test_what_blocks_lends_its_colour(metallic):
     """The object's own colour has no part in it: gold beside black reflects black."""
     material = {"roughness": 0.3, "metallic": metallic, "base": (0.9, 0.7, 0.2)}
-    dark, light, red = (furnace(shaded_gbuffer(c, **material)) for c in ((0.0,) * 3, (1.0,) * 3, (1.0, 0.25, 0.0)))
+    dark, light, red = (
+        furnace(shaded_gbuffer(c, **material)) for c in ((0.0,) * 3, (1.0,) * 3, (1.0, 0.25, 0.0))
+    )
     assert bool((light > dark + 0.01).all())
-    torch.testing.assert_close(red, dark + torch.tensor([1.0, 0.25, 0.0]) * (light - dark), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(
+        red, dark + torch.tensor([1.0, 0.25, 0.0]) * (light - dark), rtol=1e-4, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
@@ -74,7 +80,9 @@ def test_furnace(metallic):
     torch.testing.assert_close(furnace(gbuffer), white, rtol=1e-4, atol=1e-5)
     unshadowed = furnace(dataclasses.replace(gbuffer, visibility=None))
     assert bool((white <= unshadowed + 1e-5).all())
-    lossless = shaded_gbuffer(roughness=0.4, metallic=metallic, base=(1.0, 1.0, 1.0), blockers=(1.0, 1.0, 1.0))
+    lossless = shaded_gbuffer(
+        roughness=0.4, metallic=metallic, base=(1.0, 1.0, 1.0), blockers=(1.0, 1.0, 1.0)
+    )
     unshadowed = furnace(dataclasses.replace(lossless, visibility=None))
     torch.testing.assert_close(furnace(lossless), unshadowed, rtol=1e-4, atol=1e-5)
 
@@ -87,7 +95,9 @@ def two_vertices() -> PointVisibility:
     halves = torch.where(DIRECTIONS[:, 0] > 0, 255, 0)
     table = torch.stack([torch.full((384,), 51), halves]).to(torch.uint8)
     colors = torch.tensor([[0.8, 0.4, 0.2], [0.4, 0.6, 1.0]])
-    return PointVisibility(VertexVisibility(table, colors), torch.tensor([[1, 0]]), torch.tensor([[0.25, 0.75]]))
+    return PointVisibility(
+        VertexVisibility(table, colors), torch.tensor([[1, 0]]), torch.tensor([[0.25, 0.75]])
+    )
 
 
 def test_between_vertices_openness_and_colour_are_weighed():

@@ -19,7 +19,9 @@ def metrics(gain: float = 0.0) -> dict[str, Any]:
     default["relit_psnr_scaled"] += gain
     paper = {"psnr": 27.0, "ssim": 0.8, "psnr_masked": 22.0, "seconds": 0.05, **LIGHT, **spheres(0.2)}
     slow = {"psnr_masked": 24.0, "seconds": 90.0}
-    parts = [{"confidence": 0.1 * i, "log_rmse": 2.0 - 0.1 * i, "log_rmse_scaled": 1.5 - 0.1 * i} for i in range(5)]
+    parts = [
+        {"confidence": 0.1 * i, "log_rmse": 2.0 - 0.1 * i, "log_rmse_scaled": 1.5 - 0.1 * i} for i in range(5)
+    ]
     return {
         "mean": {**default, "chamfer": 0.0123, "relight_psnr": 19.0, "base_color_ratio": 0.8},
         "interval": {"net": {"psnr": 1.25}, "slow": {"psnr_masked": 9.0}},

@@ -10,5 +10,10 @@ def test_what_was_looked_at_while_settings_were_chosen_is_declared():
 
 def test_scenes_that_nothing_was_chosen_with_come_first():
     assert ordered(["spot", "zebra", "figure", "cup", "chair", "kettle", "cup"]) == [
-        "kettle", "figure", "cup", "zebra", "chair", "spot",
-    ]  # fmt: skip
+        "kettle",
+        "figure",
+        "cup",
+        "zebra",
+        "chair",
+        "spot",
+    ]

@@ -12,7 +12,9 @@ FIRST = {"a": 20.0, "b": 30.0, "c": 25.0, "only here": 99.0}
 
 
 def compared(second: dict[str, float], **more) -> Comparison:
-    return Comparison(("old", "<new>"), (report_with(evaluation(FIRST)), report_with(evaluation(second, **more))))
+    return Comparison(
+        ("old", "<new>"), (report_with(evaluation(FIRST)), report_with(evaluation(second, **more)))
+    )
 
 
 def test_differences_are_of_the_photos_that_both_have():
@@ -21,7 +23,9 @@ def test_differences_are_of_the_photos_that_both_have():
     difference = found.differences()["psnr_masked"]
     assert (difference.first, difference.second, difference.photos) == (25.0, 27.0, 3)
     assert difference.value == 2.0
-    assert difference.margin == pytest.approx(4.303 * 1 / 3**0.5, rel=1e-3)  # paired: t of two degrees of freedom
+    assert difference.margin == pytest.approx(
+        4.303 * 1 / 3**0.5, rel=1e-3
+    )  # paired: t of two degrees of freedom
     assert found.to_json()["methods"][0]["scores"]["psnr_masked"]["difference"] == 2.0
 
 

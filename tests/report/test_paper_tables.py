@@ -30,8 +30,12 @@ def test_our_values_stand_under_the_paper_s_and_shorter_runs_say_how_long():
     losses = [record("chair", Kind.LOSS, label="L2, both weights", seed=seed) for seed in (0, 1)]
     page = paper_page(BenchResults([record("cape"), record("chair"), paper, *losses]))
     assert "| ours, default | – | not run | 30.00 / .900 |" in section(page, "Table 3")
-    assert "cape: probe-mlp, paper's settings, 15 of 40 000 + 20 of 30 000 iterations." in section(page, "Table 3")
-    assert "| ours, default | – | not run | not run | not run |" in section(page, "Table 1")  # chair is another one
+    assert "cape: probe-mlp, paper's settings, 15 of 40 000 + 20 of 30 000 iterations." in section(
+        page, "Table 3"
+    )
+    assert "| ours, default | – | not run | not run | not run |" in section(
+        page, "Table 1"
+    )  # chair is another one
     assert "| ours, net | .90 | – | cape;" in section(page, "Table 4")
     assert "| L2, both weights | 29.61 / .95 | 27.00 / .8000 | 2 |" in section(page, "Table 5")
 

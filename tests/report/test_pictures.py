@@ -37,9 +37,19 @@ def test_every_score_has_a_heading(evaluated):
 def test_pictures_of_a_view_are_complete(evaluated):
     titles = list(view_pictures(evaluated[1][0]))
     assert titles == [
-        "photo", "render", "difference ×3", "base colour", "roughness", "metallic", "normal", "predicted light",
-        "true light", "confidence", "spheres, predicted light", "spheres, true light",
-    ]  # fmt: skip
+        "photo",
+        "render",
+        "difference ×3",
+        "base colour",
+        "roughness",
+        "metallic",
+        "normal",
+        "predicted light",
+        "true light",
+        "confidence",
+        "spheres, predicted light",
+        "spheres, true light",
+    ]
     assert titles == list(PICTURE_NOTES)
 
 

@@ -51,7 +51,14 @@ def test_page_is_well_formed_and_needs_no_other_file(tmp_path):
 
 def test_pictures_lead_and_numbers_lead_to_their_photo(tmp_path):
     text = page(tmp_path, titles=tuple(PICTURE_NOTES))
-    order = ["photo", "render", "predicted light", "spheres, predicted light", "true light", "spheres, true light"]
+    order = [
+        "photo",
+        "render",
+        "predicted light",
+        "spheres, predicted light",
+        "true light",
+        "spheres, true light",
+    ]
     assert re.findall(r'<img alt="([^"]+)"', text)[:6] == order
     assert text.index("<img") < text.index("<table")
     assert '<td><a href="#photo-0">&lt;cup&gt; &amp; saucer</a></td>' in text
@@ -65,7 +72,10 @@ def test_without_a_true_light_the_confidence_stands_in_its_place(tmp_path):
 
 def test_doubts_and_photos_that_are_not_scored_are_told(tmp_path):
     assert "Verdicts" not in page(tmp_path)
-    verdicts = {"doubtful": 1, "photos": {"<a>": {"sentences": ["The mask is another's."]}, "b": {"sentences": []}}}
+    verdicts = {
+        "doubtful": 1,
+        "photos": {"<a>": {"sentences": ["The mask is another's."]}, "b": {"sentences": []}},
+    }
     text = page(tmp_path, metrics=METRICS | {"verdicts": verdicts, "skipped": {"c": "c.png is gone."}})
     assert "Doubtful: 1 of 2 photos." in text
     assert "<li><b>&lt;a&gt;</b>: The mask is another&#x27;s.</li>" in text

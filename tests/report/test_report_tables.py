@@ -1,7 +1,11 @@
 from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT, Heading
 from lightprobe.report.report_tables import best_cells, score_list, table
 
-HEADINGS = {"up": Heading("up", 1, "", True), "down": Heading("down", 1, "", False), "none": Heading("none", 1, "")}
+HEADINGS = {
+    "up": Heading("up", 1, "", True),
+    "down": Heading("down", 1, "", False),
+    "none": Heading("none", 1, ""),
+}
 
 
 def test_the_best_is_the_highest_or_the_lowest_and_alike_values_share_it():

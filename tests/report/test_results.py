@@ -28,14 +28,20 @@ def real(psnr: float = 24.0) -> dict:
     scores = {"net": {"psnr": psnr, "ssim": 0.8}, "probe-mlp": {"psnr": psnr - 2}}
     mean = {"psnr": psnr}
     return {
-        "methods": scores, "default_method": "net", "mean": mean, "interval": {}, "confidence": {},
+        "methods": scores,
+        "default_method": "net",
+        "mean": mean,
+        "interval": {},
+        "confidence": {},
         "photos": {"a": {"methods": scores}},
-    }  # fmt: skip
+    }
 
 
 def benchmark(*others) -> BenchResults:
     losses = [
-        record("cup", Kind.LOSS, {"methods": {"probe-mlp": {"psnr": value, **spheres(0.3)}}}, label="L2", seed=i)
+        record(
+            "cup", Kind.LOSS, {"methods": {"probe-mlp": {"psnr": value, **spheres(0.3)}}}, label="L2", seed=i
+        )
         for i, value in enumerate((1.0, 2.0, 3.0))
     ]
     runs = [
@@ -43,7 +49,9 @@ def benchmark(*others) -> BenchResults:
         record("pot", scored=metrics(2.0)),
         record("cape", scored=real()),
     ]
-    return BenchResults([*runs, record("cup", Kind.ORACLE, metrics(1.0)), *losses, *others], ["bottle, no numbers."])
+    return BenchResults(
+        [*runs, record("cup", Kind.ORACLE, metrics(1.0)), *losses, *others], ["bottle, no numbers."]
+    )
 
 
 def cells(line: str) -> list[str]:
@@ -59,13 +67,17 @@ def test_rows_hold_means_with_intervals_and_true_objects_follow_their_scene():
 
 
 def test_the_paper_s_method_is_named_by_what_it_was_trained_with():
-    """Trained as the default is, it is not the paper's; beside it stands a run that is, with its share of the steps."""
+    """Trained as the default is, it is not the paper's; beside it stands a run that is, with its share of the
+    steps.
+    """
     results = benchmark(record("cup", Kind.PAPER, preset="paper", iterations=CUT))
     methods = [cells(line)[1] for line in image_table(results)[2:] if cells(line)[0] == "cup"]
     assert methods == [
-        "net", "probe-mlp, quick", f"net, paper's settings, {CUT} iterations",
+        "net",
+        "probe-mlp, quick",
+        f"net, paper's settings, {CUT} iterations",
         f"probe-mlp, paper's settings, {CUT} iterations",
-    ]  # fmt: skip
+    ]
     assert "probe-mlp, quick" in results_page(results)
     assert "| probe-mlp |" not in results_page(results)
     assert cells(comparison_table(results)[-1])[:2] == ["cup", f"paper's settings, {CUT} iterations"]
@@ -90,7 +102,17 @@ def test_every_scene_tells_what_it_was_used_for():
 
 def test_gains_are_named_after_what_they_were_measured_against():
     rows = [cells(line) for line in comparison_table(benchmark())]
-    assert rows[2] == ["cup", "quick, as trained", "+0.00", "+0.00", "+3.00", "+0.00", *["0.50"] * 3, "+0.00", "–"]
+    assert rows[2] == [
+        "cup",
+        "quick, as trained",
+        "+0.00",
+        "+0.00",
+        "+3.00",
+        "+0.00",
+        *["0.50"] * 3,
+        "+0.00",
+        "–",
+    ]
     assert rows[-1][:5] == ["**mean**", "quick, as trained", "+0.00", "+1.00", "+4.00"]
 
 
@@ -151,7 +173,9 @@ def test_images_stand_beside_those_of_the_paper():
 
 
 def test_seeds_of_the_default_have_an_interval_and_a_range():
-    results = benchmark(record("cape", Kind.SEED, real(26.0), seed=1), record("cape", Kind.SEED, real(25.0), seed=2))
+    results = benchmark(
+        record("cape", Kind.SEED, real(26.0), seed=1), record("cape", Kind.SEED, real(25.0), seed=2)
+    )
     rows = seed_table(results)
     assert cells(rows[2])[:3] == ["cape", "0, 1, 2", "25.00 ± 2.48 (24.00 to 26.00)"]  # t(.975, 2) / sqrt(3)
     assert len(rows) == 3  # the others have one seed
@@ -186,7 +210,15 @@ def test_each_row_tells_its_commit_where_these_differ():
 
 def test_raw_scores_stand_beside_scaled_ones_in_every_table_that_has_them():
     results = benchmark(record("cup", Kind.SEED, seed=1), *with_lessons().records)
-    for table in (light_table, seed_table, comparison_table, lessons_table, slow_table, object_table, loss_table):
+    for table in (
+        light_table,
+        seed_table,
+        comparison_table,
+        lessons_table,
+        slow_table,
+        object_table,
+        loss_table,
+    ):
         head = cells(table(results)[0])
         scaled = [i for i, name in enumerate(head) if name.startswith("scaled")]
         assert scaled

@@ -34,7 +34,11 @@ def test_other_settings_are_told_by_their_steps_and_options(run):
     first = dataclasses.replace(reconstruction.quick(), pass1_iterations=12, shadows=False)
     record(run, first, dataclasses.replace(distillation.quick(), sphere_steps=0))
     phases = read_phases(run)
-    assert training_facts(phases) == {"Phase I": "12 + 800 + 1500 steps", "Phase II": "2000 + 0 steps", "seed": "0"}
+    assert training_facts(phases) == {
+        "Phase I": "12 + 800 + 1500 steps",
+        "Phase II": "2000 + 0 steps",
+        "seed": "0",
+    }
     assert training_commands(phases, BUNDLED) == [
         "lightprobe train SCENE -o RUN --preset quick --seed 0 --decompose.pass1-iterations 12 "
         "--decompose.no-shadows --distill.sphere-steps 0"
@@ -55,7 +59,11 @@ def test_the_demo_is_a_command_of_its_own_on_its_own_scene_only(run):
 def test_phases_of_two_seeds_or_presets_are_two_commands(run):
     record(run, reconstruction.quick(), distillation.paper(), seeds=(0, 1))
     phases = read_phases(run)
-    assert training_facts(phases) == {"Phase I": "preset quick", "Phase II": "preset paper", "seeds": "0 and 1"}
+    assert training_facts(phases) == {
+        "Phase I": "preset quick",
+        "Phase II": "preset paper",
+        "seeds": "0 and 1",
+    }
     assert training_commands(phases, Path("x")) == [
         "lightprobe fit SCENE -o RUN --preset quick --seed 0",
         "lightprobe distill RUN --preset paper --seed 1",
@@ -64,7 +72,9 @@ def test_phases_of_two_seeds_or_presets_are_two_commands(run):
 
 def test_one_phase_alone_is_fit(run):
     record(run, reconstruction.paper())
-    assert training_commands(read_phases(run), Path("x")) == ["lightprobe fit SCENE -o RUN --preset paper --seed 0"]
+    assert training_commands(read_phases(run), Path("x")) == [
+        "lightprobe fit SCENE -o RUN --preset paper --seed 0"
+    ]
 
 
 def test_how_the_run_predicts_belongs_to_its_preset(run):
@@ -79,7 +89,9 @@ def test_other_settings_of_predictions_are_options(run):
     run.record_config("predict", dataclasses.asdict(prediction.quick()))
     assert training_facts(read_phases(run))["Phase I"] == "preset paper"
     (command,) = training_commands(read_phases(run), Path("x"))
-    assert command.endswith("--predict.light-resolution 32 --predict.max-pixels 65536 --predict.unseen-share 0.02")
+    assert command.endswith(
+        "--predict.light-resolution 32 --predict.max-pixels 65536 --predict.unseen-share 0.02"
+    )
     assert "--predict.method None" in command
 
 
@@ -87,7 +99,9 @@ def test_other_settings_of_predictions_are_options(run):
 def test_settings_of_another_version_tell_nothing(run, change):
     settings = {"seed": 0, **dataclasses.asdict(reconstruction.quick())}
     del settings["shadows"]
-    run.record_config("decompose", {key: value for key, value in {**settings, **change}.items() if value is not None})
+    run.record_config(
+        "decompose", {key: value for key, value in {**settings, **change}.items() if value is not None}
+    )
     assert read_phases(run) == []
     assert training_facts([]) == {}
     assert training_commands([], BUNDLED) == []

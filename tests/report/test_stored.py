@@ -60,5 +60,7 @@ def test_scores_are_checked(tmp_path, key, value):
 def test_a_run_that_was_not_evaluated_says_so(tmp_path):
     run = evaluated_run(tmp_path / "run", {"a": 20.0})
     page_record(run.report_file).unlink()
-    with pytest.raises(InputError, match=r"has no page\.json of an evaluation; make it anew with: lightprobe eval"):
+    with pytest.raises(
+        InputError, match=r"has no page\.json of an evaluation; make it anew with: lightprobe eval"
+    ):
         read_report(run)

@@ -6,7 +6,9 @@ from lightprobe.report.verdict_table import verdict_table
 from tests.report.results import metrics, record, spheres
 
 
-def judged(scene: str, disagreement: float, found: float, error: float, kind: Kind = Kind.RUN, **about) -> Record:
+def judged(
+    scene: str, disagreement: float, found: float, error: float, kind: Kind = Kind.RUN, **about
+) -> Record:
     """Return a record of an object with a verdict, of which relighting found `found` dB."""
     scored = metrics()
     scored["mean"]["relight_psnr_scaled"] = found

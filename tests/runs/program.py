@@ -12,7 +12,9 @@ from lightprobe.models import LightAccuracy, ObjectVerdict
 
 
 class Program:
-    """Stands for the program: takes down the commands it is given, and writes the files that the true ones would."""
+    """Stands for the program: takes down the commands it is given, and writes the files that the true ones
+    would.
+    """
 
     def __init__(self):
         self.calls: list[list[str]] = []
@@ -55,10 +57,16 @@ class Program:
             run.oracle.asset_file.write_text("{}")
         run = run.oracle if "--oracle-asset" in words else run
         scores = {"psnr": 20.0 + len(self.calls), "ssim": 0.5}
-        names = words[words.index("--methods") + 1 :] if "--methods" in words else ("probe-net", "probe-mlp", "solve")
+        names = (
+            words[words.index("--methods") + 1 :]
+            if "--methods" in words
+            else ("probe-net", "probe-mlp", "solve")
+        )
         methods = {name: scores for name in names if not name.startswith("--")}
         value = {
-            "methods": methods, "mean": scores, "default_method": next(iter(methods)),
+            "methods": methods,
+            "mean": scores,
+            "default_method": next(iter(methods)),
             "photos": {"a": {"methods": methods}},
-        }  # fmt: skip
+        }
         run.metrics_file.write_text(json.dumps(value))

@@ -31,14 +31,28 @@ def calls(program):
 @pytest.fixture
 def ask(tmp_path, program):
     def make(
-        *, seeds=(0,), scenes=("chair", "cup", "gone"), hdri=None, preset=Preset.QUICK,
-        steps=(Step.RUN, Step.LESSONS), paper_iterations=(), slow_photos=2,
-    ) -> None:  # fmt: skip
+        *,
+        seeds=(0,),
+        scenes=("chair", "cup", "gone"),
+        hdri=None,
+        preset=Preset.QUICK,
+        steps=(Step.RUN, Step.LESSONS),
+        paper_iterations=(),
+        slow_photos=2,
+    ) -> None:
         options = BenchOptions(
-            scenes=scenes, data=tmp_path / "data", output=tmp_path / "out", seeds=seeds, results=tmp_path / "R.md",
-            records=tmp_path / "records", preset=preset, hdri=hdri, steps=steps, paper_iterations=paper_iterations,
+            scenes=scenes,
+            data=tmp_path / "data",
+            output=tmp_path / "out",
+            seeds=seeds,
+            results=tmp_path / "R.md",
+            records=tmp_path / "records",
+            preset=preset,
+            hdri=hdri,
+            steps=steps,
+            paper_iterations=paper_iterations,
             slow_photos=slow_photos,
-        )  # fmt: skip
+        )
         run_bench(options, program)
 
     return make
@@ -73,7 +87,8 @@ def test_every_piece_is_made_once_and_the_missing_scene_is_named(data, tmp_path,
     ask(seeds=(0, 1), steps=everything)
     assert calls == []
     assert (
-        f"KEPT cup.seed1: scored at {Record.read(tmp_path / 'records' / 'cup.json').commit}" in capsys.readouterr().out
+        f"KEPT cup.seed1: scored at {Record.read(tmp_path / 'records' / 'cup.json').commit}"
+        in capsys.readouterr().out
     )
     (tmp_path / "records" / "cup.json").unlink()
     ask(seeds=(0, 1), steps=everything)
@@ -118,16 +133,25 @@ def hdris(tmp_path):
     return folder
 
 
-def test_every_kind_of_lessons_is_another_phase_two_after_all_usual_ones(data, tmp_path, program, calls, hdris, ask):
+def test_every_kind_of_lessons_is_another_phase_two_after_all_usual_ones(
+    data, tmp_path, program, calls, hdris, ask
+):
     program.true_objects.add("chair")
     ask(hdri=hdris)
     usual, second = calls[:5], calls[5:]
     assert [words[0] for words in usual] == ["train", "eval", "eval", "train", "eval"]
     assert [words[0] for words in second] == ["distill", "eval"] * 3 * 2
     places = ["photos-alone", "re-rendered-alone", "with-HDRIs"]
-    runs = [tmp_path / "out" / "variants" / f"{name}.lessons.{kind}" for name in ("chair", "cup") for kind in places]
+    runs = [
+        tmp_path / "out" / "variants" / f"{name}.lessons.{kind}"
+        for name in ("chair", "cup")
+        for kind in places
+    ]
     assert [Path(words[1]) for words in second[::2]] == [Path(words[1]) for words in second[1::2]] == runs
-    assert [words[words.index("--distill.lessons") + 1] for words in second[0:4:2]] == ["teacher", "synthetic"]
+    assert [words[words.index("--distill.lessons") + 1] for words in second[0:4:2]] == [
+        "teacher",
+        "synthetic",
+    ]
     assert second[4][second[4].index("--hdri") + 1] == str(hdris)
     assert all(words[words.index("--scene") + 1].startswith(str(data)) for words in second)
     assert second[1][second[1].index("--methods") + 1 :] == ["probe-net+optimize", "probe-net", "probe-mlp"]
@@ -170,7 +194,10 @@ def test_no_folder_of_the_machine_is_on_the_pages_or_in_the_records(data, tmp_pa
     cup = Record.read(tmp_path / "records" / "cup.json")
     assert cup.command.startswith("lightprobe eval RUNS/cup --scene DATA/real/cup --slow")
     page = (tmp_path / "R.md").read_text()
-    assert "lightprobe eval FOLDER/variants/chair.lessons.with-HDRIs --scene DATA/chair --methods probe-net" in page
+    assert (
+        "lightprobe eval FOLDER/variants/chair.lessons.with-HDRIs --scene DATA/chair --methods probe-net"
+        in page
+    )
     files = [*(tmp_path / "records").iterdir(), tmp_path / "R.md", tmp_path / "paper-tables.md"]
     assert not any(str(tmp_path) in file.read_text() for file in files)
 
@@ -217,10 +244,11 @@ def test_other_second_phases_wait_for_the_first(data, calls, capsys, ask, step):
 @pytest.mark.parametrize(
     "asked",
     [
-        {"steps": (Step.LOSSES,), "scenes": ("cup",)}, {"steps": (Step.SEEDS,), "seeds": (0,)},
+        {"steps": (Step.LOSSES,), "scenes": ("cup",)},
+        {"steps": (Step.SEEDS,), "seeds": (0,)},
         {"steps": (Step.LESSONS,), "preset": Preset.PAPER},
     ],
-)  # fmt: skip
+)
 def test_a_benchmark_of_nothing_is_refused(data, tmp_path, asked, ask):
     with pytest.raises(ConfigError, match="has nothing to do"):
         ask(**asked)
@@ -283,7 +311,9 @@ def test_records_of_other_settings_are_not_taken_for_these(data, tmp_path, calls
         ask(seeds=(5,), scenes=("cup", "chair"), steps=(Step.RUN,))
     assert len(calls) == 2  # and the cup was not begun
     for name in ("chair.oracle", "chair.lessons.photos-alone", "chair.loss.L2.seed5"):
-        (tmp_path / "records" / f"{name}.json").write_bytes((tmp_path / "records" / "chair.json").read_bytes())
+        (tmp_path / "records" / f"{name}.json").write_bytes(
+            (tmp_path / "records" / "chair.json").read_bytes()
+        )
         (tmp_path / "records" / "chair.json").unlink()
         with pytest.raises(ConfigError, match=r"was made with seed 0, not 5"):
             ask(seeds=(5,), scenes=("cup", "chair"), steps=tuple(Step))
@@ -340,10 +370,16 @@ def test_the_pages_are_written_from_records_alone(data, tmp_path, calls, ask):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"seeds": ()}, {"seeds": (1, 1)}, {"seeds": (-1,)}, {"paper_iterations": (5,)}, {"paper_iterations": (0, 5)},
-        {"steps": (Step.PAPER,)}, {"preset": Preset.PAPER, "paper_iterations": (5, 5)}, {"slow_photos": 0},
+        {"seeds": ()},
+        {"seeds": (1, 1)},
+        {"seeds": (-1,)},
+        {"paper_iterations": (5,)},
+        {"paper_iterations": (0, 5)},
+        {"steps": (Step.PAPER,)},
+        {"preset": Preset.PAPER, "paper_iterations": (5, 5)},
+        {"slow_photos": 0},
     ],
-)  # fmt: skip
+)
 def test_options_that_make_no_sense_are_refused_before_any_training(data, tmp_path, calls, wrong, ask):
     with pytest.raises(ConfigError):
         ask(**wrong)

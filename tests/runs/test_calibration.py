@@ -70,7 +70,8 @@ def test_a_known_light_tells_the_factor(clean):
     error = (loaded.asset.textures.base_color - true.asset.textures.base_color).abs().mean()
     assert float(error) < 0.02
     assert torch.equal(
-        loaded.trained.textures.base_color, Decomposition.load(run, CPU, calibrated=False).asset.textures.base_color
+        loaded.trained.textures.base_color,
+        Decomposition.load(run, CPU, calibrated=False).asset.textures.base_color,
     )
     (name,) = list(loaded.lights)[:1]
     assert loaded.lights[name].mean().tolist() == pytest.approx(found.factor)
@@ -120,10 +121,14 @@ def test_predictions_are_in_the_true_gauge_and_still_explain_the_photo(clean):
     before = Predictor.load(run.path).predict(pixels, camera, sources=True)
     Calibration((2.0, 1.0, 0.5), "x").save(run.calibration_file)
     after = Predictor.load(run.path).predict(pixels, camera, sources=True)
-    torch.testing.assert_close(after.environment.texels, before.environment.texels * torch.tensor([2.0, 1.0, 0.5]))
+    torch.testing.assert_close(
+        after.environment.texels, before.environment.texels * torch.tensor([2.0, 1.0, 0.5])
+    )
     assert after.calibration is not None
     for one, other in zip(before.split.sources, after.split.sources, strict=True):
-        assert other.irradiance == pytest.approx([2 * one.irradiance[0], one.irradiance[1], one.irradiance[2] / 2])
+        assert other.irradiance == pytest.approx(
+            [2 * one.irradiance[0], one.irradiance[1], one.irradiance[2] / 2]
+        )
 
 
 def test_a_card_and_a_meter_measure_the_predicted_light(clean, monkeypatch):
@@ -141,7 +146,9 @@ def test_a_card_and_a_meter_measure_the_predicted_light(clean, monkeypatch):
     assert card.factor == pytest.approx((1.5, 1.0, 0.5), rel=1e-2)
     opened = calibrations._Opened.of(run.path, shot, camera, None, "cpu")
     photo = dataclasses.replace(opened.photo, ev100=10.0)
-    monkeypatch.setattr(calibrations._Opened, "of", staticmethod(lambda *_: dataclasses.replace(opened, photo=photo)))
+    monkeypatch.setattr(
+        calibrations._Opened, "of", staticmethod(lambda *_: dataclasses.replace(opened, photo=photo))
+    )
     lux = candela_per_unit(10.0) * 2 * math.pi * 1.25
     meter = calibrate_by_meter(run.path, shot, lux, camera=camera, mask=None)
     assert meter.factor == pytest.approx((1.25, 1.25, 1.25), rel=1e-2)
@@ -175,7 +182,11 @@ def test_a_point_on_the_outline_is_neither_the_object_nor_a_card(clean):
     row, column = (int(each[0]) for each in np.nonzero((alpha > 0.2) & (alpha < 0.8)))
     with pytest.raises(InputError, match="on the object's outline"):
         calibrate_by_albedo(
-            run.path, shot, Point(column + 0.5, row + 0.5, (0.2, 0.2, 0.2)), camera=folder / "camera.json", mask=None
+            run.path,
+            shot,
+            Point(column + 0.5, row + 0.5, (0.2, 0.2, 0.2)),
+            camera=folder / "camera.json",
+            mask=None,
         )
     assert not run.calibration_file.exists()
 

@@ -112,7 +112,9 @@ def test_a_sharp_sun_is_either_a_lamp_or_in_the_map(tmp_path, rows):
 
 
 def test_lamps_of_a_light_file_are_those_found_in_its_map(tmp_path):
-    """Its second lamp is nowhere in the map, and its third source of light no lamp of it: neither may come twice."""
+    """Its second lamp is nowhere in the map, and its third source of light no lamp of it: neither may come
+    twice.
+    """
     inside = LightSource((0.0, 0.6, 0.8), math.radians(6), (3.0, 2.4, 1.5))
     other = LightSource((0.6, -0.8, 0.0), math.radians(6), (4.0, 4.0, 4.0))
     texels = torch.full((6, 64, 64, 3), 0.1) + inside.texels(64) + other.texels(64)
@@ -130,7 +132,10 @@ def test_lamps_of_a_light_file_are_those_found_in_its_map(tmp_path):
 
 
 def test_a_lamp_that_is_found_as_two_comes_once(tmp_path):
-    spots = [LightSource((math.sin(a), 0.0, math.cos(a)), math.radians(2), (3.0, 3.0, 3.0)) for a in (-0.105, 0.105)]
+    spots = [
+        LightSource((math.sin(a), 0.0, math.cos(a)), math.radians(2), (3.0, 3.0, 3.0))
+        for a in (-0.105, 0.105)
+    ]
     texels = torch.full((6, 64, 64, 3), 0.05) + spots[0].texels(64) + spots[1].texels(64)
     Environment(texels).save(tmp_path / "light.exr")
     assert len(scene_light(tmp_path / "light.exr", Sun.SEPARATE).lamps) == 2

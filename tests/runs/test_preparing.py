@@ -62,7 +62,9 @@ def test_frames_are_there_all_or_none(tmp_path, prepared_folders, monkeypatch):
 
     def watched(video, folder, count):
         extract(video, folder, count)
-        seen.extend(path.name for path in (tmp_path / "scene" / ".prepare").iterdir() if path.name[:6] == "frames")
+        seen.extend(
+            path.name for path in (tmp_path / "scene" / ".prepare").iterdir() if path.name[:6] == "frames"
+        )
 
     monkeypatch.setattr(preparing, "extract_frames", watched)
     write_video(tmp_path / "cup.mp4", 8)

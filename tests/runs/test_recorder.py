@@ -64,5 +64,9 @@ def test_scores_on_held_out_photos_are_records_that_a_resumed_call_does_not_repe
         begun(run).score("pass2", 20.12345, 21.5)
     (line,) = run.metrics_log.read_text().splitlines()
     assert json.loads(line) == {
-        "phase": "decompose", "step": 0, "stage": "pass2", "held_out_before": 20.123, "held_out": 21.5
-    }  # fmt: skip
+        "phase": "decompose",
+        "step": 0,
+        "stage": "pass2",
+        "held_out_before": 20.123,
+        "held_out": 21.5,
+    }

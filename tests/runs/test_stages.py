@@ -17,7 +17,14 @@ from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.models.calibration import Calibration
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.runs.progress import silent
-from lightprobe.runs.stages import TRAINED, is_learnt, keep_accuracy, keep_views, restart_decompose, restart_distill
+from lightprobe.runs.stages import (
+    TRAINED,
+    is_learnt,
+    keep_accuracy,
+    keep_views,
+    restart_decompose,
+    restart_distill,
+)
 from lightprobe.scene import load_scene
 from lightprobe.scene.record import scene_record
 from tests.painted_object import SIMILARITY, painted_asset, painted_scene
@@ -58,7 +65,9 @@ def test_tiny_photos_have_no_features_to_keep(learnt, tmp_path):
 
 @pytest.fixture(scope="module")
 def small_model():
-    config = replace(DistillConfig(), light_resolution=8, width=16, depth=2, sphere_width=4, simulated_photos=2)
+    config = replace(
+        DistillConfig(), light_resolution=8, width=16, depth=2, sphere_width=4, simulated_photos=2
+    )
     light, up = Environment(torch.ones(6, 8, 8, 3)), torch.tensor([0.0, 0.0, 1.0])
     return ProbeModel(new_network(config), light, up, config, new_sphere(config))
 

@@ -18,7 +18,11 @@ def tiny(words: list[str], section: str) -> dict[str, int]:
     """Return the settings of a section among the options of the toy scene's command line."""
     options = dict(zip(words[::2], words[1::2], strict=True))
     start = f"--{section}."
-    return {name.removeprefix(start).replace("-", "_"): int(v) for name, v in options.items() if name.startswith(start)}
+    return {
+        name.removeprefix(start).replace("-", "_"): int(v)
+        for name, v in options.items()
+        if name.startswith(start)
+    }
 
 
 @pytest.mark.slow
@@ -27,8 +31,10 @@ def test_one_call_trains_a_run_that_a_predictor_loads(tmp_path):
     settings = {
         "decompose": dataclasses.replace(DecomposeConfig(), **tiny(TINY_WITHOUT_TRIALS, "decompose")),
         "distill": dataclasses.replace(DistillConfig(), **tiny(TINY_DISTILL, "distill")),
-        "predict": PredictConfig(light_resolution=16), "device": "cpu", "seed": 3,
-    }  # fmt: skip
+        "predict": PredictConfig(light_resolution=16),
+        "device": "cpu",
+        "seed": 3,
+    }
     run = lightprobe.train(scene, tmp_path / "run", **settings, on_progress=lambda *told: heard.append(told))
     stages = {"pass1", "pass2", "pass3", "lights", "lessons", "distill", "simulated photos"}
     assert stages <= {stage for stage, *_ in heard}

@@ -218,7 +218,12 @@ def test_cut_model(colmap, part):
 def test_a_folding_lens_in_colmap(tmp_path):
     root = write_colmap(tmp_path / "scene", views(COUNT), binary=False)
     write_colmap_model(
-        root / "sparse/0", [f"{n}.jpg" for n in names(COUNT)], views(COUNT), binary=False, lens="RADIAL", extra=(-6, 0)
+        root / "sparse/0",
+        [f"{n}.jpg" for n in names(COUNT)],
+        views(COUNT),
+        binary=False,
+        lens="RADIAL",
+        extra=(-6, 0),
     )
     refused(root, r"images\.txt \(view_00\.jpg\) has lens distortion that folds")
 
@@ -248,9 +253,17 @@ def test_unknown_lens_in_colmap(tmp_path):
         ("cameras", "1 PINHOLE 72", r"cameras\.txt line 1 is not a camera"),
         ("cameras", "1 PINHOLE 72 60 50 36", r"line 1: PINHOLE needs 4 parameters, not 2"),
         ("images", "1 1 0 0 0 x 0 0 7 a.jpg", r"images\.txt line 1 is not an image"),
-        ("images", "1 1 0 0 0 0 0 0 99 view_00.jpg", r"'view_00\.jpg' uses camera 99, which is not in cameras\.txt"),
+        (
+            "images",
+            "1 1 0 0 0 0 0 0 99 view_00.jpg",
+            r"'view_00\.jpg' uses camera 99, which is not in cameras\.txt",
+        ),
         ("images", "1 1 0 0 0 0 0 0 7 gone.jpg", r"names the photo 'gone\.jpg', which is not in"),
-        ("images", "1 0 0 0 0 0 0 0 7 view_00.jpg", r"view_00\.jpg\): the pose contains NaN or a zero quaternion"),
+        (
+            "images",
+            "1 0 0 0 0 0 0 0 7 view_00.jpg",
+            r"view_00\.jpg\): the pose contains NaN or a zero quaternion",
+        ),
         ("images", "1 nan 0 0 0 0 0 0 7 view_00.jpg", r"the pose contains NaN"),
         ("images", "1 1 0 0 0 0 0 0 7 ../../x.jpg", r"lies outside"),
         ("images", "# nothing", r"images\.txt holds no registered images"),
@@ -277,7 +290,11 @@ def test_all_problems_at_once(nerfstudio):
     edit_json(nerfstudio / "transforms.json", spoil)
     Image.fromarray(np.zeros_like(picture(views(COUNT)[2])[1])).save(nerfstudio / "masks" / "view_02.png")
     problems = inspect(nerfstudio).problems
-    for fragment in ("view_00.jpg): the camera contains NaN", "images/none.jpg", "view_02.png shows no object"):
+    for fragment in (
+        "view_00.jpg): the camera contains NaN",
+        "images/none.jpg",
+        "view_02.png shows no object",
+    ):
         assert sum(fragment in problem for problem in problems) == 1
 
 

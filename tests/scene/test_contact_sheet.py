@@ -22,7 +22,9 @@ def test_pictures_stand_in_the_middle_of_their_cells_below_the_head():
 
 def test_a_caption_is_cut_and_stands_below_its_picture_in_its_color():
     picture = np.zeros((40, 40, 3), np.uint8)
-    long, short = (np.asarray(contact_sheet([Cell("x" * n, picture, (0, 255, 0))], side=40, letters=5, font=11))
-                   for n in (30, 5))  # fmt: skip
+    long, short = (
+        np.asarray(contact_sheet([Cell("x" * n, picture, (0, 255, 0))], side=40, letters=5, font=11))
+        for n in (30, 5)
+    )
     assert np.array_equal(long, short)
     assert np.nonzero((long[..., 1] > 200) & (long[..., 0] < 24))[0].min() > GAP + 40

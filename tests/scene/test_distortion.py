@@ -1,4 +1,6 @@
-"""Photos taken through lenses that bend: what is loaded is the picture of the pinhole camera that comes with it."""
+"""Photos taken through lenses that bend: what is loaded is the picture of the pinhole camera that comes with
+it.
+"""
 
 import json
 from dataclasses import replace
@@ -58,7 +60,9 @@ def straight(camera, view):
 
 
 def same_outline(alpha, mask):
-    """Assert that coverage (h, w) and an 8-bit mask agree but for the pixels' size: in area, place, and all over."""
+    """Assert that coverage (h, w) and an 8-bit mask agree but for the pixels' size: in area, place, and all
+    over.
+    """
     mask = mask / 255
     v, u = np.mgrid[: mask.shape[0], : mask.shape[1]]
     assert alpha.sum() == pytest.approx(mask.sum(), rel=0.01)
@@ -130,7 +134,9 @@ def test_no_background_bleeds_into_the_object(tmp_path):
 
 
 def test_the_middles_of_the_edges_stay_in_the_picture():
-    """What lies at the middle of a photo's edge: at or within the edges of the picture, at one of them exactly."""
+    """What lies at the middle of a photo's edge: at or within the edges of the picture, at one of them
+    exactly.
+    """
     camera = camera_of(views(3, zoom=1.6, size=SIZE)[1])
     for lens in (BARREL, LENSES[2]):
         bent = with_lens(camera, lens, source="test")

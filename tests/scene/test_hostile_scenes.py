@@ -1,4 +1,5 @@
-"""Scenes that no program should have written: numbers beyond all bounds, names that are no names, broken models.
+"""Scenes that no program should have written: numbers beyond all bounds, names that are no names, broken
+models.
 
 Each of them is one sentence, and an inspection still finds what else is wrong.
 """
@@ -66,7 +67,11 @@ def test_the_hull_trusts_no_camera(field, value):
 def test_rays_from_afar_come_to_an_end():
     """So far away that the next voxel is nearer than the numbers are apart."""
     pose = np.eye(4)
-    pose[:3] = [[0, 0, 1, 2e15], [1, 0, 0, -62500], [0, 1, 0, -62500]]  # looking along -x, as far as numbers tell
+    pose[:3] = [
+        [0, 0, 1, 2e15],
+        [1, 0, 0, -62500],
+        [0, 1, 0, -62500],
+    ]  # looking along -x, as far as numbers tell
     wall = np.zeros((64, 64, 64), bool)
     wall[:, 36] = True
     hull = Hull(wall, wall.astype(np.float32), -np.ones(3), np.ones(3))
@@ -99,7 +104,8 @@ def test_colmap_intrinsics_beyond_all_bounds(tmp_path, place, value, binary):
 
 def test_cameras_astronomically_far_away(nerfstudio):
     edit_json(
-        nerfstudio / "transforms.json", lambda data: data["frames"][1]["transform_matrix"][0].__setitem__(3, 1e200)
+        nerfstudio / "transforms.json",
+        lambda data: data["frames"][1]["transform_matrix"][0].__setitem__(3, 1e200),
     )
     others_are_found(nerfstudio, r"view_01\.jpg\).*camera stands at")
 
@@ -129,8 +135,12 @@ def test_odd_frames(nerfstudio, change, pattern):
 
 def test_links_in_a_loop(nerfstudio):
     (nerfstudio / "images" / "loop.jpg").symlink_to("loop.jpg")
-    edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update(file_path="images/loop.jpg"))
-    others_are_found(nerfstudio, r"names 'images/loop\.jpg', which is no file name|loop\.jpg', which does not exist")
+    edit_json(
+        nerfstudio / "transforms.json", lambda data: data["frames"][1].update(file_path="images/loop.jpg")
+    )
+    others_are_found(
+        nerfstudio, r"names 'images/loop\.jpg', which is no file name|loop\.jpg', which does not exist"
+    )
 
 
 def test_a_guessed_suffix_leads_out_of_the_folder_no_more_than_a_written_one(nerfstudio, tmp_path):
@@ -159,7 +169,10 @@ def test_one_broken_file_does_not_hide_the_other(tmp_path):
     edit_json(root / "transforms_train.json", lambda data: data["frames"][2].update(file_path="train/none"))
     found = inspect(root)
     assert len(found.photos) == 14
-    assert [sum(words in p for p in found.problems) for words in ("nested too deeply", "train/none")] == [1, 1]
+    assert [sum(words in p for p in found.problems) for words in ("nested too deeply", "train/none")] == [
+        1,
+        1,
+    ]
 
 
 # poses_bounds.npy
@@ -176,7 +189,9 @@ def test_poses_in_an_archive(nerd):
 
 def test_poses_that_announce_more_than_there_is(nerd):
     header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 17)}".ljust(117) + b"\n"
-    (nerd / "poses_bounds.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(99))
+    (nerd / "poses_bounds.npy").write_bytes(
+        b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(99)
+    )
     refused(nerd, r"poses_bounds\.npy cannot be read as a NumPy array")
 
 
@@ -227,7 +242,10 @@ def test_every_bad_line_of_a_model_is_found(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     found = inspect(root)
     assert len(found.photos) == 4
-    assert [sum(words in p for p in found.problems) for words in ("line 2 is not an image", "gone.jpg")] == [1, 1]
+    assert [sum(words in p for p in found.problems) for words in ("line 2 is not an image", "gone.jpg")] == [
+        1,
+        1,
+    ]
     cameras = root / "sparse/0/cameras.txt"
     cameras.write_text(cameras.read_text().replace("PINHOLE", "PINHOLE x", 1))
     assert sum("line 2 is not a camera" in problem for problem in inspect(root).problems) == 1
@@ -282,8 +300,14 @@ FRAME = {"file_path": "a.png", "transform_matrix": GOOD["camera_to_world"]}
         ("text", "is not valid JSON"),
         ('"text"', "must hold a JSON object"),
         ("[" * 100_000, "nested too deeply"),
-        ({"fl_x": 9, "w": 8, "h": 8, "frames": [{**FRAME, "file_path": 3}, FRAME]}, "file_path.*must be text, not 3"),
-        ({"fl_x": 9, "w": 8, "h": 8, "frames": [{**FRAME, "file_path": None}]}, "file_path.*must be text, not None"),
+        (
+            {"fl_x": 9, "w": 8, "h": 8, "frames": [{**FRAME, "file_path": 3}, FRAME]},
+            "file_path.*must be text, not 3",
+        ),
+        (
+            {"fl_x": 9, "w": 8, "h": 8, "frames": [{**FRAME, "file_path": None}]},
+            "file_path.*must be text, not None",
+        ),
         ({"fl_x": 9, "w": LONG, "h": 8, "frames": [FRAME]}, "'w' must be a finite number"),
         (
             '{"fl_x": 9, "w": 1e999, "h": 8, "frames": [{"file_path": "a"}]}',
@@ -296,9 +320,15 @@ FRAME = {"file_path": "a.png", "transform_matrix": GOOD["camera_to_world"]}
         ({"root": [], "photos": {"train": {"a": {"image": "a.png", "camera": GOOD}}}}, "'root' must be text"),
         ({"root": 5, "photos": {"train": {"a": {"image": "a.png", "camera": GOOD}}}}, "'root' must be text"),
         ({"root": "/", "photos": {"train": {"a": {"camera": GOOD}}}}, "'a' has no 'image' and 'camera'"),
-        ({"root": "/", "photos": {"train": {"a": {"image": 3, "camera": GOOD}}}}, "'a' has no 'image' and 'camera'"),
+        (
+            {"root": "/", "photos": {"train": {"a": {"image": 3, "camera": GOOD}}}},
+            "'a' has no 'image' and 'camera'",
+        ),
         ({"root": "/", "photos": {"train": {"a": {"image": "a.png"}}}}, "'a' has no 'image' and 'camera'"),
-        ({"root": "/", "photos": {"train": {"a": {"image": "a.png", "camera": 7}}}}, "must hold a JSON object"),
+        (
+            {"root": "/", "photos": {"train": {"a": {"image": "a.png", "camera": 7}}}},
+            "must hold a JSON object",
+        ),
         ({**GOOD, "fx": 1e200}, "focal length"),
         ({**GOOD, "cx": -1e308}, "principal point"),
         ({**GOOD, "width": LONG}, "image size"),
@@ -352,7 +382,9 @@ def test_a_photo_to_train_and_to_test_on(tmp_path):
     root = write_blender(tmp_path / "scene", views(17))
     frame = json.loads((root / "transforms_train.json").read_text())["frames"][3]
     edit_json(root / "transforms_test.json", lambda data: data["frames"].append(frame))
-    refused(root, r"train/r_3\.png is named twice, by .*transforms_train\.json .* and .*transforms_test\.json")
+    refused(
+        root, r"train/r_3\.png is named twice, by .*transforms_train\.json .* and .*transforms_test\.json"
+    )
 
 
 def test_an_image_named_twice_by_colmap(tmp_path):

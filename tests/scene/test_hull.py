@@ -31,7 +31,9 @@ def test_votes_agree_with_a_plain_count():
     assert hull.voxel == pytest.approx(np.array([3.5, 2.5, 3.2]) / 9)
     points = hull.centers(np.ones((9, 9, 9), bool))
     votes, seen = np.zeros(len(points)), np.zeros(len(points))
-    for camera, alpha in zip(cameras, alphas, strict=True):  # of seven, 2.8 may disagree: up to two votes each
+    for camera, alpha in zip(
+        cameras, alphas, strict=True
+    ):  # of seven, 2.8 may disagree: up to two votes each
         far = ndimage.distance_transform_edt(alpha < 0.5) > 0.02 * 48
         u, v, depth = camera.project(points).T
         visible = (depth > 0) & (u >= 0) & (v >= 0) & (u < 48) & (v < 40)
@@ -140,8 +142,18 @@ def test_first_guess_survives_a_wrong_pose():
 def test_cameras_that_look_away():
     cameras, alphas = ball_views()
     away = [camera_at(-camera.position) for camera in cameras]
-    moved = [type(c)(np.block([[c.camera_to_world[:, :3], -c.camera_to_world[:, 3:]]]), c.fx, c.fy, c.cx, c.cy, c.width,
-                     c.height) for c in away]  # fmt: skip
+    moved = [
+        type(c)(
+            np.block([[c.camera_to_world[:, :3], -c.camera_to_world[:, 3:]]]),
+            c.fx,
+            c.fy,
+            c.cx,
+            c.cy,
+            c.width,
+            c.height,
+        )
+        for c in away
+    ]
     for camera in moved:
         camera.camera_to_world[3] = (0, 0, 0, 1)
     with pytest.raises(InputError, match="look away"):

@@ -8,7 +8,15 @@ from lightprobe.core.errors import InputError
 from lightprobe.scene.consistency import diagnose, overlap
 from lightprobe.scene.inspect import Inspection, inspect
 from lightprobe.scene.overlay import HULL_COLOR, MASK_COLOR, write_overlay_sheet
-from tests.scene.worlds import expected_camera, names, picture, views, write_blender, write_nerd, write_nerfstudio
+from tests.scene.worlds import (
+    expected_camera,
+    names,
+    picture,
+    views,
+    write_blender,
+    write_nerd,
+    write_nerfstudio,
+)
 
 COUNT = 18
 
@@ -24,7 +32,13 @@ def test_a_good_scene(good):
     assert good.mean_iou > 0.85
     assert len(good.photos) == COUNT
     text = "\n".join(good.lines())
-    for fact in ("(nerd layout)", "16 train, 2 test, 0 relight", "72 x 60 (18)", "not in the files", "no problems"):
+    for fact in (
+        "(nerd layout)",
+        "16 train, 2 test, 0 relight",
+        "72 x 60 (18)",
+        "not in the files",
+        "no problems",
+    ):
         assert fact in text
 
 
@@ -63,7 +77,9 @@ def test_all_masks_inverted(tmp_path):
 
 def turned(*rows):
     """A change of the camera's own axes."""
-    return lambda pose: pose @ np.block([[np.array(rows, float), np.zeros((3, 1))], [np.zeros((1, 3)), np.eye(1)]])
+    return lambda pose: (
+        pose @ np.block([[np.array(rows, float), np.zeros((3, 1))], [np.zeros((1, 3)), np.eye(1)]])
+    )
 
 
 OPENCV = turned((1, 0, 0), (0, -1, 0), (0, 0, -1))
@@ -78,14 +94,18 @@ slow = pytest.mark.slow
         (np.linalg.inv, None, "look like world-to-camera: store"),
         (None, lambda mask: mask[:, ::-1], "mirrored left to right"),
         pytest.param(None, lambda mask: mask[::-1], "flipped upside down", marks=slow),
-        pytest.param(lambda pose: np.linalg.inv(OPENCV(pose)), None, "world-to-camera with OpenCV axes", marks=slow),
+        pytest.param(
+            lambda pose: np.linalg.inv(OPENCV(pose)), None, "world-to-camera with OpenCV axes", marks=slow
+        ),
         pytest.param(turned((0, 1, 0), (-1, 0, 0), (0, 0, 1)), None, "turned by 90", marks=slow),
         pytest.param(turned((0, -1, 0), (1, 0, 0), (0, 0, 1)), None, "turned by -90", marks=slow),
         pytest.param(turned((-1, 0, 0), (0, -1, 0), (0, 0, 1)), None, "turned by 180", marks=slow),
     ],
 )
 def test_wrong_conventions_are_named(pose_change, mask_change, words):
-    assert words in diagnose(*wrongly(pose_change or (lambda pose: pose), mask_change or (lambda mask: mask)), 0.5)
+    assert words in diagnose(
+        *wrongly(pose_change or (lambda pose: pose), mask_change or (lambda mask: mask)), 0.5
+    )
 
 
 def wrongly(pose_change, mask_change):
@@ -94,7 +114,9 @@ def wrongly(pose_change, mask_change):
     for view in views(COUNT, size=(64, 64)):
         camera = expected_camera(view)
         pose = pose_change(camera.camera_to_world)
-        cameras.append(type(camera)(pose, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height))
+        cameras.append(
+            type(camera)(pose, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+        )
         alphas.append(mask_change(picture(view)[1] / np.float32(255)))
     return cameras, alphas
 
@@ -162,7 +184,9 @@ def test_outlines_without_a_hull(tmp_path):
     root = write_blender(tmp_path / "scene", views(16))
     for i in range(15):
         color, mask = picture(views(16)[i])
-        Image.fromarray(np.dstack([color, np.roll(mask, 36 * (i % 2), axis=1)])).save(root / "train" / f"r_{i}.png")
+        Image.fromarray(np.dstack([color, np.roll(mask, 36 * (i % 2), axis=1)])).save(
+            root / "train" / f"r_{i}.png"
+        )
     found = inspect(root)
     write_overlay_sheet(found, tmp_path / "sheet.png")
     assert len(found.photos) == 16

@@ -1,4 +1,6 @@
-"""One world written in every layout: the cameras must come back the same, and the marks must lie where they belong."""
+"""One world written in every layout: the cameras must come back the same, and the marks must lie where they
+belong.
+"""
 
 import json
 
@@ -30,7 +32,9 @@ def test_cameras_come_back_identical(loaded):
         expected = expected_camera(view)
         np.testing.assert_allclose(photo.camera.camera_to_world, expected.camera_to_world, atol=1e-12)
         found = [getattr(photo.camera, key) for key in ("fx", "fy", "cx", "cy", "width", "height")]
-        assert found == pytest.approx([getattr(expected, key) for key in ("fx", "fy", "cx", "cy", "width", "height")])
+        assert found == pytest.approx(
+            [getattr(expected, key) for key in ("fx", "fy", "cx", "cy", "width", "height")]
+        )
 
 
 def test_projections_agree_with_opencv(loaded):
@@ -75,7 +79,9 @@ def test_similarity_centres_the_object_with_radius_one(loaded):
 
 def test_format_and_unique_names(loaded):
     layout, scene, _ = loaded
-    assert scene.format == {"nerd": "nerd", "blender": "transforms", "nerfstudio": "transforms"}.get(layout, "colmap")
+    assert scene.format == {"nerd": "nerd", "blender": "transforms", "nerfstudio": "transforms"}.get(
+        layout, "colmap"
+    )
     names = [photo.name for photo in (*scene.train, *scene.test)]
     assert len(set(names)) == len(names)
 

@@ -63,7 +63,9 @@ def test_points_fall_where_colmap_puts_them(model, parameters, lens):
 def test_points_fall_where_opencv_puts_them():
     world = np.column_stack([POINTS, np.ones(len(POINTS))])
     k1, k2, p1, p2, k3, k4, k5, k6 = 0.3, -0.1, 0.003, -0.002, 0.02, 0.4, 0.01, 0.02
-    expected = cv2.projectPoints(world, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3, k4, k5, k6]))
+    expected = cv2.projectPoints(
+        world, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3, k4, k5, k6])
+    )
     lens = Lens((k1, k2, k3), (p1, p2), (k4, k5, k6))
     np.testing.assert_allclose(lens.distort(POINTS), expected[0][:, 0], atol=1e-12)
     prisms = np.array([k1, k2, p1, p2, k3, k4, k5, k6, 0.01, 0.004, -0.006, 0.008])  # x's two, then y's

@@ -13,14 +13,24 @@ from lightprobe.imaging import write_mask
 from lightprobe.scene import load_alpha, load_photo, load_scene
 from lightprobe.scene.inspect import inspect
 from tests.imaging.icc_profiles import P3_PRIMARIES, icc, own_srgb
-from tests.scene.worlds import expected_camera, names, picture, views, write_blender, write_nerd, write_nerfstudio
+from tests.scene.worlds import (
+    expected_camera,
+    names,
+    picture,
+    views,
+    write_blender,
+    write_nerd,
+    write_nerfstudio,
+)
 
 COUNT = 18
 
 
 @pytest.fixture
 def blender(tmp_path):
-    """A Blender scene with opaque photos, train/r_0.png to r_14.png and test/r_0.png to r_2.png, and no masks yet."""
+    """A Blender scene with opaque photos, train/r_0.png to r_14.png and test/r_0.png to r_2.png, and no masks
+    yet.
+    """
     root = write_blender(tmp_path / "scene", views(COUNT))
     for i, view in enumerate(views(COUNT)):
         split, number = ("train", i) if i < 15 else ("test", i - 15)
@@ -55,7 +65,9 @@ def sorted_views(scene):
 
 
 def test_a_bare_name_serves_the_only_photo_that_needs_it(blender):
-    """Three test photos have masks at their own place; the others of these names are then meant by the bare names."""
+    """Three test photos have masks at their own place; the others of these names are then meant by the bare
+    names.
+    """
     shutil.copytree(blender / "apart" / "train", blender / "masks")
     shutil.copytree(blender / "apart" / "test", blender / "masks" / "test")
     scene = load_scene(blender)
@@ -97,7 +109,9 @@ def orient(path, orientation, *, turn=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("orientation", [3, 6])
 def test_a_mask_without_a_tag_is_turned_with_its_photo(tmp_path, orientation):
-    """The mask was drawn on the stored pixels by a program that knows no EXIF; a half turn leaves its size the same."""
+    """The mask was drawn on the stored pixels by a program that knows no EXIF; a half turn leaves its size
+    the same.
+    """
     root = write_nerfstudio(tmp_path / "scene", views(COUNT))
     turn = {3: Image.Transpose.ROTATE_180, 6: Image.Transpose.ROTATE_90}[orientation]
     orient(root / "images" / "view_01.jpg", orientation, turn=turn)

@@ -17,12 +17,17 @@ from tests.scene.worlds import names, views, write_colmap, write_nerd, write_ner
 
 COUNT = 3
 MANY = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    derandomize=True,
 )
 
 
 def place(value, data):
-    """Walk down a JSON value and return the path to where the walk ends: large parts are met no oftener than others."""
+    """Walk down a JSON value and return the path to where the walk ends: large parts are met no oftener than
+    others.
+    """
     path = ()
     while isinstance(value, dict | list) and value:
         keys = sorted(value) if isinstance(value, dict) else range(len(value))
@@ -145,6 +150,8 @@ def some_bytes(content, data):
     spoilt = bytearray(content)
     for _ in range(data.draw(st.integers(1, 4))):
         start = data.draw(st.integers(0, len(spoilt) - 1))
-        new = data.draw(st.binary(min_size=1, max_size=8) | st.sampled_from([b"\xff" * 8, bytes(8), b"PK\x03\x04"]))
+        new = data.draw(
+            st.binary(min_size=1, max_size=8) | st.sampled_from([b"\xff" * 8, bytes(8), b"PK\x03\x04"])
+        )
         spoilt[start : start + len(new)] = new
     return bytes(spoilt[: data.draw(st.integers(0, len(spoilt)) | st.just(len(spoilt)))])

@@ -21,7 +21,9 @@ def frames(tmp_path):
         for name in ("a", "b"):
             camera = camera_at((distance, 0.5, 0.2), size=8, focal=9.0)
             write_png(tmp_path / folder / f"{name}.png", np.full((8, 8, 3), 0.5), np.ones((8, 8)))
-            found.append({"file_path": f"./{folder}/{name}", "transform_matrix": camera.camera_to_world.tolist()})
+            found.append(
+                {"file_path": f"./{folder}/{name}", "transform_matrix": camera.camera_to_world.tolist()}
+            )
     (tmp_path / "transforms.json").write_text(json.dumps({"fl_x": 9.0, "w": 8, "h": 8, "frames": found}))
     return tmp_path / "transforms.json"
 

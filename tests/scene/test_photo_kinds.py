@@ -83,8 +83,9 @@ def test_reduced_pixels_of_a_wide_profile_keep_the_files_own_clipping(tmp_path):
     samples = np.zeros((60, 72, 3), np.uint8)
     samples[...] = (248, 60, 60)
     samples[:30] = (255, 60, 60)
-    Image.fromarray(samples).save(photo.image_path, quality=100, subsampling=0,
-                                  icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2))  # fmt: skip
+    Image.fromarray(samples).save(
+        photo.image_path, quality=100, subsampling=0, icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2)
+    )
     for side in (None, 36):
         pixels, _ = load_pixels(photo, side)
         seen = pixels.alpha > 0.9

@@ -67,7 +67,10 @@ def test_blur(tmp_path, bad, kind):
 def test_no_texture(tmp_path):
     for index in range(10):
         v, u = np.mgrid[:480, :640]
-        save(tmp_path / f"p{index}.png", 128 + 90 * np.sin((u + 60 * index) / 100) * np.cos((v + 40 * index) / 90))
+        save(
+            tmp_path / f"p{index}.png",
+            128 + 90 * np.sin((u + 60 * index) / 100) * np.cos((v + 40 * index) / 90),
+        )
     said(inspect_plain(tmp_path), "problems", "10 of 10 photos", "without texture")
     said(inspect_plain(tmp_path), "advice", "newspaper")
 
@@ -103,7 +106,9 @@ def test_small_photos(tmp_path):
 
 def test_profiles_are_facts_and_broken_files_problems(tmp_path):
     take(tmp_path, 10)
-    Image.open(tmp_path / "p01.jpg").save(tmp_path / "p01.jpg", icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2))
+    Image.open(tmp_path / "p01.jpg").save(
+        tmp_path / "p01.jpg", icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2)
+    )
     (tmp_path / "p02.jpg").write_bytes(b"\xff\xd8\xff")
     found = inspect_plain(tmp_path)
     assert "colours  converted to sRGB: ICC profile Wide Thing (1)" in found.lines()

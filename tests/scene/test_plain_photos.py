@@ -6,7 +6,14 @@ from PIL import Image
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import write_exr
 from lightprobe.scene.frame import Problems
-from lightprobe.scene.plain_photos import copies, list_photos, measure_photo, measure_photos, sharpness, texture
+from lightprobe.scene.plain_photos import (
+    copies,
+    list_photos,
+    measure_photo,
+    measure_photos,
+    sharpness,
+    texture,
+)
 from tests.scene.plain_world import save, take, view
 
 
@@ -75,7 +82,16 @@ def test_the_same_object_a_little_turned_is_no_copy(tmp_path):
 
 
 def test_one_of_a_raw_file_and_its_picture(tmp_path):
-    for name in ("a.jpg", "a.DNG", "b.jpg", "sub/c.heic", "sub/c.cr3", "masks/a.png", ".hidden.jpg", "notes.txt"):
+    for name in (
+        "a.jpg",
+        "a.DNG",
+        "b.jpg",
+        "sub/c.heic",
+        "sub/c.cr3",
+        "masks/a.png",
+        ".hidden.jpg",
+        "notes.txt",
+    ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"")
     names = [path.relative_to(tmp_path).as_posix() for path in list_photos(tmp_path)]

@@ -86,7 +86,11 @@ def test_scaled_photos_scale_their_cameras(tmp_path):
             image = Image.open(path)
             image.resize((36, 30), Image.Resampling.BOX).save(path)
     for photo, view in zip(photos(root), views(COUNT), strict=True):
-        assert (photo.camera.fx, photo.camera.fy, photo.camera.cx) == (view.focal[0] / 2, view.focal[0] / 2, 18)
+        assert (photo.camera.fx, photo.camera.fy, photo.camera.cx) == (
+            view.focal[0] / 2,
+            view.focal[0] / 2,
+            18,
+        )
         assert (photo.camera.width, photo.camera.height) == (36, 30)
 
 
@@ -136,7 +140,13 @@ def test_truth_files_and_relighting(tmp_path):
             pose = view.opengl.tolist()
             light = {"hdri": "sky"} if i else {"hdri": 3}  # a name, and nothing that could be one
             frames.append(
-                {"file_path": f"./{split}/r_{i}", "transform_matrix": pose, **keys, "normal_path": "none.exr", **light}
+                {
+                    "file_path": f"./{split}/r_{i}",
+                    "transform_matrix": pose,
+                    **keys,
+                    "normal_path": "none.exr",
+                    **light,
+                }
             )
         (root / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
     for name in keys.values():
@@ -144,7 +154,9 @@ def test_truth_files_and_relighting(tmp_path):
     reading = read_folder(root, Problems())
     assert [len(reading.photos[split]) for split in Split] == [2, 2, 2]
     truth = reading.photos[Split.RELIGHT][0].truth
-    assert [truth.environment, truth.linear, truth.base_color, truth.orm] == [root / name for name in keys.values()]
+    assert [truth.environment, truth.linear, truth.base_color, truth.orm] == [
+        root / name for name in keys.values()
+    ]
     assert truth.normal is None  # named, but not there
     assert [photo.truth.light for photo in reading.photos[Split.TEST]] == [None, "sky"]
     assert reading.photos[Split.TEST][1].name == "test_r_1"
@@ -221,7 +233,9 @@ def test_unique_names(tmp_path):
 
 
 def test_long_names_are_cut_by_bytes():
-    """Names of 119 characters may have 357 bytes; with the longest suffix they must fit into 255, or 143 of some."""
+    """Names of 119 characters may have 357 bytes; with the longest suffix they must fit into 255, or 143 of
+    some.
+    """
     root = Path("/scene")
     paths = [root / f"{'漢' * 119}{end}.png" for end in ("a", "b", "c")] + [
         root / f"x{'漢' * 119}{i}.png" for i in "ab"

@@ -1,7 +1,8 @@
 """A small world with a marked object, and writers for every layout, each from its format's own documentation.
 
-Cameras are kept as OpenCV states them (x right, y down, z forward; world-to-camera R, t), so that nothing here shares
-code or axes with the program. The object is three balls of different colours and sizes, off the origin.
+Cameras are kept as OpenCV states them (x right, y down, z forward; world-to-camera R, t), so that nothing
+here shares code or axes with the program. The object is three balls of different colours and sizes, off the
+origin.
 """
 
 import json
@@ -51,7 +52,9 @@ class View:
         return self.focal[0] * x / z + self.center[0], self.focal[1] * y / z + self.center[1]
 
 
-def views(count: int = 18, *, varied: bool = False, zoom: float = 1.0, size: tuple[int, int] = (72, 60)) -> list[View]:
+def views(
+    count: int = 18, *, varied: bool = False, zoom: float = 1.0, size: tuple[int, int] = (72, 60)
+) -> list[View]:
     """Cameras all around the object; `varied` gives each its own size, focal lengths and principal point."""
     rng = np.random.default_rng(11)
     found = []
@@ -80,7 +83,9 @@ def picture(view: View, straighten=lambda points: points) -> tuple[np.ndarray, n
     `straighten` takes points (..., 2) of the image plane to where a pinhole would see them.
     """
     v, u = np.mgrid[: view.height, : view.width] + 0.5
-    plane = straighten(np.stack([(u - view.center[0]) / view.focal[0], (v - view.center[1]) / view.focal[1]], -1))
+    plane = straighten(
+        np.stack([(u - view.center[0]) / view.focal[0], (v - view.center[1]) / view.focal[1]], -1)
+    )
     local = np.concatenate([np.nan_to_num(plane, nan=1e3), np.ones_like(plane[..., :1])], -1)
     rays = local @ view.rotation
     nearest = np.full(u.shape, np.inf)
@@ -99,7 +104,9 @@ def names(count: int) -> list[str]:
     return [f"view_{i:02d}" for i in range(count)]
 
 
-def write_photos(root: Path, shots: list[View], *, suffix: str = ".png", masks: str | None = "{stem}.png") -> list[str]:
+def write_photos(
+    root: Path, shots: list[View], *, suffix: str = ".png", masks: str | None = "{stem}.png"
+) -> list[str]:
     """Write `images/` and, unless `masks` is None (alpha channel instead), `masks/`; return the file names."""
     (root / "images").mkdir(parents=True)
     if masks:
@@ -109,7 +116,9 @@ def write_photos(root: Path, shots: list[View], *, suffix: str = ".png", masks: 
         color, mask = picture(view)
         files.append(name + suffix)
         image = Image.fromarray(color if masks else np.dstack([color, mask]))
-        image.save(root / "images" / files[-1], **({"quality": 95, "subsampling": 0} if suffix == ".jpg" else {}))
+        image.save(
+            root / "images" / files[-1], **({"quality": 95, "subsampling": 0} if suffix == ".jpg" else {})
+        )
         if masks:
             Image.fromarray(mask).save(root / "masks" / masks.format(stem=name, name=files[-1]))
     return files
@@ -136,7 +145,9 @@ def write_blender(root: Path, shots: list[View]) -> Path:
             Image.fromarray(np.dstack(picture(view))).save(root / split / f"r_{i}.png")
             frames.append({"file_path": f"./{split}/r_{i}", "transform_matrix": view.opengl.tolist()})
         angle = 2 * np.arctan(0.5 * part[0].width / part[0].focal[0])
-        (root / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": angle, "frames": frames}))
+        (root / f"transforms_{split}.json").write_text(
+            json.dumps({"camera_angle_x": angle, "frames": frames})
+        )
     return root
 
 
@@ -148,11 +159,15 @@ def write_nerfstudio(root: Path, shots: list[View]) -> Path:
             "file_path": f"images/{file}",
             "mask_path": f"masks/{Path(file).stem}.png",
             "transform_matrix": view.opengl.tolist(),
-            "fl_x": view.focal[0], "fl_y": view.focal[1], "cx": view.center[0], "cy": view.center[1],
-            "w": view.width, "h": view.height,
+            "fl_x": view.focal[0],
+            "fl_y": view.focal[1],
+            "cx": view.center[0],
+            "cy": view.center[1],
+            "w": view.width,
+            "h": view.height,
         }
         for file, view in zip(files, shots, strict=True)
-    ]  # fmt: skip
+    ]
     (root / "transforms.json").write_text(
         json.dumps({"camera_model": "OPENCV", "k1": 0.0, "k2": 0, "p1": 0.0, "p2": 0.0, "frames": frames})
     )
@@ -184,9 +199,24 @@ def write_colmap(root: Path, shots: list[View], *, binary: bool, folder: str = "
 
 
 def write_colmap_model(
-    model: Path, files: list[str], shots: list[View], *, binary: bool, lens: str = "PINHOLE", extra: tuple = ()
+    model: Path,
+    files: list[str],
+    shots: list[View],
+    *,
+    binary: bool,
+    lens: str = "PINHOLE",
+    extra: tuple = (),
 ) -> None:
-    models = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"]
+    models = [
+        "SIMPLE_PINHOLE",
+        "PINHOLE",
+        "SIMPLE_RADIAL",
+        "RADIAL",
+        "OPENCV",
+        "OPENCV_FISHEYE",
+        "FULL_OPENCV",
+        "FOV",
+    ]
     models += ["SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"]
     models += ["SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE"]
     number = models.index(lens)
@@ -204,7 +234,9 @@ def write_colmap_model(
         return
     cameras, images = ["# Camera list"], ["# Image list with two lines of data per image:"]
     for i, (view, file) in enumerate(zip(shots, files, strict=True)):
-        cameras.append(f"{i + 7} {lens} {view.width} {view.height} " + " ".join(map(repr, map(float, parameters[i]))))
+        cameras.append(
+            f"{i + 7} {lens} {view.width} {view.height} " + " ".join(map(repr, map(float, parameters[i])))
+        )
         pose = " ".join(repr(float(value)) for value in (*quaternion(view.rotation), *view.translation))
         images += [f"{i + 1} {pose} {i + 7} {file}", "" if i % 2 else "1.5 2.5 -1 3.0 4.0 12"]
     (model / "cameras.txt").write_text("\n".join(cameras) + "\n")

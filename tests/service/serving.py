@@ -1,4 +1,6 @@
-"""A service whose workers compute nothing, on a port of its own; what a photo is called says what becomes of it."""
+"""A service whose workers compute nothing, on a port of its own; what a photo is called says what becomes of
+it.
+"""
 
 import contextlib
 import json
@@ -83,7 +85,9 @@ class Served:
 
     def metric(self, name):
         """Return a sample of the metrics, its labels in its name."""
-        lines = [line for line in self.client.get("/metrics").text.splitlines() if line.startswith(f"{name} ")]
+        lines = [
+            line for line in self.client.get("/metrics").text.splitlines() if line.startswith(f"{name} ")
+        ]
         return float(lines[0].split()[-1]) if lines else 0.0
 
     def until(self, true, seconds=15.0):
@@ -107,8 +111,12 @@ def serving(tmp_path, monkeypatch, *, names=(), worker=fake_worker, workers=1, r
     others = {key: config.pop(key) for key in ("token", "host", "anyone") if key in config}
     settings = module.ServiceConfig(**config)
     runs = runs or runs_folder(tmp_path / "runs", *names)
-    work = threading.Thread(target=lambda: said.append(module.serve(
-        runs, port=0, workers=workers, config=settings, tell=said.append, **others)), daemon=True)  # fmt: skip
+    work = threading.Thread(
+        target=lambda: said.append(
+            module.serve(runs, port=0, workers=workers, config=settings, tell=said.append, **others)
+        ),
+        daemon=True,
+    )
     work.start()
     end = time.monotonic() + 240
     while not (servers and servers[0].started):

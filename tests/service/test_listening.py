@@ -19,7 +19,10 @@ def test_a_signal_ends_the_server_and_its_folder_goes(tmp_path, number):
 
 
 def test_an_address_that_cannot_be_used_is_refused():
-    with listening_socket("127.0.0.1", 0) as taken, pytest.raises(ResourceError, match="choose another with --port"):
+    with (
+        listening_socket("127.0.0.1", 0) as taken,
+        pytest.raises(ResourceError, match="choose another with --port"),
+    ):
         listening_socket("127.0.0.1", taken.getsockname()[1])
     for host in ("192.0.2.1", "a" * 70 + ".example"):
         with pytest.raises(ResourceError, match="cannot be used"):

@@ -30,9 +30,13 @@ def test_workers_share_the_cores_and_gpus_get_one_each():
 
 @pytest.mark.parametrize(
     ("devices", "workers", "words"),
-    [(("cuda:0", "cuda:0"), None, "twice"), (("cuda:0",), 2, "does not fit"), ((), 0, "computes nothing"),
-     (("cpu", "cuda:0"), 3, "does not fit")],
-)  # fmt: skip
+    [
+        (("cuda:0", "cuda:0"), None, "twice"),
+        (("cuda:0",), 2, "does not fit"),
+        ((), 0, "computes nothing"),
+        (("cpu", "cuda:0"), 3, "does not fit"),
+    ],
+)
 def test_workers_that_do_not_fit_are_refused(devices, workers, words):
     with pytest.raises(ConfigError, match=words):
         assignments(devices, workers)
@@ -44,7 +48,9 @@ def test_a_worker_is_told_its_limits():
     assert command[-4:] == ("cpu", "3", str(2**29), "2000000")
 
 
-@pytest.mark.parametrize("limits", [{"queue": 0}, {"deadline": 0}, {"worker_memory": float("nan")}, {"uploads": 0}])
+@pytest.mark.parametrize(
+    "limits", [{"queue": 0}, {"deadline": 0}, {"worker_memory": float("nan")}, {"uploads": 0}]
+)
 def test_limits_that_let_nothing_through_are_refused(limits):
     with pytest.raises(ConfigError):
         ServiceConfig(**limits)
@@ -77,11 +83,15 @@ def test_a_token_is_the_one_line_of_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("header", "kind"),
     [
-        ("", AnswerKind.JSON), ("*/*", AnswerKind.JSON), ("application/zip", AnswerKind.ZIP),
-        ("image/*", AnswerKind.EXR), ("image/vnd.radiance;q=0.9, application/json;q=0.2", AnswerKind.HDR),
-        ("application/json;q=0, */*;q=0.1", AnswerKind.ZIP), ("APPLICATION/ZIP; Q=1", AnswerKind.ZIP),
+        ("", AnswerKind.JSON),
+        ("*/*", AnswerKind.JSON),
+        ("application/zip", AnswerKind.ZIP),
+        ("image/*", AnswerKind.EXR),
+        ("image/vnd.radiance;q=0.9, application/json;q=0.2", AnswerKind.HDR),
+        ("application/json;q=0, */*;q=0.1", AnswerKind.ZIP),
+        ("APPLICATION/ZIP; Q=1", AnswerKind.ZIP),
     ],
-)  # fmt: skip
+)
 def test_accept_chooses_the_answer(header, kind):
     assert accepted_kind(header) is kind
 
@@ -111,7 +121,10 @@ def test_objects_come_and_go_and_are_listed_in_pages(tmp_path):
 
 
 def test_the_rest_of_a_refused_body_is_taken_before_the_end(monkeypatch):
-    sent, left = [], [{"type": "http.request", "body": b"x", "more_body": more} for more in (True, True, False)]
+    sent, left = (
+        [],
+        [{"type": "http.request", "body": b"x", "more_body": more} for more in (True, True, False)],
+    )
 
     async def refuse(scope, receive, send):
         await receive()

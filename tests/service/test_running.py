@@ -25,9 +25,13 @@ async def early(scope, receive, send):
 
 @pytest.mark.parametrize(
     ("app", "body", "starts"),
-    [(whole, b"3\r\nabc\r\n0\r\n\r\n", b"HTTP/1.1 200"), (whole, b"3\r\nabc\r\nx\r\n\r\n", b"HTTP/1.1 400"),
-     (early, b"3\r\nabc\r\n0\r\n\r\n", b"HTTP/1.1 200"), (early, b"3\r\n" + 2000 * b"x", b"HTTP/1.1")],
-)  # fmt: skip
+    [
+        (whole, b"3\r\nabc\r\n0\r\n\r\n", b"HTTP/1.1 200"),
+        (whole, b"3\r\nabc\r\nx\r\n\r\n", b"HTTP/1.1 400"),
+        (early, b"3\r\nabc\r\n0\r\n\r\n", b"HTTP/1.1 200"),
+        (early, b"3\r\n" + 2000 * b"x", b"HTTP/1.1"),
+    ],
+)
 def test_a_damaged_body_ends_its_request_without_an_error(app, body, starts, caplog):
     settings = server_settings(app, grace=1, log_config=None)
     watched = Watched(settings.app)

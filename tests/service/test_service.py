@@ -1,4 +1,6 @@
-"""The service over HTTP: what it answers, what it refuses, and that it goes on whatever becomes of its workers."""
+"""The service over HTTP: what it answers, what it refuses, and that it goes on whatever becomes of its
+workers.
+"""
 
 import base64
 import io
@@ -36,12 +38,15 @@ def sentence(answer, status):
 
 
 def test_an_answer_is_json_an_archive_or_the_map(served):
-    answer = served.predict(headers={"x-request-id": "mine-1"}, size="512x256", formats="exr,hdr", method="solve")
+    answer = served.predict(
+        headers={"x-request-id": "mine-1"}, size="512x256", formats="exr,hdr", method="solve"
+    )
     told = answer.json()
     assert (told["object"], told["request"], answer.headers["x-request-id"]) == ("cup", "mine-1", "mine-1")
     assert {file["name"]: base64.b64decode(file["base64"]) for file in told["files"]} == {
-        "light.exr": b"exr", "light.hdr": b"hdr",
-    }  # fmt: skip
+        "light.exr": b"exr",
+        "light.hdr": b"hdr",
+    }
     asked = told["light"]["asked"]
     assert (asked["height"], asked["method"], asked["sources"], asked["camera"]) == (256, "solve", True, None)
     archive = served.predict(headers={"accept": "application/zip"})
@@ -57,11 +62,17 @@ def test_an_answer_is_json_an_archive_or_the_map(served):
 
 def test_what_cannot_be_is_one_sentence(served):
     for fields, words in (
-        ({"method": "magic"}, "'method' must be one of"), ({"size": "9x9"}, "--size"), ({"camera": "{"}, "camera"),
-        ({"camera": "[" * 10**5}, "nested"), ({"camera": "{}"}, "the camera"), ({"formats": "gif"}, "'formats'"),
-        ({"sources": "maybe"}, "true or false"), ({"deadline": "-1"}, "'deadline'"), ({"nix": "1"}, "no field 'nix'"),
+        ({"method": "magic"}, "'method' must be one of"),
+        ({"size": "9x9"}, "--size"),
+        ({"camera": "{"}, "camera"),
+        ({"camera": "[" * 10**5}, "nested"),
+        ({"camera": "{}"}, "the camera"),
+        ({"formats": "gif"}, "'formats'"),
+        ({"sources": "maybe"}, "true or false"),
+        ({"deadline": "-1"}, "'deadline'"),
+        ({"nix": "1"}, "no field 'nix'"),
         ({"sun": "separate", "sources": "false"}, "'sun'"),
-    ):  # fmt: skip
+    ):
         assert words in sentence(served.predict(**fields), 422), fields
     assert "README.md is not a PNG" in sentence(served.predict("../README.md", content=b"text"), 422)
     assert "empty" in sentence(served.predict(content=b""), 422)
@@ -77,7 +88,18 @@ def test_names_never_leave_the_folder(served, tmp_path):
     (served.runs / "link").symlink_to(served.runs / "cup")
     (served.runs / ".hidden").mkdir()
     (served.runs / "unfinished").mkdir()
-    for name in ("link", ".hidden", "unfinished", "nix", "..", ".", "%2e%2e", "..%2fruns%2fcup", "cup%00", "cup%2f"):
+    for name in (
+        "link",
+        ".hidden",
+        "unfinished",
+        "nix",
+        "..",
+        ".",
+        "%2e%2e",
+        "..%2fruns%2fcup",
+        "cup%00",
+        "cup%2f",
+    ):
         assert served.predict(object=name).status_code in (404, 405), name
     listed = served.client.get("/objects").json()
     assert [one["name"] for one in listed["objects"]] == ["cup"]
@@ -165,8 +187,10 @@ def test_a_slow_upload_is_given_up(tmp_path, monkeypatch):
     with serving(tmp_path, monkeypatch, upload_seconds=1.0, uploads=1) as served:
         host, port = httpx2.URL(served.url).netloc.decode().split(":")
         with socket.create_connection((host, port)) as line:
-            line.sendall(b"POST /objects/cup/predict HTTP/1.1\r\nhost: localhost\r\ncontent-length: 1000\r\n"
-                         b"content-type: multipart/form-data; boundary=x\r\n\r\n--x\r\n")  # fmt: skip
+            line.sendall(
+                b"POST /objects/cup/predict HTTP/1.1\r\nhost: localhost\r\ncontent-length: 1000\r\n"
+                b"content-type: multipart/form-data; boundary=x\r\n\r\n--x\r\n"
+            )
             served.until(lambda: served.metric("lightprobe_uploads") == 1)
             assert "are being sent already" in sentence(served.predict(), 429)
             answer = b""  # head and body may come apart
@@ -207,8 +231,12 @@ def test_a_token_is_asked_for_and_never_logged(tmp_path, monkeypatch, capsys):
 
 
 def test_without_a_token_other_sites_are_refused(served):
-    for headers in ({"host": "evil.example"}, {"origin": "http://evil.example"}, {"sec-fetch-site": "cross-site"},
-                    {"host": "[::1"}):  # fmt: skip
+    for headers in (
+        {"host": "evil.example"},
+        {"origin": "http://evil.example"},
+        {"sec-fetch-site": "cross-site"},
+        {"host": "[::1"},
+    ):
         sentence(served.client.get("/objects", headers=headers), 403)
     assert served.client.get("/objects", headers={"host": "localhost:9"}).status_code == 200
 
@@ -252,7 +280,10 @@ def test_the_interface_is_described(served):
     fields = post["requestBody"]["content"]["multipart/form-data"]["schema"]["properties"]
     assert set(fields) == set(routes._LIMITS)
     assert set(post["responses"]["200"]["content"]) == {
-        "application/json", "application/zip", "image/x-exr", "image/vnd.radiance",
-    }  # fmt: skip
+        "application/json",
+        "application/zip",
+        "image/x-exr",
+        "image/vnd.radiance",
+    }
     assert {"404", "413", "429", "504"} <= set(post["responses"])
     assert post["responses"]["429"]["content"]["application/json"]["schema"]["$ref"].endswith("Refusal")

@@ -35,10 +35,20 @@ def asked(runs, tmp_path):
     photo = tmp_path / "photo-1.png"
     shutil.copy(runs.parent / "scene" / "test" / "test_00.png", photo)
     return {
-        "task": "predict", "run": str(runs / "ball"), "folder": f"{tmp_path}/", "photo": str(photo), "name": "mine.png",
-        "camera": None, "mask": None, "method": "solve", "height": None, "sun": "inside", "sources": False,
-        "background": True, "outputs": ["exr", "hdr", "png", "confidence", "mask", "overlay"],
-    }  # fmt: skip
+        "task": "predict",
+        "run": str(runs / "ball"),
+        "folder": f"{tmp_path}/",
+        "photo": str(photo),
+        "name": "mine.png",
+        "camera": None,
+        "mask": None,
+        "method": "solve",
+        "height": None,
+        "sun": "inside",
+        "sources": False,
+        "background": True,
+        "outputs": ["exr", "hdr", "png", "confidence", "mask", "overlay"],
+    }
 
 
 def worker(pixels=10**6):
@@ -74,8 +84,12 @@ def test_lamps_are_looked_for_and_taken_out_where_that_is_asked_for(asked, tmp_p
     assert told["light"]["sources_sought"]
     copies = ["light.hdr"]
     assert told["light"]["map"] == {
-        "file": "light.exr", "copies": copies, "width": 256, "height": 128, "sun": "separate",
-    }  # fmt: skip
+        "file": "light.exr",
+        "copies": copies,
+        "width": 256,
+        "height": 128,
+        "sun": "separate",
+    }
     assert [read_sources(tmp_path / name)[1] for name in ("light.exr", *copies)] == [Sun.SEPARATE] * 2
     assert read_hdr(tmp_path / "light.exr").shape == (128, 256, 3)
     assert one.answer(asked, lambda stage: None)["seconds"]["load"] == 0
@@ -99,7 +113,9 @@ def test_a_sentence_says_nothing_of_places_here(asked):
 def test_the_service_predicts_with_real_workers(runs, tmp_path, monkeypatch):
     with serving(tmp_path, monkeypatch, runs=runs, worker=worker_arguments) as served:
         photo = (runs.parent / "scene" / "test" / "test_00.png").read_bytes()
-        first, again = (served.predict(object="ball", content=photo, sources="false").json() for _ in range(2))
+        first, again = (
+            served.predict(object="ball", content=photo, sources="false").json() for _ in range(2)
+        )
         assert first["files"][0]["base64"] == again["files"][0]["base64"]
         assert again["seconds"]["load"] == 0
         (tmp_path / "light.exr").write_bytes(base64.b64decode(first["files"][0]["base64"]))

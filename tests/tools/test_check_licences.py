@@ -31,7 +31,10 @@ class Told(Distribution):
     [
         ({"License_Expression": "MIT AND PSF-2.0"}, "MIT AND PSF-2.0"),
         ({"License": "Apache 2.0"}, "Apache-2.0"),
-        ({"License": "Copyright, and so on", "Classifier": "License :: OSI Approved :: BSD License"}, "BSD-3-Clause"),
+        (
+            {"License": "Copyright, and so on", "Classifier": "License :: OSI Approved :: BSD License"},
+            "BSD-3-Clause",
+        ),
         ({"Classifier": "License :: OSI Approved :: Odd License"}, "Odd License"),
         ({"License": "ask us"}, None),
     ],
@@ -43,10 +46,14 @@ def test_what_packages_say_becomes_spdx(said, expression):
 @pytest.mark.parametrize(
     ("expression", "allowed"),
     [
-        ("MIT", True), ("MIT AND GPL-3.0-only", False), ("GPL-3.0-only OR MIT", True), ("AGPL-3.0-only", False),
-        ("Apache-2.0 WITH LLVM-exception AND MIT", True), ("(MIT)", False),
+        ("MIT", True),
+        ("MIT AND GPL-3.0-only", False),
+        ("GPL-3.0-only OR MIT", True),
+        ("AGPL-3.0-only", False),
+        ("Apache-2.0 WITH LLVM-exception AND MIT", True),
+        ("(MIT)", False),
     ],
-)  # fmt: skip
+)
 def test_expressions(expression, allowed):
     assert is_allowed(expression) is allowed
 
@@ -65,8 +72,9 @@ def test_each_fault_is_a_sentence():
 def test_shared_libraries_are_known_by_their_names():
     files = ["a/libx264-d6.so.165", "a/libavif-1.so", "a/libavcodec.dll", "a/libx264.txt", "a/libpng.so"]
     assert libraries(map(PurePath, files)) == {
-        "libx264-d6.so.165": "GPL-2.0-or-later", "libavcodec.dll": "LGPL-2.1-or-later",
-    }  # fmt: skip
+        "libx264-d6.so.165": "GPL-2.0-or-later",
+        "libavcodec.dll": "LGPL-2.1-or-later",
+    }
 
 
 def test_extras_of_the_project_are_followed_and_others_named(tmp_path):
@@ -80,7 +88,10 @@ def test_extras_of_the_project_are_followed_and_others_named(tmp_path):
 
 
 def test_a_bill_names_packages_and_what_needs_what():
-    packages = [Package("a", "1.0+cpu", "MIT", ("b",), {}), Package("b", "2", "ISC", (), {"libx.so": "GPL-2.0"})]
+    packages = [
+        Package("a", "1.0+cpu", "MIT", ("b",), {}),
+        Package("b", "2", "ISC", (), {"libx.so": "GPL-2.0"}),
+    ]
     found = bill(packages)
     assert found["dependencies"][0] == {"ref": "pkg:pypi/a@1.0", "dependsOn": ["pkg:pypi/b@2"]}
     assert found["components"][0]["licenses"] == [{"expression": "MIT"}]
@@ -90,7 +101,9 @@ def test_a_bill_names_packages_and_what_needs_what():
 @pytest.mark.slow
 def test_what_this_project_needs_is_allowed(tmp_path, capsys):
     assert main(["--bill", str(tmp_path / "bill.json")]) == 0, capsys.readouterr().out
-    names = {component["name"] for component in json.loads((tmp_path / "bill.json").read_text())["components"]}
+    names = {
+        component["name"] for component in json.loads((tmp_path / "bill.json").read_text())["components"]
+    }
     assert {"torch", "numpy", "fastapi", "pytest"} <= names
 
 

@@ -94,9 +94,24 @@ def test_functions_that_name_none_are_found(folder, capsys):
 
 @pytest.mark.parametrize(
     "docstring",
-    ["(P, 3)", "(N,)", "()", "[..., 3]", "(...)", "(*index.shape, C)", "(H, 2H, 3)", "(6 (R + 1)^2, 4)", "(K + 384, 3)",
-     "(H, W, 1 | 2 | 3)", "(entries,)", "of any shape", "as `View`", "as in `View.project`", "like `colors`"],
-)  # fmt: skip
+    [
+        "(P, 3)",
+        "(N,)",
+        "()",
+        "[..., 3]",
+        "(...)",
+        "(*index.shape, C)",
+        "(H, 2H, 3)",
+        "(6 (R + 1)^2, 4)",
+        "(K + 384, 3)",
+        "(H, W, 1 | 2 | 3)",
+        "(entries,)",
+        "of any shape",
+        "as `View`",
+        "as in `View.project`",
+        "like `colors`",
+    ],
+)
 def test_what_names_a_shape(docstring):
     assert check_shapes.names_shapes(f"Return the points {docstring}, all of them.")
 

@@ -16,7 +16,9 @@ def wheel(tmp_path, monkeypatch):
     """Return a function that makes a wheel of given files for a project of two."""
     (tmp_path / "pyproject.toml").write_text('[project]\nversion = "1.0.0"\n')
     monkeypatch.setattr(check_wheel, "ROOT", tmp_path)
-    monkeypatch.setattr(check_wheel, "_done", lambda words, folder: "src/lightprobe/a.py\nsrc/lightprobe/b.exr\n")
+    monkeypatch.setattr(
+        check_wheel, "_done", lambda words, folder: "src/lightprobe/a.py\nsrc/lightprobe/b.exr\n"
+    )
 
     def made(*names, name="lightprobe-1.0.0-py3-none-any.whl"):
         with zipfile.ZipFile(tmp_path / name, "w") as archive:

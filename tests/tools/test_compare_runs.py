@@ -34,7 +34,10 @@ def test_what_was_timed_may_differ(tmp_path, capsys):
     ("change", "line"),
     [
         ({"radiance": 1.5}, "env/photo.exr: map differs by up to 0.5"),
-        ({"weight": float(np.nextafter(np.float32(1), np.float32(2)))}, "model/network.safetensors: weight differs"),
+        (
+            {"weight": float(np.nextafter(np.float32(1), np.float32(2)))},
+            "model/network.safetensors: weight differs",
+        ),
         ({"weight": -1.0}, "model/network.safetensors: weight differs by up to 2"),
         ({"psnr": 30.25}, "metrics.json: mean.psnr 30.5 and 30.25"),
         ({"picture": b"Picture"}, "mesh/normal.png: other bytes"),

@@ -14,7 +14,9 @@ from demo_scene.files import read_exr, read_obj, read_png, srgb_decode, write_ob
 from demo_scene.lights import LARGEST, PHOTOGRAPHED, photographed_light
 
 ROOT = Path(lightprobe.__path__[0]) / "assets" / "demo"
-SPLITS = {name: json.loads((ROOT / f"transforms_{name}.json").read_text()) for name in ("train", "test", "relight")}
+SPLITS = {
+    name: json.loads((ROOT / f"transforms_{name}.json").read_text()) for name in ("train", "test", "relight")
+}
 
 
 def test_it_is_small():
@@ -25,7 +27,9 @@ def test_there_are_enough_photos_each_under_its_own_light():
     assert len(SPLITS["train"]["frames"]) >= 48
     assert len(SPLITS["test"]["frames"]) >= 8
     lights = [
-        (frame["hdri"], frame["hdri_shift_deg"]) for name in ("train", "test") for frame in SPLITS[name]["frames"]
+        (frame["hdri"], frame["hdri_shift_deg"])
+        for name in ("train", "test")
+        for frame in SPLITS[name]["frames"]
     ]
     assert len(set(lights)) == len(lights)
     names = {name: {frame["hdri"] for frame in scene["frames"]} for name, scene in SPLITS.items()}
@@ -65,7 +69,9 @@ def test_every_named_file_is_there_and_no_other():
         for frame in scene["frames"]:
             named.add(frame["file_path"].removeprefix("./") + ".png")
             named |= {
-                value.removeprefix("./") for key, value in frame.items() if key.endswith("_path") and "." in value[2:]
+                value.removeprefix("./")
+                for key, value in frame.items()
+                if key.endswith("_path") and "." in value[2:]
             }
     assert {str(path.relative_to(ROOT)) for path in ROOT.rglob("*") if path.is_file()} == named
 
@@ -85,14 +91,19 @@ def test_photos_show_the_whole_mesh_where_the_cameras_say(split):
         assert (alpha[y.astype(int), x.astype(int)] > 0).mean() > 0.995
         rows, columns = np.nonzero(alpha.max(axis=1) > 0)[0], np.nonzero(alpha.max(axis=0) > 0)[0]
         np.testing.assert_allclose(
-            [rows[0], rows[-1] + 1, columns[0], columns[-1] + 1], [y.min(), y.max(), x.min(), x.max()], atol=1.5
+            [rows[0], rows[-1] + 1, columns[0], columns[-1] + 1],
+            [y.min(), y.max(), x.min(), x.max()],
+            atol=1.5,
         )
 
 
 def test_photos_are_their_linear_renders_clipped():
     for split in ("test", "relight"):
         for frame in SPLITS[split]["frames"]:
-            photo, linear = read_png(ROOT / f"{frame['file_path']}.png"), read_exr(ROOT / frame["hdr_path"], "RGBA")
+            photo, linear = (
+                read_png(ROOT / f"{frame['file_path']}.png"),
+                read_exr(ROOT / frame["hdr_path"], "RGBA"),
+            )
             solid = linear[..., 3] > 0.999
             expected = np.clip(linear[solid][:, :3], 0, 1)
             np.testing.assert_allclose(srgb_decode(photo[solid][:, :3]), expected, atol=0.01)
@@ -116,10 +127,14 @@ def test_direct_light_over_the_environment_is_the_render():
 
 def test_a_photo_whose_pixels_all_see_the_object_gives_no_samples(tmp_path):
     vertices, faces = read_obj(ROOT / "mesh.obj")
-    box = 20.0 * np.array([[-1, -1, -1], [1, -1, -1], [0, 1, -1], [0, 0, 1]])  # a tetrahedron around everything
+    box = 20.0 * np.array(
+        [[-1, -1, -1], [1, -1, -1], [0, 1, -1], [0, 0, 1]]
+    )  # a tetrahedron around everything
     around = np.array([[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]]) + len(vertices)
     write_obj(tmp_path / "mesh.obj", np.concatenate([vertices, box]), np.concatenate([faces, around]))
     shutil.copytree(ROOT / "test", tmp_path / "test")
-    samples = free_pixels(tmp_path, SPLITS["test"], SPLITS["test"]["frames"][0], 1, np.random.default_rng(0), rays=50)
+    samples = free_pixels(
+        tmp_path, SPLITS["test"], SPLITS["test"]["frames"][0], 1, np.random.default_rng(0), rays=50
+    )
     assert len(samples.rendered) == 0
     assert samples.view.shape == (0, 3)

@@ -8,7 +8,9 @@ from demo_scene.mug import mug
 from demo_scene.pebble import pebble
 
 PARTS = coffee_pot()
-ALL_PARTS = [(make.__name__, part) for make in (coffee_pot, toy_car, camera, lantern, mug, pebble) for part in make()]
+ALL_PARTS = [
+    (make.__name__, part) for make in (coffee_pot, toy_car, camera, lantern, mug, pebble) for part in make()
+]
 
 
 @pytest.mark.parametrize("make", [coffee_pot, toy_car, camera, lantern, mug, pebble])
@@ -18,7 +20,9 @@ def test_an_object_is_centred_and_its_farthest_vertex_lies_at_one(make):
     assert np.linalg.norm(points, axis=1).max() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("part", [part for _, part in ALL_PARTS], ids=[f"{of}-{part.name}" for of, part in ALL_PARTS])
+@pytest.mark.parametrize(
+    "part", [part for _, part in ALL_PARTS], ids=[f"{of}-{part.name}" for of, part in ALL_PARTS]
+)
 def test_normals_are_unit_and_agree_with_the_faces(part):
     a, b, c = (part.vertices[part.faces[:, k]] for k in range(3))
     flat = np.cross(b - a, c - a)

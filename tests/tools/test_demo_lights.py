@@ -18,7 +18,9 @@ from demo_scene.studio import softbox
 
 def test_directions_follow_the_written_convention():
     np.testing.assert_allclose(directions(128)[31, 63], [-0.008570, 0.698324, 0.715731], atol=1e-6)
-    np.testing.assert_allclose(directions(64)[31:33, 63:65].mean(axis=(0, 1)), [1, 0, 0], atol=1e-2)  # the middle is +x
+    np.testing.assert_allclose(
+        directions(64)[31:33, 63:65].mean(axis=(0, 1)), [1, 0, 0], atol=1e-2
+    )  # the middle is +x
     assert 2 * 128 * solid_angles(128).sum() == pytest.approx(4 * np.pi, rel=1e-3)
 
 

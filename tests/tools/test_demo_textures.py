@@ -50,7 +50,10 @@ def test_parts_use_disjoint_tiles(model):
 
 def painted(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Base colour (N, 3), roughness and metallic (N,) of the texels that belong to some part."""
-    tiles = [np.s_[row : row + rows, column : column + columns] for row, column, rows, columns in model.tiles.values()]
+    tiles = [
+        np.s_[row : row + rows, column : column + columns]
+        for row, column, rows, columns in model.tiles.values()
+    ]
     atlas = model.material
     return tuple(
         np.concatenate([array[tile].reshape(-1, *array.shape[2:]) for tile in tiles])
@@ -84,7 +87,9 @@ def test_a_third_of_the_lantern_is_twenty_times_brighter_than_the_rest():
     area = 0.0
     for part in lantern.parts:
         corners = part.vertices[part.faces]
-        size = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+        size = (
+            np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+        )
         x, y = (atlas_uv(lantern.tiles[part.name], part.uv[part.faces].mean(axis=1)) * ATLAS).astype(int).T
         color = lantern.material.base[y, x].mean(axis=1)
         share, area = share + size[color > 0.3].sum(), area + size.sum()

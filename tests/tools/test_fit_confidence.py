@@ -44,7 +44,10 @@ def test_known_weights_are_found_again():
 
 def test_the_report_holds_used_weights_beside_those_of_the_other_half():
     lines = report(made_up(), Weights(*TRUE))
-    assert lines[0] == "fitted  Weights(unseen=0.00, unpinned=0.20, bright=0.30, dark=0.00, rough=0.40, least=0.50)"
+    assert (
+        lines[0]
+        == "fitted  Weights(unseen=0.00, unpinned=0.20, bright=0.30, dark=0.00, rough=0.40, least=0.50)"
+    )
     assert sum("off by 0.000" in line for line in lines) == 4
 
 
@@ -73,7 +76,9 @@ def test_the_command_reads_a_run(sphere, tmp_path, capsys):
     write_json(run.config_file, {})
     photos = load_scene(scene)
     write_json(run.scene_file, scene_record(photos))
-    replace(sphere, lights={photo.name: Environment(torch.ones(6, 16, 16, 3)) for photo in photos.train}).save(run)
+    replace(
+        sphere, lights={photo.name: Environment(torch.ones(6, 16, 16, 3)) for photo in photos.train}
+    ).save(run)
     fit_confidence.main([str(run.path), str(run.path), "--method", "solve", "--photos", "2"])
     printed = capsys.readouterr().out
     assert printed.count(str(run.path)) == 2

@@ -28,8 +28,10 @@ def test_the_fit_gets_closer_than_its_start(coarse):
     goals = tool.make_goals(cells, lamp)
     start = tool.parameters_of(tool.first_guess(cells))
     fitted = tool.fit(cells, lamp, goals)
-    before, after = (sum(float(goal.errors(cells, lamp, *pair)[0].sum()) for goal in goals)
-                     for pair in ((start, start), fitted))  # fmt: skip
+    before, after = (
+        sum(float(goal.errors(cells, lamp, *pair)[0].sum()) for goal in goals)
+        for pair in ((start, start), fitted)
+    )
     assert after < before
 
 

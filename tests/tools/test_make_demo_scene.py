@@ -1,4 +1,6 @@
-"""The command itself, at the smallest size; it runs apart, as a wrong LLVM ends its process without an exception."""
+"""The command itself, at the smallest size; it runs apart, as a wrong LLVM ends its process without an
+exception.
+"""
 
 import json
 import subprocess
@@ -8,13 +10,13 @@ from pathlib import Path
 import pytest
 
 TOOLS = Path(__file__).parents[2] / "tools"
-PROBE = (
-    "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import drjit as dr; print(dr.maximum(mi.Float([1, 2]), 1.5))"
-)
+PROBE = "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import drjit as dr; print(dr.maximum(mi.Float([1, 2]), 1.5))"
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=300, check=False
+    )
 
 
 @pytest.mark.long
@@ -27,7 +29,9 @@ def test_equal_options_make_equal_scenes(tmp_path, subject):
     for name in ("a", "b"):
         made = run(script, str(tmp_path / name), *options)
         assert made.returncode == 0, made.stderr
-    first, second = (sorted(path for path in (tmp_path / name).rglob("*") if path.is_file()) for name in ("a", "b"))
+    first, second = (
+        sorted(path for path in (tmp_path / name).rglob("*") if path.is_file()) for name in ("a", "b")
+    )
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
     assert len(json.loads((tmp_path / "a/transforms_train.json").read_text())["frames"]) == 2
     assert json.loads((tmp_path / "a/generation.json").read_text())["object"] == subject

@@ -39,7 +39,11 @@ def test_both_tables_end_with_all_photos(monkeypatch, capsys):
     monkeypatch.setattr(measure_evidence, "load_scene", lambda path: path)
     monkeypatch.setattr(measure_evidence.Subject, "of", tables)
     measure_evidence.main(["--data", "data", "--runs", "runs", "--scenes", "spot", "chair"])
-    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith(("| spot", "| chair", "| all"))]
+    rows = [
+        line
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith(("| spot", "| chair", "| all"))
+    ]
     assert [line.split(" | ")[1] for line in rows] == ["2", "2", "4"] * 2
     assert "0.300 → 0.150" in rows[2]
     assert "0.300 → 0.300" in rows[5]

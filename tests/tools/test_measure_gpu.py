@@ -42,7 +42,11 @@ def command(setting: Setting, part: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("part", "failure"),
-    [("ends", None), ("fails", "No CUDA device is free."), ("hangs", "stopped after 2 s, the time it was given")],
+    [
+        ("ends", None),
+        ("fails", "No CUDA device is free."),
+        ("hangs", "stopped after 2 s, the time it was given"),
+    ],
 )
 def test_what_a_part_had_measured_stays_whatever_becomes_of_it(setting, part, failure):
     outcome = run_part(command(setting, part), part, setting, 2.0 if part == "hangs" else 60.0)
@@ -71,12 +75,22 @@ def test_parts_share_the_time_and_one_that_fails_costs_the_others_nothing(settin
 
 
 def test_the_page_says_what_it_is_not(setting):
-    text = page(setting, {box.part: Outcome([], {}, 1.0) for box in BOXES}, "python tools/measure_gpu.py", 60.0)
-    for words in ("**No GPU was measured**", "**A brief measurement**", "- commit: ", "- machine: ", "- seed: 0"):
+    text = page(
+        setting, {box.part: Outcome([], {}, 1.0) for box in BOXES}, "python tools/measure_gpu.py", 60.0
+    )
+    for words in (
+        "**No GPU was measured**",
+        "**A brief measurement**",
+        "- commit: ",
+        "- machine: ",
+        "- seed: 0",
+    ):
         assert words in text
     assert "left out" not in text
     assert sum(box.minutes for box in BOXES) <= 25
-    some = page(setting, {BOXES[0].part: Outcome([], {}, 1.0)}, "python tools/measure_gpu.py", 60.0, BOXES[:1])
+    some = page(
+        setting, {BOXES[0].part: Outcome([], {}, 1.0)}, "python tools/measure_gpu.py", 60.0, BOXES[:1]
+    )
     assert f"- left out: {BOXES[1].title}, " in some
 
 
@@ -113,7 +127,11 @@ def test_the_tests_that_need_a_gpu_are_found():
 
 def test_failed_tests_are_named():
     rows = summary("..F\nFAILED tests/a.py::test_b - assert 1\n1 failed, 2 passed in 3s\n")
-    assert rows == ["`pytest -m cuda`: 1 failed, 2 passed in 3s", "", "- FAILED tests/a.py::test_b - assert 1"]
+    assert rows == [
+        "`pytest -m cuda`: 1 failed, 2 passed in 3s",
+        "",
+        "- FAILED tests/a.py::test_b - assert 1",
+    ]
 
 
 @pytest.mark.slow

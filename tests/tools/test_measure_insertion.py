@@ -20,7 +20,9 @@ def test_objects_reach_the_product_as_they_are(tmp_path):
     model = model_of(Subject.TOY_CAR)
     (tmp_path / "car.glb").write_bytes(glb(model))
     thing = load_thing(tmp_path / "car.glb")
-    points = np.concatenate([part.vertices[np.unique(part.faces)] for part in model.parts])  # those that faces use
+    points = np.concatenate(
+        [part.vertices[np.unique(part.faces)] for part in model.parts]
+    )  # those that faces use
     assert thing.vertices.numpy() == pytest.approx(points, abs=1e-6)
     assert len(thing.faces) == sum(len(part.faces) for part in model.parts)
 

@@ -53,11 +53,24 @@ def test_the_table_has_a_row_for_each_command(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(measure_memory, "make_shot", make_shot)
     monkeypatch.setattr(measure_memory, "peak", peak)
-    options = ["--megapixels", "1", "4", "--kinds", "jpg", "--commands", "read", "predict", "--max-memory", "1GB"]
+    options = [
+        "--megapixels",
+        "1",
+        "4",
+        "--kinds",
+        "jpg",
+        "--commands",
+        "read",
+        "predict",
+        "--max-memory",
+        "1GB",
+    ]
     measure_memory.main([str(tmp_path / "run"), *options])
     lines = capsys.readouterr().out.strip().splitlines()
     assert lines[-4:] == [
-        "| command | 1 MP jpg | 4 MP jpg |", "| --- | ---: | ---: |", "| read | 1.00 | 3.00 |",
+        "| command | 1 MP jpg | 4 MP jpg |",
+        "| --- | ---: | ---: |",
+        "| read | 1.00 | 3.00 |",
         "| predict | (2.00) | (4.00) |",
-    ]  # fmt: skip
+    ]
     assert ["--max-memory" in command for command in seen] == [False, True, False, True]

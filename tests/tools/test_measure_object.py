@@ -14,7 +14,9 @@ def test_fields_are_changed_by_name_and_kind():
     assert (config.light_chroma, config.trial_steps) == (0.0, 7)
 
 
-@pytest.mark.parametrize("change", ["nonsense=1", "light_chroma", "trial_steps=1.5", "sdf=mlp", "light_chroma=-1"])
+@pytest.mark.parametrize(
+    "change", ["nonsense=1", "light_chroma", "trial_steps=1.5", "sdf=mlp", "light_chroma=-1"]
+)
 def test_what_is_no_number_of_the_configuration_is_refused(change):
     with pytest.raises(ConfigError):
         changed(DecomposeConfig(), [change])

@@ -12,7 +12,9 @@ def photo(name, light=None):
 
 
 def scene():
-    relight = [photo(f"{light}{k}", light) for light in ("sun", "lamp") for k in range(3 if light == "sun" else 2)]
+    relight = [
+        photo(f"{light}{k}", light) for light in ("sun", "lamp") for k in range(3 if light == "sun" else 2)
+    ]
     return SimpleNamespace(relight=relight, test=[photo("t0"), photo("t1")], train=[photo("u0"), photo("u1")])
 
 
@@ -39,8 +41,12 @@ def test_the_table_counts_warnings(monkeypatch, capsys):
 
     monkeypatch.setattr(measure_one_light, "load_scene", lambda path: scene())
     monkeypatch.setattr(measure_one_light, "load_pixels", lambda one: one.name)
-    monkeypatch.setattr(measure_one_light.Predictor, "load", lambda path: SimpleNamespace(predict_together=together))
-    monkeypatch.setattr("sys.argv", ["measure_one_light.py", "--data", "data", "--runs", "runs", "--scenes", "chair"])
+    monkeypatch.setattr(
+        measure_one_light.Predictor, "load", lambda path: SimpleNamespace(predict_together=together)
+    )
+    monkeypatch.setattr(
+        "sys.argv", ["measure_one_light.py", "--data", "data", "--runs", "runs", "--scenes", "chair"]
+    )
     measure_one_light.main()
     rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| chair")]
     assert rows[0] == "| chair | one | 2 | 2 | 0.10 | 0.10 | 0.10 | 0 |"

@@ -1,4 +1,6 @@
-"""Both renderers are scored on a scene that our own renderer made: the fast one is perfect, the other near it."""
+"""Both renderers are scored on a scene that our own renderer made: the fast one is perfect, the other near
+it.
+"""
 
 import pytest
 

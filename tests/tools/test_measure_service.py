@@ -11,8 +11,16 @@ import measure_service
 from tests.service.serving import serving
 from tests.toy_scene import write_toy_scene
 
-OPTIONS = {"requests": 24, "clients": 3, "hostile": 0.4, "slow": 1, "kill_every": 0.0, "fields": {}, "method": "",
-           "sources": "true"}  # fmt: skip
+OPTIONS = {
+    "requests": 24,
+    "clients": 3,
+    "hostile": 0.4,
+    "slow": 1,
+    "kill_every": 0.0,
+    "fields": {},
+    "method": "",
+    "sources": "true",
+}
 
 
 @pytest.fixture
@@ -24,7 +32,8 @@ def served(tmp_path, monkeypatch):
 def shots(tmp_path):
     scene = write_toy_scene(tmp_path / "scene", train=3, test=1)
     return [
-        measure_service.Shot(shot.name, shot.data, shot.camera, b"exr") for shot in measure_service.scene_shots(scene)
+        measure_service.Shot(shot.name, shot.data, shot.camera, b"exr")
+        for shot in measure_service.scene_shots(scene)
     ]
 
 

@@ -1,4 +1,6 @@
-"""The tables of SPEED.md from made-up numbers, the profile against the loss it takes apart, and a small real page."""
+"""The tables of SPEED.md from made-up numbers, the profile against the loss it takes apart, and a small real
+page.
+"""
 
 import pytest
 import torch
@@ -25,7 +27,9 @@ def test_the_exponent_is_the_power_of_a_power_law():
 
 
 def test_growth_is_told_by_size():
-    rows = growth_rows("pixels", {1000.0: {"solve": 0.001, "render": 0.002}, 10000.0: {"solve": 0.01, "render": 0.002}})
+    rows = growth_rows(
+        "pixels", {1000.0: {"solve": 0.001, "render": 0.002}, 10000.0: {"solve": 0.01, "render": 0.002}}
+    )
     assert rows == [
         "| pixels | 1,000 | 10,000 | exponent |",
         "| --- | ---: | ---: | ---: |",

@@ -56,7 +56,16 @@ def test_the_bundled_network_knows_a_solid_and_lights_that_it_has_not_seen():
 def test_the_command_writes_weights_that_a_training_can_start_from(tmp_path, monkeypatch):
     monkeypatch.setattr(photos, "VIEWS", 2)
     monkeypatch.setattr(photos, "LIGHTS", 2)
-    words = ["--solids", "1", "--steps", "2", "--sphere-steps", "2", "--out", str(tmp_path / "net.safetensors")]
+    words = [
+        "--solids",
+        "1",
+        "--steps",
+        "2",
+        "--sphere-steps",
+        "2",
+        "--out",
+        str(tmp_path / "net.safetensors"),
+    ]
     monkeypatch.setattr(sys, "argv", ["pretrain_sphere_net.py", *words])
     pretrain_sphere_net.main()
     trained, bundled = load_tensors(tmp_path / "net.safetensors"), new_sphere(DistillConfig()).state_dict()

@@ -11,7 +11,9 @@ import release
 def project(tmp_path):
     """A repository whose version can be released."""
     (tmp_path / "pyproject.toml").write_text('[project]\nversion = "1.2.0"\n')
-    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.0 (2026-05-01)\n\n- New.\n\n## 1.1.0 (2026-01-01)\n")
+    (tmp_path / "CHANGELOG.md").write_text(
+        "# Changelog\n\n## 1.2.0 (2026-05-01)\n\n- New.\n\n## 1.1.0 (2026-01-01)\n"
+    )
     for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "a"], ["tag", "v1.1.9"], ["tag", "vnext"]):
         git(tmp_path, *words)
     return tmp_path
@@ -19,7 +21,9 @@ def project(tmp_path):
 
 def git(folder, *words) -> str:
     person = ["-c", "user.name=a", "-c", "user.email=a@example.org"]
-    return subprocess.run(["git", *person, *words], cwd=folder, check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        ["git", *person, *words], cwd=folder, check=True, capture_output=True, text=True
+    ).stdout
 
 
 def commit(folder, name: str, text: str) -> None:
@@ -33,7 +37,13 @@ def test_a_release_is_tagged_with_its_changes(project, monkeypatch):
         monkeypatch.setenv(f"GIT_{key}_EMAIL", "a@example.org")
     assert list(release.obstacles(project)) == []
     assert release.tag(project) == "v1.2.0"
-    assert git(project, "tag", "-n9", "-l", "v1.2.0").split() == ["v1.2.0", "lightprobe", "1.2.0", "-", "New."]
+    assert git(project, "tag", "-n9", "-l", "v1.2.0").split() == [
+        "v1.2.0",
+        "lightprobe",
+        "1.2.0",
+        "-",
+        "New.",
+    ]
     assert "1.2.0 is not higher than 1.2.0" in " ".join(release.obstacles(project))
 
 

@@ -63,7 +63,9 @@ def test_a_state_goes_on_where_it_was_taken():
     take(adam, first, 0)
     stored = {name: tensor.clone() for name, tensor in adam.state().items()}
     assert sorted(stored) == sorted(
-        f"{kind}.{name}" for kind in ("parameter", "adam_mean", "adam_square", "adam_updates") for name in "ab"
+        f"{kind}.{name}"
+        for kind in ("parameter", "adam_mean", "adam_square", "adam_updates")
+        for name in "ab"
     )
     other = leaves()
     resumed = Adam(named(other))

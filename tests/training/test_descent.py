@@ -11,7 +11,9 @@ TARGETS = torch.randn(7, 5, generator=torch.Generator().manual_seed(1), dtype=to
 
 
 def learn(own=None, steps: int = 12) -> tuple[torch.Tensor, list[float]]:
-    """Descend on the mean distance to seven points, of which `own` sees its part; return the place and the losses."""
+    """Descend on the mean distance to seven points, of which `own` sees its part; return the place and the
+    losses.
+    """
     x = torch.zeros(5, dtype=torch.float64, requires_grad=True)
     scale = torch.ones((), dtype=torch.float64, requires_grad=True)
     points = TARGETS if own is None else TARGETS[own.part(7)]
@@ -19,8 +21,10 @@ def learn(own=None, steps: int = 12) -> tuple[torch.Tensor, list[float]]:
     result = Descent(
         [ParameterGroup({"x": x}, 0.1), ParameterGroup({"scale": scale}, 0.02)],
         lambda shift: (scale * x + shift - points).square().sum(1).mean() * share,
-        recordable=True, largest_gradient=1.0, **({} if own is None else {"processes": own}),
-    )  # fmt: skip
+        recordable=True,
+        largest_gradient=1.0,
+        **({} if own is None else {"processes": own}),
+    )
     shift = torch.full((), 0.25, dtype=torch.float64)
     losses = [float(result.step(k, shift)) for k in range(steps)]
     return torch.cat([x.detach(), scale.detach().reshape(1)]), losses

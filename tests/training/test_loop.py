@@ -116,9 +116,16 @@ def test_a_checkpoint_names_its_tensors_and_its_configuration(tmp_path):
     step, tensors, state = Checkpoints(tmp_path).latest()
     moments = {f"{kind}.x" for kind in ("parameter", "adam_mean", "adam_square", "adam_updates", "start")}
     assert tensors.keys() == moments | {"buffer.count", "start.count"}
-    assert (step, state) == (12, {
-        "phase": "Phase I", "stage": "second", "iteration": 5, "config": {"size": 3, "pair": [1, 2]}, "seed": 5,
-    })  # fmt: skip
+    assert (step, state) == (
+        12,
+        {
+            "phase": "Phase I",
+            "stage": "second",
+            "iteration": 5,
+            "config": {"size": 3, "pair": [1, 2]},
+            "seed": 5,
+        },
+    )
 
 
 @pytest.mark.parametrize("change", [{"config": {"size": 4}}, {"seed": 6}])
@@ -130,7 +137,8 @@ def test_another_configuration_is_refused(tmp_path, change):
 
 
 @pytest.mark.parametrize(
-    "change", [{"phase": "Phase II"}, {"stages": (FIRST,)}, {"stages": (FIRST, replace(SECOND, iterations=3))}]
+    "change",
+    [{"phase": "Phase II"}, {"stages": (FIRST,)}, {"stages": (FIRST, replace(SECOND, iterations=3))}],
 )
 def test_another_training_is_refused(tmp_path, change):
     progress = Progress(Checkpoints(tmp_path))

@@ -17,7 +17,10 @@ def test_on_a_gpu_losses_come_in_bunches_in_their_order_and_none_is_lost():
     heard = []
     losses = LossReader(torch.device("cuda", 0))
     for step in range(60):
-        losses.add(torch.tensor(float(step), requires_grad=True), lambda value, step=step: heard.append((step, value)))
+        losses.add(
+            torch.tensor(float(step), requires_grad=True),
+            lambda value, step=step: heard.append((step, value)),
+        )
         assert len(heard) == 25 * ((step + 1) // 25)
     losses.read()
     assert heard == [(step, float(step)) for step in range(60)]

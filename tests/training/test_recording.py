@@ -32,7 +32,16 @@ def test_a_recording_reads_new_inputs_and_keeps_the_steps_memory():
     counter, recorder = Counter(), TapeRecorder()
     recorded = RecordedStep(counter.step, recorder)
     found = [recorded(torch.full((2,), float(k))) for k in range(8)]
-    assert [float(value) for value in found] == [0, 2, 6, 12, 20, 30, 42, 56]  # each result kept, not overwritten
+    assert [float(value) for value in found] == [
+        0,
+        2,
+        6,
+        12,
+        20,
+        30,
+        42,
+        56,
+    ]  # each result kept, not overwritten
     assert (recorder.recordings, recorder.replays, counter.calls) == (1, 5, 4)
 
 
@@ -81,7 +90,9 @@ def test_what_cannot_be_recorded_is_stepped_with_a_warning():
 
 
 class BrokenGraphs:
-    """Stands in for `torch.cuda` where a capture breaks: ending it fails, and leaves stream and allocator behind."""
+    """Stands in for `torch.cuda` where a capture breaks: ending it fails, and leaves stream and allocator
+    behind.
+    """
 
     def __init__(self, monkeypatch):
         self.streams, self.pools, self.released, self.graphs = ["its own"], [], [], []
@@ -91,8 +102,12 @@ class BrokenGraphs:
         monkeypatch.setattr(torch.cuda, "CUDAGraph", lambda: self)
         monkeypatch.setattr(torch.cuda, "graph_pool_handle", lambda: (0, 7))
         monkeypatch.setattr(torch.cuda, "current_device", lambda: 1)
-        monkeypatch.setattr(torch._C, "_cuda_endAllocateToPool", lambda *where: self.pools.remove(where), raising=False)
-        monkeypatch.setattr(torch._C, "_cuda_releasePool", lambda *where: self.released.append(where), raising=False)
+        monkeypatch.setattr(
+            torch._C, "_cuda_endAllocateToPool", lambda *where: self.pools.remove(where), raising=False
+        )
+        monkeypatch.setattr(
+            torch._C, "_cuda_releasePool", lambda *where: self.released.append(where), raising=False
+        )
         monkeypatch.setattr(recording, "_refused", self.graphs)
 
     @contextmanager

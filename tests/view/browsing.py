@@ -19,9 +19,16 @@ from lightprobe.view.uploads import Uploads
 CHROMIUM = shutil.which("chromium")
 # offline, and drawn by the processor: the same picture on every machine
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-component-update",
-    "--no-first-run", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-quic",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--no-first-run",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
 PATIENCE = 120_000  # milliseconds that a test waits for one thing
 
 
@@ -33,7 +40,9 @@ class Running:
         for part in ("uploads", "jobs", "pictures"):
             (folder / part).mkdir(parents=True)
         self.jobs = Jobs(folder / "jobs", worker_command("lightprobe.view.worker", "cpu"))
-        self._session = Session(Sources.of(folders), Uploads(folder / "uploads"), self.jobs, folder / "pictures")
+        self._session = Session(
+            Sources.of(folders), Uploads(folder / "uploads"), self.jobs, folder / "pictures"
+        )
         self.port = 0
         self.start()
 

@@ -24,10 +24,24 @@ from tests.shapes import sphere_mesh
 from tests.toy_scene import write_toy_scene
 
 SETTINGS = DecomposeConfig(
-    pass1_iterations=4, pass2_iterations=3, pass3_iterations=3, pass1_side=24, pass2_side=24, lattice_cells=8,
-    hull_voxels=16, hash_levels=2, hash_finest=16, light_resolution=8, teacher_resolution=8, texture_size=64,
-    pass3_texture_size=64, unwrap_seconds=0.0, shadows=False, checkpoint_every=2, trial_steps=0,
-)  # fmt: skip
+    pass1_iterations=4,
+    pass2_iterations=3,
+    pass3_iterations=3,
+    pass1_side=24,
+    pass2_side=24,
+    lattice_cells=8,
+    hull_voxels=16,
+    hash_levels=2,
+    hash_finest=16,
+    light_resolution=8,
+    teacher_resolution=8,
+    texture_size=64,
+    pass3_texture_size=64,
+    unwrap_seconds=0.0,
+    shadows=False,
+    checkpoint_every=2,
+    trial_steps=0,
+)
 
 
 def side_light(number: int) -> Environment:

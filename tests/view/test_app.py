@@ -1,4 +1,6 @@
-"""The server's routes without a browser: what they answer, what they refuse, and that they stay in their folders."""
+"""The server's routes without a browser: what they answer, what they refuse, and that they stay in their
+folders.
+"""
 
 import asyncio
 import json
@@ -105,7 +107,9 @@ def test_files_that_are_no_light_are_refused_by_name(client, tmp_path):
         (b"\x76\x2f\x31\x01 cut off", "mine.exr"),
         (b"", "empty"),
     ):
-        text = sentence(client.post("/api/lights", content=data, headers={"x-file-name": "..%2Fmine.exr"}), 422)
+        text = sentence(
+            client.post("/api/lights", content=data, headers={"x-file-name": "..%2Fmine.exr"}), 422
+        )
         assert words in text
         assert "light-" not in text  # what it is called here
         assert "/" not in text
@@ -114,7 +118,9 @@ def test_files_that_are_no_light_are_refused_by_name(client, tmp_path):
 def test_what_http_itself_refuses_is_a_sentence_too(client):
     assert sentence(client.delete("/api/lights"), 405) == "Method Not Allowed."
     sentence(client.put("/api/scenes/0/box", content=b"{", headers={"content-type": "application/json"}), 422)
-    sentence(client.put("/api/scenes/0/box", content=b"\xbf", headers={"content-type": "application/json"}), 400)
+    sentence(
+        client.put("/api/scenes/0/box", content=b"\xbf", headers={"content-type": "application/json"}), 400
+    )
 
 
 def test_files_are_sent_whole_whatever_part_is_asked_for(client):
@@ -170,12 +176,17 @@ def test_a_photo_becomes_a_job_and_a_text_does_not(client, run):
 @pytest.mark.parametrize(
     ("document", "words"),
     [
-        ({"asset": {"version": "2.0"}, "buffers": [{"uri": "../../etc/passwd", "byteLength": 9}]}, "mine.glb"),
+        (
+            {"asset": {"version": "2.0"}, "buffers": [{"uri": "../../etc/passwd", "byteLength": 9}]},
+            "mine.glb",
+        ),
         ({"asset": {"version": "2.0"}}, "mine.glb"),
     ],
 )
 def test_a_thing_that_cannot_be_used_is_refused(client, document, words):
-    text = sentence(client.post("/api/things", content=glb(document), headers={"x-file-name": "mine.glb"}), 422)
+    text = sentence(
+        client.post("/api/things", content=glb(document), headers={"x-file-name": "mine.glb"}), 422
+    )
     assert words in text
     assert "thing-" not in text
 

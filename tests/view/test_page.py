@@ -1,4 +1,6 @@
-"""The page in a real browser, as a person uses it: everything on it works, and nothing is written to the console."""
+"""The page in a real browser, as a person uses it: everything on it works, and nothing is written to the
+console.
+"""
 
 import io
 import json
@@ -26,7 +28,9 @@ from tests.view.finished_run import begun_run
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium; install it with apt-get install chromium"),
+    pytest.mark.skipif(
+        CHROMIUM is None, reason="there is no chromium; install it with apt-get install chromium"
+    ),
 ]
 
 NETWORK = "Failed to load resource"  # what Chromium itself writes where a server refuses or is gone
@@ -187,7 +191,9 @@ def test_light_out_of_a_photo_and_a_thing_into_it(page, server, run, tmp_path):
     assert page.locator("#result .failed").count() == 0, page.inner_text("#result .failed")
     with page.expect_download() as download:
         page.locator("a[download='inserted.png']").click()
-    before, after = (np.asarray(Image.open(path).convert("RGBA"), np.int32) for path in (photo, download.value.path()))
+    before, after = (
+        np.asarray(Image.open(path).convert("RGBA"), np.int32) for path in (photo, download.value.path())
+    )
     assert before.shape == after.shape
     assert np.abs(before - after).max() > 20
 

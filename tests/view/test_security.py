@@ -24,9 +24,12 @@ def ask(headers, *, method="GET", path="/api/session", query="", token=None):
         sent.append(message)
 
     scope = {
-        "type": "http", "method": method, "path": path, "query_string": query.encode(),
+        "type": "http",
+        "method": method,
+        "path": path,
+        "query_string": query.encode(),
         "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
-    }  # fmt: skip
+    }
     asyncio.run(guard(scope, None, send))
     return sent[0]["status"], {k.decode(): v.decode() for k, v in sent[0]["headers"]}, sent[1]["body"]
 
@@ -62,7 +65,10 @@ def test_another_site_cannot_post(headers):
 
 
 def test_the_page_can_post():
-    assert ask({**OWN, "origin": "http://127.0.0.1:8421", "sec-fetch-site": "same-origin"}, method="POST")[0] == 200
+    assert (
+        ask({**OWN, "origin": "http://127.0.0.1:8421", "sec-fetch-site": "same-origin"}, method="POST")[0]
+        == 200
+    )
 
 
 def test_another_site_cannot_embed_but_may_link():

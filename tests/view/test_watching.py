@@ -16,7 +16,9 @@ def test_records_are_read_from_where_the_page_left_off(tmp_path):
     path = tmp_path / "metrics.jsonl"
     assert read_records(path, 0) == ([], 0, 0)
     line = json.dumps({"phase": "decompose", "step": 1, "loss": 0.5}) + "\n"
-    path.write_text(line + "damaged\n" + '{"phase": "other", "step": 2}\n[]\n' + line[:-1].replace("1,", "9,"))
+    path.write_text(
+        line + "damaged\n" + '{"phase": "other", "step": 2}\n[]\n' + line[:-1].replace("1,", "9,")
+    )
     records, end, start = read_records(path, 0)
     assert ([record["step"] for record in records], start) == ([1], 0)  # the last line is not whole yet
     with open(path, "a") as file:
@@ -50,7 +52,10 @@ def test_the_time_left_of_a_training_just_opened_comes_from_its_checkpoints(tmp_
 def test_what_training_says_of_object_and_maps_is_shown_as_soon_as_it_is_known(tmp_path):
     run = begun_run(tmp_path)
     assert TrainingWatch(run).state(0)["verdicts"] == []
-    verdict, accuracy = ObjectVerdict(0.04, photos=5), LightAccuracy("solve", 24, 0.5, (0.1, 0.2, 0.6), 0.8, 0.9)
+    verdict, accuracy = (
+        ObjectVerdict(0.04, photos=5),
+        LightAccuracy("solve", 24, 0.5, (0.1, 0.2, 0.6), 0.8, 0.9),
+    )
     verdict.save(run.verdict_file)
     assert TrainingWatch(run).state(0)["verdicts"] == [verdict.sentence]
     accuracy.save(run.model_folder)
@@ -72,5 +77,7 @@ def test_a_run_that_has_just_begun_or_is_damaged_is_no_failure(tmp_path):
 
 
 def test_the_log_is_shown_without_tracebacks(tmp_path):
-    (tmp_path / "log.txt").write_text("2026-01-01 00:00:00  begins\nTraceback (most recent call last):\n  File\n")
+    (tmp_path / "log.txt").write_text(
+        "2026-01-01 00:00:00  begins\nTraceback (most recent call last):\n  File\n"
+    )
     assert log_tail(tmp_path / "log.txt") == ["2026-01-01 00:00:00  begins"]

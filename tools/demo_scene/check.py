@@ -1,7 +1,9 @@
-"""Proof that a scene's files mean what its README says, from the files alone; and its noise against a longer render.
+"""Proof that a scene's files mean what its README says, from the files alone; and its noise against a longer
+render.
 
-Direct light is summed over the delivered environment with the delivered material, normals and cameras, at pixels whose
-whole hemisphere is free according to the delivered mesh, and compared with the delivered linear render.
+Direct light is summed over the delivered environment with the delivered material, normals and cameras, at
+pixels whose whole hemisphere is free according to the delivered mesh, and compared with the delivered linear
+render.
 """
 
 import json
@@ -30,7 +32,9 @@ class Samples:
 
 
 def look_up(environment: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Bilinear radiance (..., 3) of an environment (H, 2H, 3) in unit directions (..., 3); rows end at the poles."""
+    """Bilinear radiance (..., 3) of an environment (H, 2H, 3) in unit directions (..., 3); rows end at the
+    poles.
+    """
     height, width = environment.shape[:2]
     row = np.clip(height * np.arccos(np.clip(direction[..., 2], -1, 1)) / np.pi - 0.5, 0, height - 1)
     column = width * (0.5 - np.arctan2(direction[..., 1], direction[..., 0]) / (2 * np.pi)) - 0.5
@@ -59,19 +63,26 @@ def reflect(samples: Samples, light: np.ndarray) -> np.ndarray:
     return ((1 - fresnel) * diffuse + fresnel * (d * v)[..., None]) * n_l[..., None]
 
 
-def direct_light(samples: Samples, environment: np.ndarray, turn: float = 0.0, *, mirrored: bool = False) -> np.ndarray:
+def direct_light(
+    samples: Samples, environment: np.ndarray, turn: float = 0.0, *, mirrored: bool = False
+) -> np.ndarray:
     """Radiance (P, 3) the samples reflect; `turn` (radians) and `mirrored` misread the azimuth on purpose."""
     light = directions(_FINE).reshape(-1, 3)
     cos, sin = np.cos(turn), np.sin(turn)
-    seen = light * [1.0, -1.0 if mirrored else 1.0, 1.0] @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
-    power = look_up(environment, seen) * np.broadcast_to(solid_angles(_FINE), (_FINE, 2 * _FINE)).reshape(-1, 1)
+    seen = (
+        light * [1.0, -1.0 if mirrored else 1.0, 1.0] @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    )
+    power = look_up(environment, seen) * np.broadcast_to(solid_angles(_FINE), (_FINE, 2 * _FINE)).reshape(
+        -1, 1
+    )
     pieces = [slice(k, k + 1) for k in range(len(samples.rendered))]
     one = [Samples(*(getattr(samples, name)[piece] for name in Samples.__annotations__)) for piece in pieces]
     return np.concatenate([np.einsum("pnk,nk->pk", reflect(sample, light), power) for sample in one])
 
 
 def blocked(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return for rays from one point (3,) along (N, 3) whether they hit any triangle (F, 3, 3); all pairs are tried.
+    """Return for rays from one point (3,) along (N, 3) whether they hit any triangle (F, 3, 3); all pairs are
+    tried.
 
     Moeller and Trumbore's test, with the ray's determinants written as products of two matrices.
     """
@@ -85,8 +96,12 @@ def blocked(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) ->
     return ((u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 1e-4)).any(axis=1)
 
 
-def free_pixels(root: Path, scene: dict, frame: dict, count: int, rng: np.random.Generator, rays: int = 500) -> Samples:
-    """Return up to `count` pixels of a photo with an even surface whose hemisphere is unobstructed, maybe none."""
+def free_pixels(
+    root: Path, scene: dict, frame: dict, count: int, rng: np.random.Generator, rays: int = 500
+) -> Samples:
+    """Return up to `count` pixels of a photo with an even surface whose hemisphere is unobstructed, maybe
+    none.
+    """
     linear, normal = read_exr(root / frame["hdr_path"], "RGBA"), read_exr(root / frame["normal_path"], "XYZ")
     base, orm = srgb_decode(read_png(root / frame["basecolor_path"])), read_png(root / frame["orm_path"])
     vertices, faces = read_obj(root / "mesh.obj")
@@ -102,15 +117,21 @@ def free_pixels(root: Path, scene: dict, frame: dict, count: int, rng: np.random
         n = normal[i, j] / np.linalg.norm(normal[i, j])
         hit = first_hit(pose[:3, 3], ray, triangles)
         above = spread[spread @ n > 0.02]
-        start = pose[:3, 3] + ray * hit + 0.004 * n  # a little off the facet, which the smooth normal does not know
-        if not any(blocked(start, part, triangles).any() for part in (above[::16], above)):  # a few first, to save time
+        start = (
+            pose[:3, 3] + ray * hit + 0.004 * n
+        )  # a little off the facet, which the smooth normal does not know
+        if not any(
+            blocked(start, part, triangles).any() for part in (above[::16], above)
+        ):  # a few first, to save time
             chosen.append((i, j))
             towards.append(-ray / np.linalg.norm(ray))
         if len(chosen) == count:
             break
     i, j = np.array(chosen, int).reshape(-1, 2).T
     unit = normal[i, j] / np.linalg.norm(normal[i, j], axis=1, keepdims=True)
-    return Samples(linear[i, j, :3], base[i, j], orm[i, j, 1], orm[i, j, 2], unit, np.reshape(towards, (-1, 3)))
+    return Samples(
+        linear[i, j, :3], base[i, j], orm[i, j, 1], orm[i, j, 2], unit, np.reshape(towards, (-1, 3))
+    )
 
 
 def _even(values: np.ndarray, tolerance: float) -> np.ndarray:
@@ -127,7 +148,11 @@ def _fibonacci(count: int) -> np.ndarray:
 
 def first_hit(origin: np.ndarray, ray: np.ndarray, triangles: np.ndarray) -> float:
     """Distance in units of `ray` to the nearest triangle on it."""
-    a, edge1, edge2 = triangles[:, 0] - origin, triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    a, edge1, edge2 = (
+        triangles[:, 0] - origin,
+        triangles[:, 1] - triangles[:, 0],
+        triangles[:, 2] - triangles[:, 0],
+    )
     determinant = -(np.cross(edge1, edge2) @ ray)
     with np.errstate(divide="ignore", invalid="ignore"):
         u, v = (np.cross(a, edge2) @ ray) / determinant, -(np.cross(a, edge1) @ ray) / determinant
@@ -152,7 +177,9 @@ def noise(root: Path, scene: dict, frame: dict) -> float:
     studio.set_environment(read_exr(root / frame["env_path"], "RGB").astype(np.float32))
     view = View(np.array(frame["transform_matrix"]), scene["camera_angle_x"])
     # One by one, because a single render of as many samples needs several gigabytes.
-    long = np.mean([studio.photograph(view, scene["w"], made["samples"], seed=90_000 + k) for k in range(8)], axis=0)
+    long = np.mean(
+        [studio.photograph(view, scene["w"], made["samples"], seed=90_000 + k) for k in range(8)], axis=0
+    )
     mask = long[..., 3] > 0.999
     error = srgb_encode(long[..., :3][mask]) - srgb_encode(read_exr(root / frame["hdr_path"], "RGB")[mask])
     return float(-10 * np.log10(np.mean(error**2)))
@@ -175,7 +202,9 @@ def report(root: Path, pixels: int = 24) -> str:
             found[name].append(direct_light(samples, environment, **case))
         ratio = np.median(found["as written"][-1] / samples.rendered)
         rendered.append(samples.rendered)
-        lines.append(f"{frame['file_path']} {frame['hdri']}: {len(samples.rendered)} pixels, median ratio {ratio:.3f}")
+        lines.append(
+            f"{frame['file_path']} {frame['hdri']}: {len(samples.rendered)} pixels, median ratio {ratio:.3f}"
+        )
     truth = np.concatenate(rendered) if rendered else np.empty((0, 3))
     for name, values in found.items() if rendered else ():
         together = np.concatenate(values)
@@ -184,5 +213,7 @@ def report(root: Path, pixels: int = 24) -> str:
             f"{name}: correlation {correlation(together, truth):.4f}, ratio mean {ratio.mean():.3f}, median"
             f" {np.median(ratio):.3f}, median error {np.median(np.abs(ratio - 1)):.2%}"
         )
-    lines += [f"noise of {frame['file_path']}: {noise(root, scene, frame):.1f} dB" for frame in scene["frames"][:2]]
+    lines += [
+        f"noise of {frame['file_path']}: {noise(root, scene, frame):.1f} dB" for frame in scene["frames"][:2]
+    ]
     return "\n".join(lines)

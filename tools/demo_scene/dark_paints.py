@@ -1,7 +1,8 @@
 """Finishes of the dark test objects, whose base colours, all linear, are known to be next to black.
 
-The toy car wears metallic paint, the camera matte plastic and leather, the lantern gloss beside bright porcelain. On a
-rounded box u runs around its length from +y over +z, so 0, 1/4, 1/2 and 3/4 are its left, top, right and bottom.
+The toy car wears metallic paint, the camera matte plastic and leather, the lantern gloss beside bright
+porcelain. On a rounded box u runs around its length from +y over +z, so 0, 1/4, 1/2 and 3/4 are its left,
+top, right and bottom.
 """
 
 import numpy as np
@@ -36,7 +37,9 @@ def finish(c: Canvas, color: np.ndarray, roughness: float, metallic: float, seed
     """One colour, drifting by a tenth, of a roughness that drifts by 0.04."""
     drift = fractal_noise(c.u * 8, c.v * 5, seed, period=8)
     even = np.ones_like(c.u)
-    return Material(color * (0.90 + 0.20 * drift)[..., None], roughness + 0.08 * (drift - 0.5), metallic * even)
+    return Material(
+        color * (0.90 + 0.20 * drift)[..., None], roughness + 0.08 * (drift - 0.5), metallic * even
+    )
 
 
 def _car_paint(c: Canvas, color: np.ndarray, seed: int) -> Material:
@@ -62,7 +65,9 @@ def _paint_cabin(c: Canvas, seed: int) -> Material:
     """Petrol roof and pillars around neutral panes."""
     side = np.minimum(_around(c.u, 0.0), _around(c.u, 0.5))
     panes = band(side, -1.0, 0.085) * (band(c.v, 0.14, 0.48) + band(c.v, 0.53, 0.86))
-    screens = (smoothstep(0.085, 0.075, c.v) + smoothstep(0.915, 0.925, c.v)) * smoothstep(0.02, 0.03, c.v * (1 - c.v))
+    screens = (smoothstep(0.085, 0.075, c.v) + smoothstep(0.915, 0.925, c.v)) * smoothstep(
+        0.02, 0.03, c.v * (1 - c.v)
+    )
     return _car_panel(c, seed).over(_car_paint(c, _PETROL, seed + 1), np.clip(panes + screens, 0, 1))
 
 
@@ -94,7 +99,9 @@ def _leather(c: Canvas, seed: int) -> Material:
     """Worn brown leather with pores."""
     pores = smoothstep(0.60, 0.85, value_noise(c.u * 90, c.v * 50, seed, period=90))
     surface = finish(c, _LEATHER, 0.72, 0.0, seed + 1)
-    return Material(surface.base * (1 - 0.35 * pores)[..., None], surface.roughness + 0.06 * pores, surface.metallic)
+    return Material(
+        surface.base * (1 - 0.35 * pores)[..., None], surface.roughness + 0.06 * pores, surface.metallic
+    )
 
 
 def _paint_housing(c: Canvas, seed: int) -> Material:
@@ -137,7 +144,9 @@ def _porcelain(c: Canvas, seed: int) -> Material:
 
 def _paint_foot(c: Canvas, seed: int) -> Material:
     """Black and bluish black with a bright belt."""
-    surface = finish(c, _LACQUER_BLUE, 0.14, 0.0, seed).over(_lacquer(c, seed + 1), smoothstep(0.55, 0.56, c.v))
+    surface = finish(c, _LACQUER_BLUE, 0.14, 0.0, seed).over(
+        _lacquer(c, seed + 1), smoothstep(0.55, 0.56, c.v)
+    )
     return _porcelain(c, seed + 2).over(surface, band(c.v, 0.37, 0.43))
 
 
@@ -151,7 +160,9 @@ def _paint_globe(c: Canvas, seed: int) -> Material:
 def _paint_roof(c: Canvas, seed: int) -> Material:
     """Bluish black with eight bright wedges and a black rim."""
     wedge = band(np.mod(c.u * 8, 1.0), 0.14, 0.86, 0.02) * band(c.v, 0.42, 0.70)
-    surface = finish(c, _LACQUER_BLUE, 0.14, 0.0, seed).over(_lacquer(c, seed + 1), smoothstep(0.40, 0.405, c.v))
+    surface = finish(c, _LACQUER_BLUE, 0.14, 0.0, seed).over(
+        _lacquer(c, seed + 1), smoothstep(0.40, 0.405, c.v)
+    )
     return _porcelain(c, seed + 2).over(surface, wedge)
 
 

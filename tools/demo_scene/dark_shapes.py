@@ -1,4 +1,5 @@
-"""Surfaces of the dark test objects: a toy car, a camera and a lantern; all with hollows and parts in front of others.
+"""Surfaces of the dark test objects: a toy car, a camera and a lantern; all with hollows and parts in front
+of others.
 
 Notation as in `geometry`; every object is normalised like the coffee pot.
 """
@@ -39,28 +40,43 @@ def _cabin() -> Part:
 
 
 def _wheels() -> Part:
-    tyre = smooth([(0.135, -0.075), (0.19, -0.075), (_WHEEL, -0.05), (_WHEEL, 0.05), (0.19, 0.075), (0.135, 0.075)], 13)
+    tyre = smooth(
+        [(0.135, -0.075), (0.19, -0.075), (_WHEEL, -0.05), (_WHEEL, 0.05), (0.19, 0.075), (0.135, 0.075)], 13
+    )
     rim = np.array([[0.135, 0.075], [0.125, 0.03]])
     hub = smooth([(0.125, 0.03), (0.07, 0.025), (0.045, 0.05), (0.0, 0.055)], 9)
     wheel = revolve("wheels", [np.array([[0.0, -0.075], [0.135, -0.075]]), tyre, rim, hub], 32)
     return joined(
-        [placed(wheel, turned("x", -side * 90), (at, side * 0.36, _WHEEL)) for at in _AXLES for side in (-1, 1)]
+        [
+            placed(wheel, turned("x", -side * 90), (at, side * 0.36, _WHEEL))
+            for at in _AXLES
+            for side in (-1, 1)
+        ]
     )
 
 
 def _tail_bar() -> Part:
-    knots = [(-0.33, 0, 0.40), (-0.34, 0, 0.62), (-0.27, 0, 0.745), (0, 0, 0.76), (0.27, 0, 0.745), (0.34, 0, 0.62)]
+    knots = [
+        (-0.33, 0, 0.40),
+        (-0.34, 0, 0.62),
+        (-0.27, 0, 0.745),
+        (0, 0, 0.76),
+        (0.27, 0, 0.745),
+        (0.34, 0, 0.62),
+    ]
     path = smooth([*knots, (0.33, 0, 0.40)], 33)
     return placed(
         sweep("tail_bar", path, np.full((33, 2), [0.028, 0.055]), 14), turned("z", 90), (-0.78, 0.0, 0.0)
-    )  # fmt: skip
+    )
 
 
 def _bumpers() -> Part:
     path = smooth([(-0.40, 0, 0), (-0.36, 0, 0.10), (0, 0, 0.15), (0.36, 0, 0.10), (0.40, 0, 0)], 29)
     bar = sweep("bumpers", path, np.full((29, 2), 0.042), 14)
     flat = turned("z", -90) @ turned("x", -90)  # the path's bow points forwards
-    return joined([placed(bar, flat, (0.95, 0, 0.24)), placed(bar, turned("z", 180) @ flat, (-0.95, 0, 0.24))])
+    return joined(
+        [placed(bar, flat, (0.95, 0, 0.24)), placed(bar, turned("z", 180) @ flat, (-0.95, 0, 0.24))]
+    )
 
 
 def camera() -> list[Part]:
@@ -75,7 +91,9 @@ def _housing() -> Part:
 def _grip() -> Part:
     def shape(points: np.ndarray) -> np.ndarray:
         waist = 1 - 0.18 * np.exp(-(((points[:, 2] - 0.1) / 0.35) ** 2))
-        return np.stack([-0.66 + 0.19 * points[:, 0], -0.27 + 0.21 * points[:, 1] * waist, 0.47 * points[:, 2]], 1)
+        return np.stack(
+            [-0.66 + 0.19 * points[:, 0], -0.27 + 0.21 * points[:, 1] * waist, 0.47 * points[:, 2]], 1
+        )
 
     return rounded_box("grip", 3.5, (24, 40), shape)
 
@@ -84,7 +102,12 @@ def _hump() -> Part:
     def shape(points: np.ndarray) -> np.ndarray:
         up = (points[:, 2] + 1) / 2
         return np.stack(
-            [0.06 + points[:, 0] * (0.36 - 0.14 * up), -0.02 + points[:, 1] * (0.30 - 0.08 * up), 0.42 + 0.32 * up], 1
+            [
+                0.06 + points[:, 0] * (0.36 - 0.14 * up),
+                -0.02 + points[:, 1] * (0.30 - 0.08 * up),
+                0.42 + 0.32 * up,
+            ],
+            1,
         )
 
     return rounded_box("hump", 4.5, (24, 36), shape)
@@ -93,7 +116,9 @@ def _hump() -> Part:
 def _lens() -> Part:
     mount = np.array([[0.40, 0.20], [0.40, 0.36]])
     step = np.array([[0.40, 0.36], [0.36, 0.38]])
-    barrel = smooth([(0.36, 0.38), (0.35, 0.46), (0.375, 0.50), (0.375, 0.66), (0.35, 0.70), (0.36, 0.86)], 25)
+    barrel = smooth(
+        [(0.36, 0.38), (0.35, 0.46), (0.375, 0.50), (0.375, 0.66), (0.35, 0.70), (0.36, 0.86)], 25
+    )
     lip = smooth([(0.36, 0.86), (0.352, 0.885), (0.332, 0.88), (0.325, 0.85)], 7)
     funnel = smooth([(0.325, 0.85), (0.27, 0.77), (0.22, 0.68)], 5)
     glass = smooth([(0.22, 0.68), (0.15, 0.725), (0.07, 0.745), (0.0, 0.75)], 9)
@@ -106,7 +131,10 @@ def _dials() -> Part:
     top = smooth([(0.10, 0.635), (0.06, 0.615), (0.0, 0.612)], 5)
     dial = revolve("dials", [side, top], 28)
     return joined(
-        [placed(dial, np.eye(3), at) for at in ((0.64, 0.02, 0.0), (-0.46, 0.06, -0.03), (-0.68, -0.32, -0.1))]
+        [
+            placed(dial, np.eye(3), at)
+            for at in ((0.64, 0.02, 0.0), (-0.46, 0.06, -0.03), (-0.68, -0.32, -0.1))
+        ]
     )
 
 
@@ -126,7 +154,8 @@ def lantern() -> list[Part]:
 def _foot() -> Part:
     under = [np.array([[0.0, 0.05], [0.42, 0.04]]), np.array([[0.42, 0.04], [0.45, 0.0]])]
     side = smooth(
-        [(0.45, 0.0), (0.58, 0.005), (0.615, 0.05), (0.58, 0.11), (0.56, 0.17), (0.60, 0.22), (0.595, 0.25)], 21
+        [(0.45, 0.0), (0.58, 0.005), (0.615, 0.05), (0.58, 0.11), (0.56, 0.17), (0.60, 0.22), (0.595, 0.25)],
+        21,
     )
     dish = smooth([(0.595, 0.25), (0.57, 0.255), (0.52, 0.20), (0.40, 0.175), (0.24, 0.20), (0.20, 0.30)], 17)
     return revolve("foot", [*under, side, dish], 56)
@@ -135,7 +164,7 @@ def _foot() -> Part:
 def _globe() -> Part:
     wall = smooth(
         [(0.20, 0.27), (0.31, 0.33), (0.41, 0.50), (0.42, 0.70), (0.33, 0.93), (0.25, 1.06), (0.24, 1.18)], 29
-    )  # fmt: skip
+    )
     return revolve("globe", [wall], 56)
 
 

@@ -9,11 +9,23 @@ import numpy as np
 
 from .files import round_half, srgb_encode, write_exr, write_obj, write_png
 from .geometry import Part, weld
-from .lights import HEIGHT, LARGEST, PHOTOGRAPHED, Kind, Light, luminance, make_light, photographed_light, reduce_area
+from .lights import (
+    HEIGHT,
+    LARGEST,
+    PHOTOGRAPHED,
+    Kind,
+    Light,
+    luminance,
+    make_light,
+    photographed_light,
+    reduce_area,
+)
 from .models import DESCRIPTIONS, Subject, make_model
 from .render import Studio, View
 
-ANGLE = 2 * float(np.arctan(0.36))  # field of view: the unit sphere fits into the picture from a distance of 3
+ANGLE = 2 * float(
+    np.arctan(0.36)
+)  # field of view: the unit sphere fits into the picture from a distance of 3
 _KEY = 0.22  # mean luminance a photo is exposed for
 _RELIGHT_VIEWS = 4
 _RELIGHT_KINDS = (Kind.OUTDOORS, Kind.ROOM)
@@ -97,13 +109,17 @@ class Writer:
     def photograph(
         self, name: str, light: Light, view: View, exposure: float, seed: int
     ) -> tuple[dict, np.ndarray, np.ndarray]:
-        """Render and write the photo `name`; return its frame, its premultiplied linear RGBA and its environment."""
+        """Render and write the photo `name`; return its frame, its premultiplied linear RGBA and its
+        environment.
+        """
         environment = round_half(light.radiance * exposure, LARGEST, bits=light.bits)
         self.studio.set_environment(environment.astype(np.float32))
         image = self.studio.photograph(view, self.settings.side, self.settings.samples, seed)
         alpha = np.clip(image[..., 3:], 0.0, 1.0)
         straight = np.where(alpha > 0, image[..., :3] / np.maximum(alpha, 1e-9), 0.0)
-        write_png(self.root / f"{name}.png", np.concatenate([srgb_encode(straight) * (alpha > 0), alpha], axis=-1))
+        write_png(
+            self.root / f"{name}.png", np.concatenate([srgb_encode(straight) * (alpha > 0), alpha], axis=-1)
+        )
         frame = {
             "file_path": f"./{name}",
             "transform_matrix": view.pose.tolist(),
@@ -122,7 +138,10 @@ class Writer:
         """Write the true material and normals of a photo; return their keys."""
         maps = self.studio.maps(view, self.settings.side)
         write_png(self.root / f"{name}_basecolor.png", srgb_encode(maps.base))
-        write_png(self.root / f"{name}_orm.png", np.stack([0 * maps.roughness, maps.roughness, maps.metallic], axis=-1))
+        write_png(
+            self.root / f"{name}_orm.png",
+            np.stack([0 * maps.roughness, maps.roughness, maps.metallic], axis=-1),
+        )
         write_exr(self.root / f"{name}_normal.exr", round_half(maps.normal, 1.0), "XYZ")
         return {
             f"{key}_path": f"./{name}_{key}.{suffix}"
@@ -144,7 +163,10 @@ def split_lights(settings: Settings, split: str, first_light: int, rng: np.rando
     """Return a light for every photo: computed ones for training, turns of the photographed ones for testing."""
     if split == "test":
         slots = rng.permutation(settings.test) % len(PHOTOGRAPHED)
-        return [photographed_light(PHOTOGRAPHED[slot], settings.seed, first_light + k) for k, slot in enumerate(slots)]
+        return [
+            photographed_light(PHOTOGRAPHED[slot], settings.seed, first_light + k)
+            for k, slot in enumerate(slots)
+        ]
     kinds = draw_kinds(settings.train, settings.mix, rng)
     return [make_light(kind, settings.seed, first_light + k) for k, kind in enumerate(kinds)]
 
@@ -171,7 +193,9 @@ def write_split(writer: Writer, split: str, count: int, first_light: int) -> Non
 
 
 def write_relight(writer: Writer, first_light: int) -> None:
-    """Photograph the object from the same new views under each of two more lights, one exposure for each light."""
+    """Photograph the object from the same new views under each of two more lights, one exposure for each
+    light.
+    """
     settings = writer.settings
     views = camera_views(_RELIGHT_VIEWS, np.random.default_rng([settings.seed, first_light]))
     frames: list[dict] = []
@@ -180,9 +204,13 @@ def write_relight(writer: Writer, first_light: int) -> None:
         exposure = writer.expose(light, views[index])
         for number, view in enumerate(views):
             name = f"relight/r_{len(frames):03d}"
-            frame, image, environment = writer.photograph(name, light, view, exposure, first_light + len(frames))
+            frame, image, environment = writer.photograph(
+                name, light, view, exposure, first_light + len(frames)
+            )
             frame |= writer.write_environment(f"env_relight/e_{index}", environment)
-            frames.append(frame | writer.write_linear(name, image) | {"env_index": index, "view_index": number})
+            frames.append(
+                frame | writer.write_linear(name, image) | {"env_index": index, "view_index": number}
+            )
     writer.write_frames("relight", frames)
 
 

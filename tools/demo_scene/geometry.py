@@ -1,7 +1,8 @@
-"""Surfaces by formula, z up: solids of revolution, tubes swept along curves, rounded boxes; and the coffee pot.
+"""Surfaces by formula, z up: solids of revolution, tubes swept along curves, rounded boxes; and the coffee
+pot.
 
-Notation: u in [0, 1] runs around (periodic, with a doubled seam), v in [0, 1] along the profile or path by arc length.
-Lengths are in the modeller's units (the pot is about 2.1 tall) until `normalise`.
+Notation: u in [0, 1] runs around (periodic, with a doubled seam), v in [0, 1] along the profile or path by
+arc length. Lengths are in the modeller's units (the pot is about 2.1 tall) until `normalise`.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +23,9 @@ class Part:
     normals: np.ndarray  # (V, 3) float64, unit
     uv: np.ndarray  # (V, 2) float64 in [0, 1]
     faces: np.ndarray  # (F, 3) int64
-    path: np.ndarray  # (R, 2) float64: v and place along the part's axis, not normalised; what textures are painted by
+    path: (
+        np.ndarray
+    )  # (R, 2) float64: v and place along the part's axis, not normalised; what textures are painted by
 
 
 def smooth(points: Sequence[tuple[float, ...]], count: int) -> np.ndarray:
@@ -79,12 +82,16 @@ def grid_part(name: str, runs: list[np.ndarray], values: list[np.ndarray], path:
         faces.append(_grid_faces(rows, width - 1) + offset)
         offset += rows * width
     joined = np.concatenate(vertices), np.concatenate(faces)
-    kept = joined[1][np.linalg.norm(_face_normal(*joined), axis=1) > 1e-9]  # at a pole every second one is a line
+    kept = joined[1][
+        np.linalg.norm(_face_normal(*joined), axis=1) > 1e-9
+    ]  # at a pole every second one is a line
     return Part(name, joined[0], np.concatenate(normals), np.concatenate(uvs), kept, path)
 
 
 def revolve(name: str, runs: list[np.ndarray], segments: int) -> Part:
-    """Turn profile runs, each (n, 2) of (radius, height), around the z axis; profiles run upwards on the outside."""
+    """Turn profile runs, each (n, 2) of (radius, height), around the z axis; profiles run upwards on the
+    outside.
+    """
     profile = np.concatenate(runs)
     v = arc_length(profile)
     angle = np.linspace(0.0, 2 * np.pi, segments + 1)
@@ -100,10 +107,14 @@ def revolve(name: str, runs: list[np.ndarray], segments: int) -> Part:
     return grid_part(name, grids, np.split(v, ends), np.column_stack([v, profile[:, 1]]))
 
 
-def sweep(name: str, path: np.ndarray, radii: np.ndarray, segments: int, tangent: np.ndarray | None = None) -> Part:
-    """Move an ellipse along `path` (n, 3) in the x-z plane; `radii` (n, 2) are its half axes in the plane and along y.
+def sweep(
+    name: str, path: np.ndarray, radii: np.ndarray, segments: int, tangent: np.ndarray | None = None
+) -> Part:
+    """Move an ellipse along `path` (n, 3) in the x-z plane; `radii` (n, 2) are its half axes in the plane and
+    along y.
 
-    `tangent` (n, 3) orients the ellipse where the path's own direction must not: a tube that turns back into itself.
+    `tangent` (n, 3) orients the ellipse where the path's own direction must not: a tube that turns back into
+    itself.
     """
     tangent = np.gradient(path, axis=0) if tangent is None else tangent
     tangent = tangent / np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -118,7 +129,9 @@ def sweep(name: str, path: np.ndarray, radii: np.ndarray, segments: int, tangent
 
 
 def rounded_curve(exponent: float, count: int) -> np.ndarray:
-    """Return the closed curve |x|^e + |y|^e = 1 as (count + 1, 2), from (1, 0) over (0, 1), denser where it bends."""
+    """Return the closed curve |x|^e + |y|^e = 1 as (count + 1, 2), from (1, 0) over (0, 1), denser where it
+    bends.
+    """
     angle = np.linspace(0.0, 2 * np.pi, 8001)
     circle = np.stack([np.cos(angle), np.sin(angle)], 1)
     fine = np.sign(circle) * np.abs(circle) ** (2 / exponent)
@@ -135,8 +148,8 @@ def rounded_curve(exponent: float, count: int) -> np.ndarray:
 def rounded_box(name: str, exponent: float, counts: tuple[int, int], shape: Shaper) -> Part:
     """Bend the solid |x|^e + |y|^e + |z|^e ~ 1 into a part; u runs around the x axis, v from -x to +x.
 
-    `counts` are the steps along x and around it; `shape` maps points (N, 3) of [-1, 1]^3 to the modeller's space and
-    has to keep its handedness.
+    `counts` are the steps along x and around it; `shape` maps points (N, 3) of [-1, 1]^3 to the modeller's
+    space and has to keep its handedness.
     """
     profile = rounded_curve(exponent, 2 * counts[0])[counts[0] :: -1]  # from (-1, 0) over (0, 1) to (1, 0)
     around = rounded_curve(exponent, counts[1])
@@ -179,11 +192,19 @@ def _body() -> Part:
     ring = smooth([(0.365, 0.0), (0.40, -0.006), (0.445, 0.0), (0.468, 0.03)], 5)
     wall = smooth(
         [
-            (0.462, 0.035), (0.53, 0.13), (0.625, 0.32), (0.68, 0.58), (0.655, 0.86), (0.56, 1.12),
-            (0.43, 1.34), (0.365, 1.50), (0.36, 1.60), (0.392, 1.665),
+            (0.462, 0.035),
+            (0.53, 0.13),
+            (0.625, 0.32),
+            (0.68, 0.58),
+            (0.655, 0.86),
+            (0.56, 1.12),
+            (0.43, 1.34),
+            (0.365, 1.50),
+            (0.36, 1.60),
+            (0.392, 1.665),
         ],
         25,
-    )  # fmt: skip
+    )
     lip = smooth([(0.392, 1.665), (0.388, 1.684), (0.368, 1.684), (0.356, 1.655)], 5)
     return revolve("body", [*foot, ring, wall, lip], 52)
 
@@ -196,26 +217,41 @@ def _lid() -> Part:
 
 def _neck_band() -> Part:
     return revolve(
-        "band", [smooth([(0.372, 1.425), (0.408, 1.437), (0.416, 1.475), (0.408, 1.513), (0.36, 1.525)], 8)], 52
+        "band",
+        [smooth([(0.372, 1.425), (0.408, 1.437), (0.416, 1.475), (0.408, 1.513), (0.36, 1.525)], 8)],
+        52,
     )
 
 
 def _knob() -> Part:
     profile = smooth(
         [
-            (0.085, 1.845), (0.07, 1.872), (0.048, 1.90), (0.052, 1.93), (0.085, 1.962), (0.103, 2.005),
-            (0.092, 2.052), (0.052, 2.086), (0.0, 2.097),
+            (0.085, 1.845),
+            (0.07, 1.872),
+            (0.048, 1.90),
+            (0.052, 1.93),
+            (0.085, 1.962),
+            (0.103, 2.005),
+            (0.092, 2.052),
+            (0.052, 2.086),
+            (0.0, 2.097),
         ],
         15,
-    )  # fmt: skip
+    )
     return revolve("knob", [profile], 20)
 
 
 def _handle() -> Part:
     knots = [
-        (-0.33, 0, 1.475), (-0.52, 0, 1.53), (-0.80, 0, 1.545), (-1.03, 0, 1.40), (-1.09, 0, 1.14),
-        (-1.00, 0, 0.86), (-0.82, 0, 0.66), (-0.62, 0, 0.545),
-    ]  # fmt: skip
+        (-0.33, 0, 1.475),
+        (-0.52, 0, 1.53),
+        (-0.80, 0, 1.545),
+        (-1.03, 0, 1.40),
+        (-1.09, 0, 1.14),
+        (-1.00, 0, 0.86),
+        (-0.82, 0, 0.66),
+        (-0.62, 0, 0.545),
+    ]
     path = smooth(knots, 37)
     v = arc_length(path)
     swell = 0.058 + 0.014 * np.sin(np.pi * v) ** 2
@@ -240,11 +276,13 @@ def _spout() -> Part:
     both = np.concatenate([radius, [radius[-1] - 0.011], inner])
     return sweep(
         "spout", path, np.stack([both, both], 1), 16, np.concatenate([tangent, tangent[-1:], tangent[back]])
-    )  # fmt: skip
+    )
 
 
 def coffee_pot() -> list[Part]:
-    """Return the parts of the pot in the normalised frame: bounding-box centre at the origin, farthest vertex at 1."""
+    """Return the parts of the pot in the normalised frame: bounding-box centre at the origin, farthest vertex
+    at 1.
+    """
     return normalise([_body(), _lid(), _neck_band(), _knob(), _handle(), _spout()])
 
 
@@ -257,7 +295,9 @@ def normalise(parts: list[Part]) -> list[Part]:
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices that round to the same 1e-4 and drop unused ones and faces that vanish; return both anew."""
+    """Merge vertices that round to the same 1e-4 and drop unused ones and faces that vanish; return both
+    anew.
+    """
     used, faces = np.unique(faces, return_inverse=True)
     rounded, index = np.unique(np.round(vertices[used], 4) + 0.0, axis=0, return_inverse=True)
     faces = index.reshape(-1)[faces.reshape(-1, 3)]

@@ -1,7 +1,8 @@
-"""High-dynamic-range environments: kinds computed from scratch, and the few photographed ones of the folder `hdri`.
+"""High-dynamic-range environments: kinds computed from scratch, and the few photographed ones of the folder
+`hdri`.
 
-Notation: an environment is radiance (H, 2H, 3), linear, any unit; row 0 is straight up (+z), the centre column looks
-along +x, azimuth grows to the left: u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi.
+Notation: an environment is radiance (H, 2H, 3), linear, any unit; row 0 is straight up (+z), the centre
+column looks along +x, azimuth grows to the left: u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi.
 """
 
 from collections.abc import Callable
@@ -67,7 +68,9 @@ def solid_angles(height: int) -> np.ndarray:
 def reduce_area(radiance: np.ndarray, factor: int) -> np.ndarray:
     """Average `factor` x `factor` texels, weighted by the solid angle of their rows."""
     height, width, channels = radiance.shape
-    weight = np.broadcast_to(np.sin(np.pi * (np.arange(height) + 0.5) / height)[:, None, None], radiance.shape)
+    weight = np.broadcast_to(
+        np.sin(np.pi * (np.arange(height) + 0.5) / height)[:, None, None], radiance.shape
+    )
     blocks = (height // factor, factor, width // factor, factor, channels)
     total = (radiance * weight).reshape(blocks).sum(axis=(1, 3))
     return total / weight.reshape(blocks).sum(axis=(1, 3))
@@ -93,7 +96,9 @@ def make_light(kind: Kind, seed: int, index: int) -> Light:
 
 
 def photographed_light(name: str, seed: int, index: int) -> Light:
-    """Return a photographed environment, `name` one of `PHOTOGRAPHED`, at a turn drawn from `seed` and `index`."""
+    """Return a photographed environment, `name` one of `PHOTOGRAPHED`, at a turn drawn from `seed` and
+    `index`.
+    """
     radiance = read_exr(Path(__file__).with_name("hdri") / f"{name}.exr", "RGB")
     turn = int(np.random.default_rng([seed, len(Kind), index]).integers(2 * HEIGHT))
     # A photograph's noise does not compress; a light rounded to 1.6 % is as real, and the scene stays small.

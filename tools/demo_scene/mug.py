@@ -1,4 +1,6 @@
-"""A mug with a handle: a deep cavity, which no mask shows. Notation as in `geometry`; base colours are linear."""
+"""A mug with a handle: a deep cavity, which no mask shows. Notation as in `geometry`; base colours are
+linear.
+"""
 
 import numpy as np
 
@@ -21,13 +23,23 @@ def _body() -> Part:
     foot = [np.array([[0.0, 0.03], [0.38, 0.025]]), np.array([[0.38, 0.025], [0.41, 0.0]])]
     side = smooth([(0.41, 0.0), (0.47, 0.02), (0.52, 0.15), (0.55, 0.50), (0.55, 1.0)], 31)
     lip = smooth([(0.55, 1.0), (0.547, 1.025), (0.53, 1.035), (0.512, 1.025), (0.506, 1.0)], 9)
-    inside = smooth([(0.506, 1.0), (0.505, 0.50), (0.47, 0.18), (0.36, 0.085), (0.18, 0.075), (0.0, 0.075)], 35)
+    inside = smooth(
+        [(0.506, 1.0), (0.505, 0.50), (0.47, 0.18), (0.36, 0.085), (0.18, 0.075), (0.0, 0.075)], 35
+    )
     return revolve("body", [*foot, side, lip, inside], 64)
 
 
 def _handle() -> Part:
     path = smooth(
-        [(0.53, 0, 0.86), (0.70, 0, 0.87), (0.83, 0, 0.76), (0.84, 0, 0.52), (0.74, 0, 0.30), (0.53, 0, 0.22)], 33
+        [
+            (0.53, 0, 0.86),
+            (0.70, 0, 0.87),
+            (0.83, 0, 0.76),
+            (0.84, 0, 0.52),
+            (0.74, 0, 0.30),
+            (0.53, 0, 0.22),
+        ],
+        33,
     )
     return sweep("handle", path, np.full((33, 2), [0.045, 0.07]), 18)
 
@@ -38,7 +50,9 @@ def _paint_body(c: Canvas, seed: int) -> Material:
         finish(c, _CLAY, 0.75, 0.0, seed + 1), smoothstep(0.20, 0.205, c.v)
     )
     belt = band(c.v, 0.40, 0.44)
-    return finish(c, _CREAM, 0.24, 0.0, seed + 2).over(outside, np.maximum(belt, smoothstep(0.495, 0.50, c.v)))
+    return finish(c, _CREAM, 0.24, 0.0, seed + 2).over(
+        outside, np.maximum(belt, smoothstep(0.495, 0.50, c.v))
+    )
 
 
 MUG_PAINTERS: Painters = {"body": _paint_body, "handle": lambda c, seed: finish(c, _GLAZE, 0.22, 0.0, seed)}

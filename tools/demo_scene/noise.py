@@ -1,4 +1,6 @@
-"""Smooth random functions of the plane, periodic in x where asked, and the ramps both textures and lights use."""
+"""Smooth random functions of the plane, periodic in x where asked, and the ramps both textures and lights
+use.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,8 +32,12 @@ def value_noise(x: np.ndarray, y: np.ndarray, seed: int, period: int = _LATTICE)
     return top * (1 - ty) + bottom * ty
 
 
-def fractal_noise(x: np.ndarray, y: np.ndarray, seed: int, period: int = _LATTICE, octaves: int = 4) -> np.ndarray:
-    """Return the normalised sum of octaves of `value_noise`, each twice as fine and half as strong as the last."""
+def fractal_noise(
+    x: np.ndarray, y: np.ndarray, seed: int, period: int = _LATTICE, octaves: int = 4
+) -> np.ndarray:
+    """Return the normalised sum of octaves of `value_noise`, each twice as fine and half as strong as the
+    last.
+    """
     total, weight = np.zeros(np.broadcast(x, y).shape), 0.0
     for octave in range(octaves):
         scale = 2**octave

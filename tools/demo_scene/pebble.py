@@ -1,4 +1,6 @@
-"""A pebble of one even material: nothing on it tells where a photo was taken from but its outline and its shading."""
+"""A pebble of one even material: nothing on it tells where a photo was taken from but its outline and its
+shading.
+"""
 
 import numpy as np
 
@@ -10,7 +12,9 @@ _ROUGHNESS = 0.3
 
 
 def pebble() -> list[Part]:
-    """Return the pebble: an ellipsoid with one thick end, a bend and a dent, so that no view looks like another."""
+    """Return the pebble: an ellipsoid with one thick end, a bend and a dent, so that no view looks like
+    another.
+    """
     return normalise([rounded_box("pebble", 2.0, (56, 72), _bent)])
 
 

@@ -1,8 +1,8 @@
 """The path tracer's side: the object as a Mitsuba scene with the glTF reflectance model, and pictures of it.
 
-Mitsuba is used as an independent implementation: of the product nothing but the reflectance model and the conventions
-of its own path tracer are imported, none of the renderer that it is learnt with. It needs an LLVM shared library (19
-works, 15 does not).
+Mitsuba is used as an independent implementation: of the product nothing but the reflectance model and the
+conventions of its own path tracer are imported, none of the renderer that it is learnt with. It needs an LLVM
+shared library (19 works, 15 does not).
 """
 
 from collections.abc import Mapping
@@ -31,7 +31,9 @@ class View:
     angle: float
 
     def rays(self, side: int, offset: tuple[float, float]) -> np.ndarray:
-        """Return unit world directions (side * side, 3) through `offset` in [0, 1)^2 of every pixel, row by row."""
+        """Return unit world directions (side * side, 3) through `offset` in [0, 1)^2 of every pixel, row by
+        row.
+        """
         focal = 0.5 * side / np.tan(0.5 * self.angle)
         x, y = np.meshgrid(np.arange(side) + offset[0] - side / 2, np.arange(side) + offset[1] - side / 2)
         local = np.stack([x / focal, -y / focal, -np.ones_like(x)], axis=-1).reshape(-1, 3)
@@ -50,7 +52,9 @@ class Maps:
 
 
 def _shape(model: Model) -> mi.Mesh:
-    """All parts as one mesh with the atlas coordinates; Mitsuba counts v down the rows of a bitmap made in memory."""
+    """All parts as one mesh with the atlas coordinates; Mitsuba counts v down the rows of a bitmap made in
+    memory.
+    """
     parts = model.parts
     uv = np.concatenate([atlas_uv(model.tiles[part.name], part.uv) for part in parts])
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
@@ -78,7 +82,9 @@ def painted_mesh(model: Model) -> tuple[mi.Mesh, mi.Texture, mi.Texture]:
 class Studio:
     """The object in Mitsuba, under one environment at a time."""
 
-    def __init__(self, model: Model, environment_height: int, others: Mapping[str, dict | mi.Object] | None = None):
+    def __init__(
+        self, model: Model, environment_height: int, others: Mapping[str, dict | mi.Object] | None = None
+    ):
         """Set the object up; others: shapes by name that stand around it."""
         mesh, self._base, self._orm = painted_mesh(model)
         empty = np.ones((2 * environment_height + 1, 2 * environment_height, 3), np.float32)
@@ -91,7 +97,7 @@ class Studio:
         self._values = mi.traverse(self.scene)
         self._integrator = mi.load_dict(
             {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 64, "hide_emitters": True}
-        )  # fmt: skip
+        )
 
     def set_environment(self, radiance: np.ndarray) -> None:
         """Light the object by radiance (H, 2H, 3) in the convention of `lights`."""
@@ -106,20 +112,25 @@ class Studio:
             [
                 np.array(
                     mi.render(
-                        self.scene, sensor=sensor, integrator=self._integrator,
-                        spp=max(samples // _SUB_RENDERS, 1), seed=seed * _SUB_RENDERS + k,
+                        self.scene,
+                        sensor=sensor,
+                        integrator=self._integrator,
+                        spp=max(samples // _SUB_RENDERS, 1),
+                        seed=seed * _SUB_RENDERS + k,
                     )
                 )
                 for k in range(_SUB_RENDERS)
             ]
-        )  # fmt: skip
+        )
         return tamed(renders)
 
     def maps(self, view: View, side: int) -> Maps:
         """Return the mean surface under 4x4 rays of every pixel."""
         total = np.zeros((side * side, 9))
         for k in range(16):
-            hit, values = self._probe(view.rays(side, ((k % 4 + 0.5) / 4, (k // 4 + 0.5) / 4)), view.pose[:3, 3])
+            hit, values = self._probe(
+                view.rays(side, ((k % 4 + 0.5) / 4, (k // 4 + 0.5) / 4)), view.pose[:3, 3]
+            )
             total += np.where(hit[:, None], values, 0.0)
         mean = (total / np.maximum(total[:, -1:], 1.0)).reshape(side, side, 9)
         length = np.maximum(np.linalg.norm(mean[..., 5:8], axis=-1, keepdims=True), 1e-9)
@@ -154,8 +165,12 @@ class Studio:
                 "to_world": mi.ScalarTransform4f(pose.tolist()),
                 "sampler": {"type": "independent"},
                 "film": {
-                    "type": "hdrfilm", "width": side, "height": side, "pixel_format": "rgba",
-                    "component_format": "float32", "rfilter": {"type": "box"},
+                    "type": "hdrfilm",
+                    "width": side,
+                    "height": side,
+                    "pixel_format": "rgba",
+                    "component_format": "float32",
+                    "rfilter": {"type": "box"},
                 },
             }
-        )  # fmt: skip
+        )

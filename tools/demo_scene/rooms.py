@@ -1,7 +1,7 @@
 """Rooms by day and by lamp: a furnished box with windows, seen from the object standing on a table in it.
 
-Lengths are metres, the object is at the origin, z up. Light on a wall is summed over points of the windows and lamps,
-without shadows; what makes a room bounce light is a constant.
+Lengths are metres, the object is at the origin, z up. Light on a wall is summed over points of the windows
+and lamps, without shadows; what makes a room bounce light is a constant.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,9 @@ import numpy as np
 from .noise import fractal_noise, mix
 from .sky import unit
 
-_WALLS = np.array([[0.70, 0.66, 0.58], [0.62, 0.64, 0.66], [0.74, 0.72, 0.70], [0.50, 0.58, 0.50], [0.66, 0.50, 0.38]])
+_WALLS = np.array(
+    [[0.70, 0.66, 0.58], [0.62, 0.64, 0.66], [0.74, 0.72, 0.70], [0.50, 0.58, 0.50], [0.66, 0.50, 0.38]]
+)
 _FLOORS = np.array(
     [[0.30, 0.17, 0.08], [0.16, 0.085, 0.04], [0.42, 0.40, 0.38], [0.30, 0.07, 0.06], [0.45, 0.33, 0.20]]
 )
@@ -59,7 +61,9 @@ class Hit:
 
 
 def _enter(d: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Intersect rays from the origin with a box: entry distance (inf where missed) and the axis it is entered along."""
+    """Intersect rays from the origin with a box: entry distance (inf where missed) and the axis it is entered
+    along.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = box.low / d, box.high / d
     near, far = np.minimum(a, b), np.maximum(a, b)
@@ -97,11 +101,15 @@ def _irradiance(
             at[pane.axis] = pane.offset
             total += _from_point(point, normal, at, facing)[..., None] * pane.sky * (s1 - s0) * (z1 - z0) / 4
     for lamp in lamps:
-        total += _from_point(point, normal, lamp.center, None)[..., None] * lamp.radiance * np.pi * lamp.radius**2
+        total += (
+            _from_point(point, normal, lamp.center, None)[..., None] * lamp.radiance * np.pi * lamp.radius**2
+        )
     return total
 
 
-def _from_point(point: np.ndarray, normal: np.ndarray, source: np.ndarray, facing: np.ndarray | None) -> np.ndarray:
+def _from_point(
+    point: np.ndarray, normal: np.ndarray, source: np.ndarray, facing: np.ndarray | None
+) -> np.ndarray:
     """Cosines over squared distance from a small source, which is flat when it is `facing` somewhere."""
     way = source - point
     squared = np.maximum((way * way).sum(axis=-1), 0.04)
@@ -128,7 +136,9 @@ def _furnish(half: np.ndarray, floor: float, ceiling: float, rng: np.random.Gene
     return boxes
 
 
-def _windows(half: np.ndarray, floor: float, ceiling: float, day: float, rng: np.random.Generator) -> list[Pane]:
+def _windows(
+    half: np.ndarray, floor: float, ceiling: float, day: float, rng: np.random.Generator
+) -> list[Pane]:
     panes = []
     axis, side = int(rng.integers(2)), rng.choice([-1.0, 1.0])
     for wall in range(int(rng.integers(1, 3))):
@@ -156,13 +166,25 @@ def _through_window(pane: Pane, along: np.ndarray, z: np.ndarray) -> tuple[np.nd
 def _surface_color(point: np.ndarray, axis: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Reflectance of the shell: plaster walls with pictures, boards on the floor, white ceiling."""
     wall, board = _WALLS[rng.integers(len(_WALLS))], _FLOORS[rng.integers(len(_FLOORS))]
-    plaster = 0.9 + 0.2 * fractal_noise(point[..., 0] + point[..., 1], point[..., 2], int(rng.integers(2**31)))
+    plaster = 0.9 + 0.2 * fractal_noise(
+        point[..., 0] + point[..., 1], point[..., 2], int(rng.integers(2**31))
+    )
     color = wall * plaster[..., None]
     along = np.where(axis == 0, point[..., 1], point[..., 0])
     for _ in range(int(rng.integers(2, 6))):
-        a, side, s, z = int(rng.integers(2)), rng.choice([-1.0, 1.0]), rng.uniform(-2, 2), rng.uniform(0.0, 0.8)
+        a, side, s, z = (
+            int(rng.integers(2)),
+            rng.choice([-1.0, 1.0]),
+            rng.uniform(-2, 2),
+            rng.uniform(0.0, 0.8),
+        )
         w, h = rng.uniform(0.15, 0.5, 2)
-        on = (axis == a) & (np.sign(point[..., a]) == side) & (np.abs(along - s) < w) & (np.abs(point[..., 2] - z) < h)
+        on = (
+            (axis == a)
+            & (np.sign(point[..., a]) == side)
+            & (np.abs(along - s) < w)
+            & (np.abs(point[..., 2] - z) < h)
+        )
         color = np.where(on[..., None], rng.uniform(0.02, 0.6, 3), color)
     seed = int(rng.integers(2**31))
     planks = 0.75 + 0.5 * fractal_noise(np.floor(point[..., 1] * 8) * 7.3, point[..., 0] * 0.7, seed)
@@ -203,7 +225,11 @@ def room(d: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     panes, lamps = _windows(half, floor, ceiling, day, rng), _lamps(half, ceiling, day, rng)
     hit = _look(d, half, floor, ceiling, _furnish(half, floor, ceiling, rng), rng)
     normal = -np.sign(d) * np.eye(3)[hit.axis]
-    bounce = np.full(3, 0.05) + 0.02 * sum(pane.sky for pane in panes) + 0.0015 * sum(lamp.radiance for lamp in lamps)
+    bounce = (
+        np.full(3, 0.05)
+        + 0.02 * sum(pane.sky for pane in panes)
+        + 0.0015 * sum(lamp.radiance for lamp in lamps)
+    )
     radiance = hit.color * _irradiance(hit.point, normal, panes, lamps, bounce) / np.pi
     if day > 0.4 and rng.random() < 0.6:
         radiance = radiance + _sunbeam(hit, normal, panes, rng)

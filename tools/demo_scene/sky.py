@@ -1,6 +1,7 @@
 """Open air: skies by the height of the sun with clouds and a skyline, and streets at nightfall.
 
-Directions are (H, W, 3) unit vectors, z up; radiance comes back in units in which a clear zenith is roughly 0.5.
+Directions are (H, W, 3) unit vectors, z up; radiance comes back in units in which a clear zenith is roughly
+0.5.
 """
 
 import numpy as np
@@ -17,14 +18,16 @@ _GROUNDS = np.array(
         [0.10, 0.15, 0.06],
     ]
 )
-_SUN_RADIUS = np.radians(1.3)  # larger than the true 0.27 degrees, and dimmer by as much: it must fill a texel
+_SUN_RADIUS = np.radians(
+    1.3
+)  # larger than the true 0.27 degrees, and dimmer by as much: it must fill a texel
 
 
 def unit(azimuth: float, elevation: float) -> np.ndarray:
     """Return the direction (3,) at angles in radians."""
     return np.array(
         [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
-    )  # fmt: skip
+    )
 
 
 def sun_color(elevation: float, haze: float) -> np.ndarray:
@@ -66,7 +69,10 @@ def _clouds(d: np.ndarray, cover: float, rng: np.random.Generator) -> np.ndarray
 def _skyline(d: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """What stands around: mask (H, W) and reflectance (H, W, 3) of trees, houses, hills or nothing."""
     around = np.mod(np.arctan2(d[..., 1], d[..., 0]) / (2 * np.pi), 1.0)
-    seed, what = int(rng.integers(2**31)), rng.choice(["trees", "houses", "hills", "open"], p=[0.35, 0.30, 0.2, 0.15])
+    seed, what = (
+        int(rng.integers(2**31)),
+        rng.choice(["trees", "houses", "hills", "open"], p=[0.35, 0.30, 0.2, 0.15]),
+    )
     if what == "trees":
         top = 0.05 + rng.uniform(0.15, 0.75) * fractal_noise(around * 12, 0 * around, seed, period=12)
         leaf = value_noise(around * 90, d[..., 2] * 40, seed + 1, period=90)[..., None]
@@ -75,7 +81,11 @@ def _skyline(d: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.nd
         count = int(rng.integers(9, 20))
         house = np.floor(around * count).astype(int)
         tall = rng.uniform(0.08, 0.75, count) * (rng.random(count) < 0.8)
-        paint = rng.uniform(0.10, 0.55, (count, 1)) * np.array([1.0, 0.9, 0.78]) * rng.uniform(0.85, 1.15, (count, 3))
+        paint = (
+            rng.uniform(0.10, 0.55, (count, 1))
+            * np.array([1.0, 0.9, 0.78])
+            * rng.uniform(0.85, 1.15, (count, 3))
+        )
         top = tall[house]
         window = (np.mod(around * count * 5, 1) < 0.45) & (np.mod(d[..., 2] * 18, 1) < 0.5)
         color = paint[house] * np.where(window, 0.35, 1.0)[..., None]
@@ -117,7 +127,9 @@ def outdoors(d: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     falling = diffuse + sunlight * max(np.sin(elevation), 0) * (1 - cover)
     radiance = mix(_ground(d, rng) * falling / np.pi, sky, smoothstep(-0.01, 0.01, d[..., 2]))
     mask, reflectance = _skyline(d, rng)
-    facing = np.clip(-d[..., :2] @ sun[:2], 0, 1)[..., None]  # what stands opposite the sun shows its lit side
+    facing = np.clip(-d[..., :2] @ sun[:2], 0, 1)[
+        ..., None
+    ]  # what stands opposite the sun shows its lit side
     return mix(radiance, reflectance * (0.5 * diffuse + sunlight * (1 - cover) * facing) / np.pi, mask)
 
 

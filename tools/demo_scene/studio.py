@@ -14,7 +14,9 @@ _PAPERS = np.array(
 _GELS = np.array([[1.0, 0.45, 0.15], [0.35, 0.55, 1.0], [1.0, 0.45, 0.70]])
 
 
-def softbox(d: np.ndarray, toward: np.ndarray, roll: float, half: tuple[float, float], round_: bool) -> np.ndarray:
+def softbox(
+    d: np.ndarray, toward: np.ndarray, roll: float, half: tuple[float, float], round_: bool
+) -> np.ndarray:
     """Brightness (H, W) of a flat lamp: `half` is its size as tangents, hot in the middle, dark outside."""
     right = np.cross([0.0, 0.0, 1.0], toward)
     right /= max(np.linalg.norm(right), 1e-6)
@@ -24,7 +26,9 @@ def softbox(d: np.ndarray, toward: np.ndarray, roll: float, half: tuple[float, f
     depth = np.where(front > 1e-3, front, 1.0)
     x, y = (d @ right) / depth / half[0], (d @ up) / depth / half[1]
     outside = np.hypot(x, y) if round_ else np.maximum(np.abs(x), np.abs(y))
-    return np.where(front > 1e-3, (1 - smoothstep(0.93, 1.07, outside)) * (0.45 + 0.55 * np.exp(-(x * x + y * y))), 0.0)
+    return np.where(
+        front > 1e-3, (1 - smoothstep(0.93, 1.07, outside)) * (0.45 + 0.55 * np.exp(-(x * x + y * y))), 0.0
+    )
 
 
 def studio(d: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -42,7 +46,11 @@ def studio(d: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         shape = rng.choice(["box", "strip", "dish"], p=[0.5, 0.25, 0.25])
         size = rng.uniform(0.12, 0.45)
         aspect = rng.uniform(0.6, 1.4)
-        half = {"box": (size, size * aspect), "strip": (0.25 * size, 1.6 * size), "dish": (0.5 * size, 0.5 * size)}
+        half = {
+            "box": (size, size * aspect),
+            "strip": (0.25 * size, 1.6 * size),
+            "dish": (0.5 * size, 0.5 * size),
+        }
         kelvin = mix(np.array([1.0, 0.80, 0.58]), [0.86, 0.94, 1.0], rng.random())
         if rng.random() < 0.08:
             kelvin = _GELS[rng.integers(len(_GELS))]

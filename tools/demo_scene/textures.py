@@ -1,7 +1,8 @@
 """Texture atlases, computed, never loaded; and the pot's painted glaze, fired clay, brass and wood.
 
-Colours are linear. Every painter gets a `Canvas` of texel positions on one part and returns base colour, roughness
-and metallic there. Heights and widths are in the modeller's units of `geometry`, before normalisation.
+Colours are linear. Every painter gets a `Canvas` of texel positions on one part and returns base colour,
+roughness and metallic there. Heights and widths are in the modeller's units of `geometry`, before
+normalisation.
 """
 
 from collections.abc import Callable
@@ -62,7 +63,9 @@ class Material:
         )
 
 
-Painters = dict[str, Callable[[Canvas, int], Material]]  # what each part is painted by, from its canvas and a seed
+Painters = dict[
+    str, Callable[[Canvas, int], Material]
+]  # what each part is painted by, from its canvas and a seed
 
 
 def brass(c: Canvas, seed: int) -> Material:
@@ -130,9 +133,15 @@ def _belly(c: Canvas, repeats: int = 6) -> tuple[np.ndarray, np.ndarray]:
     leaves = np.zeros_like(x)
     edge = width / 2
     for sx, sy, degrees, size in (
-        (-edge, 0.0, 58, 0.21), (-edge, 0.0, -58, 0.21), (edge, 0.0, 122, 0.21), (edge, 0.0, 238, 0.21),
-        (-0.19, -0.085, 250, 0.15), (0.19, 0.085, 70, 0.15), (-0.10, 0.13, 100, 0.13), (0.10, -0.13, 280, 0.13),
-    ):  # fmt: skip
+        (-edge, 0.0, 58, 0.21),
+        (-edge, 0.0, -58, 0.21),
+        (edge, 0.0, 122, 0.21),
+        (edge, 0.0, 238, 0.21),
+        (-0.19, -0.085, 250, 0.15),
+        (0.19, 0.085, 70, 0.15),
+        (-0.10, 0.13, 100, 0.13),
+        (0.10, -0.13, 280, 0.13),
+    ):
         leaves = np.maximum(leaves, _leaf(x, y, (sx, sy), degrees, size))
     berry = 1 - smoothstep(0.018, 0.026, np.hypot(np.abs(x) - edge, y))
     return np.maximum.reduce([petals, vine * (1 - berry), leaves]), np.maximum(heart, berry)
@@ -144,7 +153,9 @@ def _lappets(c: Canvas, low: float, tall: float, repeats: int) -> np.ndarray:
     t = np.clip((c.height - low) / tall, -1, 2)
     half = np.sqrt(np.clip(1 - np.clip(t, 0, 1) ** 2.2, 0, 1)) * 0.92
     inside = np.where((t >= 0) & (t <= 1), half - np.abs(x), -1.0)
-    return np.maximum(smoothstep(0, 0.05, inside) - smoothstep(0.16, 0.21, inside), smoothstep(0.36, 0.42, inside))
+    return np.maximum(
+        smoothstep(0, 0.05, inside) - smoothstep(0.16, 0.21, inside), smoothstep(0.36, 0.42, inside)
+    )
 
 
 def paint_body(c: Canvas, seed: int) -> Material:
@@ -167,7 +178,9 @@ def paint_lid(c: Canvas, seed: int) -> Material:
     """Brass with engraved rings, in which the dirt of years sits."""
     metal = brass(c, seed)
     rings = np.maximum.reduce([_line(c.height, at, 0.006) for at in (1.716, 1.752, 1.762, 1.838)])
-    return Material(mix(metal.base, _PATINA * 0.5, 0.8 * rings), metal.roughness + 0.3 * rings, metal.metallic)
+    return Material(
+        mix(metal.base, _PATINA * 0.5, 0.8 * rings), metal.roughness + 0.3 * rings, metal.metallic
+    )
 
 
 def paint_spout(c: Canvas, seed: int) -> Material:
@@ -231,7 +244,11 @@ def canvas(part: Part, tile: tuple[int, int, int, int]) -> Canvas:
 
 def paint(parts: list[Part], tiles: Tiles, painters: Painters, seed: int) -> Material:
     """Return the atlas of a whole object: base colour (1024, 1024, 3), roughness and metallic (1024, 1024)."""
-    base, roughness, metallic = np.full((ATLAS, ATLAS, 3), 0.5), np.ones((ATLAS, ATLAS)), np.zeros((ATLAS, ATLAS))
+    base, roughness, metallic = (
+        np.full((ATLAS, ATLAS, 3), 0.5),
+        np.ones((ATLAS, ATLAS)),
+        np.zeros((ATLAS, ATLAS)),
+    )
     for index, part in enumerate(parts):
         row, column, rows, columns = tiles[part.name]
         tile = np.s_[row : row + rows, column : column + columns]

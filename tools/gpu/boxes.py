@@ -1,6 +1,8 @@
-"""Parts of a measurement in processes of their own: what takes too long or breaks ends alone, and is told as such.
+"""Parts of a measurement in processes of their own: what takes too long or breaks ends alone, and is told as
+such.
 
-A part writes finished rows, and how far it is, into files of its name as it goes; what a killed one had written stays.
+A part writes finished rows, and how far it is, into files of its name as it goes; what a killed one had
+written stays.
 """
 
 import json
@@ -88,7 +90,9 @@ def run_part(command: list[str], part: str, setting: Setting, limit: float) -> O
 def _failure(code: int, printed: Path) -> str | None:
     if code == 0:
         return None
-    words = [line for line in printed.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    words = [
+        line for line in printed.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()
+    ]
     return (words[-1].strip() if words else f"ended with {code} without a word")[-_LAST_WORDS:]
 
 
@@ -111,11 +115,15 @@ class Pace:
         self._file = setting.state_file(part)
         self._begin = time.perf_counter()
         self._stages: dict[str, list[float]] = {}
-        self._since: dict[str, tuple[float, int]] = {}  # stage -> when its first bunch of steps was told, and its end
+        self._since: dict[
+            str, tuple[float, int]
+        ] = {}  # stage -> when its first bunch of steps was told, and its end
         self._written = 0.0
 
     def step(self, stage: str, done: int, steps: int) -> None:
-        """Note that a step of a stage is done; the first of a stage, or its first bunch, only starts its time."""
+        """Note that a step of a stage is done; the first of a stage, or its first bunch, only starts its
+        time.
+        """
         now = time.perf_counter()
         begin, first = self._since.get(stage, (now, done))
         if now - begin < _BUNCH:

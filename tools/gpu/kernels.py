@@ -23,14 +23,21 @@ def kernels_part(setting: Setting) -> None:
     """Write the device's limits and the table of kernels."""
     device = resolve_device(setting.device)
     limits = device_limits(device, brief=setting.brief)
-    setting.write("kernels", [
-        f"Limits measured here: copying {limits.copy / 1e9:.0f} GB/s, read and written bytes both counted; a product",
-        f"of float32 matrices, factors unrounded, {limits.matrix / 1e9:.0f} GFLOP/s. Tables that fit a cache can",
-        "exceed the first, and work is what the formula asks for, once. The last column is the relative L2 difference",
-        "from the body that runs on a CPU; of the rasteriser it is the share of pixels that show another face.", "",
-        f"| {' | '.join(TITLES)} |", "| --- |" + " ---: |" * (len(TITLES) - 1),
-    ])  # fmt: skip
-    pairs = zip(all_kernels(quick=setting.brief, device=device), all_kernels(quick=setting.brief), strict=True)
+    setting.write(
+        "kernels",
+        [
+            f"Limits measured here: copying {limits.copy / 1e9:.0f} GB/s, read and written bytes both counted; a product",
+            f"of float32 matrices, factors unrounded, {limits.matrix / 1e9:.0f} GFLOP/s. Tables that fit a cache can",
+            "exceed the first, and work is what the formula asks for, once. The last column is the relative L2 difference",
+            "from the body that runs on a CPU; of the rasteriser it is the share of pixels that show another face.",
+            "",
+            f"| {' | '.join(TITLES)} |",
+            "| --- |" + " ---: |" * (len(TITLES) - 1),
+        ],
+    )
+    pairs = zip(
+        all_kernels(quick=setting.brief, device=device), all_kernels(quick=setting.brief), strict=True
+    )
     for there, here in pairs:
         setting.write("kernels", [kernel_row(there, here, device, limits)])
     setting.write("kernels", [prefilter_row(16 if setting.brief else 32, device, limits)])
@@ -54,9 +61,13 @@ def prefilter_row(resolution: int, device: torch.device, limits: Limits) -> str:
     x = torch.rand(matrix.columns, 3, generator=torch.Generator().manual_seed(0))
     there, entries = x.to(device), len(matrix.value)
     work = entries * (4.0 + matrix.column.element_size()) + 4 * len(matrix.start) + 24 * len(x)
-    kernel = Kernel(f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries", "", _nothing, work, False)
+    kernel = Kernel(
+        f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries", "", _nothing, work, False
+    )
     seconds = device_seconds(lambda: sparse_product(matrix, there), device)
-    return _row(kernel, seconds, None, limits, difference(sparse_product(matrix, there), sparse_product(own, x)))
+    return _row(
+        kernel, seconds, None, limits, difference(sparse_product(matrix, there), sparse_product(own, x))
+    )
 
 
 def _nothing(body: object) -> None:
@@ -64,7 +75,10 @@ def _nothing(body: object) -> None:
 
 
 def _row(kernel: Kernel, fast: float, slow: float | None, limits: Limits, off: float) -> str:
-    rate, (unit, limit) = kernel.work / fast, ("GFLOP", limits.arithmetic) if kernel.flops else ("GB", limits.copy)
+    rate, (unit, limit) = (
+        kernel.work / fast,
+        ("GFLOP", limits.arithmetic) if kernel.flops else ("GB", limits.copy),
+    )
     beside = "– | –" if slow is None else f"{1000 * slow:.2f} | {slow / fast:.1f}"
     share = f"{rate / 1e9:.1f} {unit}/s | {100 * rate / limit:.0f} %"
     return f"| {kernel.name} | {1000 * fast:.3f} | {beside} | {kernel.work / 1e9:.3f} {unit} | {share} | {off:.1e} |"
@@ -81,7 +95,9 @@ def difference(found: object, expected: object) -> float:
     return float((first.double() - second.double()).norm() / second.double().norm().clamp(min=1e-30))
 
 
-def device_seconds(work: Callable[[], object], device: torch.device, trials: int = 5, *, warm_up: bool = True) -> float:
+def device_seconds(
+    work: Callable[[], object], device: torch.device, trials: int = 5, *, warm_up: bool = True
+) -> float:
     """Return the median time of a call, several being asked of a GPU before it is waited for."""
     calls = _CALLS if device.type == "cuda" else 1
 

@@ -1,4 +1,6 @@
-"""benchmarks/GPU.md: the parts one after the other, each within its share of the time, and what became of them."""
+"""benchmarks/GPU.md: the parts one after the other, each within its share of the time, and what became of
+them.
+"""
 
 import time
 from collections.abc import Mapping
@@ -25,22 +27,33 @@ BOXES = (
     Box("tests", "Tests", 5.0, "The tests that need a CUDA device."),
     Box("kernels", "Kernels", 2.0, "Each kernel's body on the device, beside the device's limits."),
     Box(
-        "quality", "Quality beside the CPU", 6.0,
+        "quality",
+        "Quality beside the CPU",
+        6.0,
         "The demo's training, same seed, on the device and on the CPU; scores on its test photos. Steps of Phase I are "
         "alike on both only until rounding tells them apart, so scores differ as those of two seeds do.",
     ),
     Box(
-        "prediction", "Predictions", 2.0,
+        "prediction",
+        "Predictions",
+        2.0,
         "By the run that the device trained above, over the test photos; medians, after a few to warm up. The last "
         "column is the largest relative L2 difference of a map from the one the CPU predicts with the same weights.",
     ),
     Box(
-        "pace", "Pace of `standard`", 2.0,
+        "pace",
+        "Pace of `standard`",
+        2.0,
         "The first steps of each stage with the settings meant for a GPU, and how long all of them take at that pace; "
         "what lies between the stages comes on top.",
     ),
-    Box("standard", "Phase I and II at `standard`", 7.5, "The bundled scene with the settings meant for a GPU."),
-)  # fmt: skip
+    Box(
+        "standard",
+        "Phase I and II at `standard`",
+        7.5,
+        "The bundled scene with the settings meant for a GPU.",
+    ),
+)
 
 
 def measure(setting: Setting, minutes: float, boxes: tuple[Box, ...] = BOXES) -> dict[str, Outcome]:
@@ -61,7 +74,11 @@ def measure(setting: Setting, minutes: float, boxes: tuple[Box, ...] = BOXES) ->
 
 
 def page(
-    setting: Setting, found: Mapping[str, Outcome], command: str, seconds: float, boxes: tuple[Box, ...] = BOXES
+    setting: Setting,
+    found: Mapping[str, Outcome],
+    command: str,
+    seconds: float,
+    boxes: tuple[Box, ...] = BOXES,
 ) -> str:
     """Return the page of all parts."""
     lines = head(setting, command, seconds)
@@ -72,18 +89,31 @@ def page(
         outcome = found[box.part]
         lines += ["", f"## {box.title}", "", f"{box.about} {outcome.seconds:.0f} s."]
         if outcome.failure:
-            lines += ["", f"**Failed**: {outcome.failure.rstrip('.')}. What stands below was measured before."]
+            lines += [
+                "",
+                f"**Failed**: {outcome.failure.rstrip('.')}. What stands below was measured before.",
+            ]
         lines += [block for rows in (outcome.rows, pace_rows(outcome.state)) if rows for block in ("", *rows)]
     return "\n".join(lines) + "\n"
 
 
 def head(setting: Setting, command: str, seconds: float) -> list[str]:
     """Return what was measured where."""
-    notes = ["", "**A brief measurement**: small cases, to see that all of it works; its numbers mean nothing."]
+    notes = [
+        "",
+        "**A brief measurement**: small cases, to see that all of it works; its numbers mean nothing.",
+    ]
     away = ["", "**No GPU was measured**: everything below ran on the CPU."]
     return [
-        "# On a GPU", "", "Written by `tools/measure_gpu.py`.",
-        *(notes if setting.brief else []), *(away if setting.device == "cpu" else []), "",
-        f"- commit: {commit()}", f"- machine: {machine()}", f"- command: `{command}`", f"- seed: {setting.seed}",
+        "# On a GPU",
+        "",
+        "Written by `tools/measure_gpu.py`.",
+        *(notes if setting.brief else []),
+        *(away if setting.device == "cpu" else []),
+        "",
+        f"- commit: {commit()}",
+        f"- machine: {machine()}",
+        f"- command: `{command}`",
+        f"- seed: {setting.seed}",
         f"- time: {seconds / 60:.1f} minutes",
-    ]  # fmt: skip
+    ]

@@ -1,4 +1,6 @@
-"""Predictions by the demo's run, on the device and on the CPU: how long, how many a second, and how far apart."""
+"""Predictions by the demo's run, on the device and on the CPU: how long, how many a second, and how far
+apart.
+"""
 
 import statistics
 import time
@@ -19,12 +21,25 @@ Photo = tuple[Pixels, Camera]
 
 
 def prediction_part(setting: Setting) -> None:
-    """Write latency and photos per second at two sizes, and the difference between the device's maps and the CPU's."""
+    """Write latency and photos per second at two sizes, and the difference between the device's maps and the
+    CPU's.
+    """
     run = setting.folder / "run"
     if not run.is_dir():
-        raise ConfigError("There is no run to predict with: the part that trains the demo did not get that far.")
-    head = ("method", "device", "size", *(f"{part}, ms" for part in PARTS), "photos a second", "off the CPU's map")
-    setting.write("prediction", [f"| {' | '.join(head)} |", "| --- | --- | --- |" + " ---: |" * (len(head) - 3)])
+        raise ConfigError(
+            "There is no run to predict with: the part that trains the demo did not get that far."
+        )
+    head = (
+        "method",
+        "device",
+        "size",
+        *(f"{part}, ms" for part in PARTS),
+        "photos a second",
+        "off the CPU's map",
+    )
+    setting.write(
+        "prediction", [f"| {' | '.join(head)} |", "| --- | --- | --- |" + " ---: |" * (len(head) - 3)]
+    )
     sizes = ((64, 16),) if setting.brief else ((256, 32), (SIDE, TEXELS))
     for side, texels in sizes:
         photos = [resample(photo, side) for photo in scene(brief=setting.brief).test]
@@ -36,11 +51,15 @@ def prediction_part(setting: Setting) -> None:
                 setting.write("prediction", [f"{row} {apart(found, expected):.1e} |"])
 
 
-def _row(run: Path, name: str, method: Method | None, photos: list[Photo], texels: int) -> tuple[list[Prediction], str]:
+def _row(
+    run: Path, name: str, method: Method | None, photos: list[Photo], texels: int
+) -> tuple[list[Prediction], str]:
     """Return the predictions of all photos on a device, and the beginning of their row."""
     device = resolve_device(name)
     loaded = Predictor.load(run, device)
-    predictor = Predictor(loaded.decomposition, loaded.model, device, config=PredictConfig(light_resolution=texels))
+    predictor = Predictor(
+        loaded.decomposition, loaded.model, device, config=PredictConfig(light_resolution=texels)
+    )
     method = method or methods_for(predictor.model)[0]
     for _ in range(3 if device.type == "cuda" else 1):  # kernels are compiled, graphs recorded
         predictor.predict(*photos[0], method)

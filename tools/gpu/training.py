@@ -29,10 +29,23 @@ from speed.training import small
 
 SCENE = Path(str(resources.files("lightprobe") / "assets" / "demo"))
 SCORES = (
-    "psnr_masked", "psnr_unseen", "relit_psnr_scaled", "diffuse_si_rmse", "matte_si_rmse", "mirror_si_rmse",
-    "light_log_rmse_scaled", "base_color_psnr_scaled", "chamfer",
-)  # fmt: skip
-_BEGUN = {"pass1": 250, "pass2": 150, "pass3": 150, "network": 300, "sphere": 300}  # steps of each stage of `pace`
+    "psnr_masked",
+    "psnr_unseen",
+    "relit_psnr_scaled",
+    "diffuse_si_rmse",
+    "matte_si_rmse",
+    "mirror_si_rmse",
+    "light_log_rmse_scaled",
+    "base_color_psnr_scaled",
+    "chamfer",
+)
+_BEGUN = {
+    "pass1": 250,
+    "pass2": 150,
+    "pass3": 150,
+    "network": 300,
+    "sphere": 300,
+}  # steps of each stage of `pace`
 _HEADINGS = {**IMAGES, **LIGHTS, **MAPS, **OBJECT}
 
 
@@ -57,8 +70,16 @@ def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, Distil
     """Return the configurations of `demo` or `standard`, or some of seconds."""
     if brief:
         size = small()
-        first = replace(size.decompose, pass1_iterations=4, pass2_iterations=3, pass3_iterations=2, validation_photos=0,
-                        pass3_texture_size=256, teacher_resolution=16, max_faces=2000)  # fmt: skip
+        first = replace(
+            size.decompose,
+            pass1_iterations=4,
+            pass2_iterations=3,
+            pass3_iterations=2,
+            validation_photos=0,
+            pass3_texture_size=256,
+            teacher_resolution=16,
+            max_faces=2000,
+        )
         return first, replace(size.distill, steps=4, sphere_steps=4, synthetic_lessons=4)
     if preset == "standard":
         return reconstruction.standard(), distillation.standard()
@@ -68,24 +89,36 @@ def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, Distil
 def stage_steps(first: DecomposeConfig, second: DistillConfig) -> dict[str, int]:
     """Return how many steps each stage of a training takes."""
     return {
-        "pass1": first.pass1_iterations, "pass2": first.pass2_iterations, "pass3": first.pass3_iterations,
-        "network": second.steps, "sphere": second.sphere_steps,
-    }  # fmt: skip
+        "pass1": first.pass1_iterations,
+        "pass2": first.pass2_iterations,
+        "pass3": first.pass3_iterations,
+        "network": second.steps,
+        "sphere": second.sphere_steps,
+    }
 
 
 def begun(first: DecomposeConfig, second: DistillConfig) -> tuple[DecomposeConfig, DistillConfig]:
     """Return configurations of at most `_BEGUN` steps."""
     steps = {stage: min(whole, _BEGUN[stage]) for stage, whole in stage_steps(first, second).items()}
     return (
-        replace(first, pass1_iterations=steps["pass1"], pass2_iterations=steps["pass2"],
-                pass3_iterations=steps["pass3"]),
-        replace(second, steps=steps["network"], sphere_steps=steps["sphere"],
-                synthetic_lessons=min(second.synthetic_lessons, _BEGUN["sphere"])),
-    )  # fmt: skip
+        replace(
+            first,
+            pass1_iterations=steps["pass1"],
+            pass2_iterations=steps["pass2"],
+            pass3_iterations=steps["pass3"],
+        ),
+        replace(
+            second,
+            steps=steps["network"],
+            sphere_steps=steps["sphere"],
+            synthetic_lessons=min(second.synthetic_lessons, _BEGUN["sphere"]),
+        ),
+    )
 
 
-def learn(preset: str, place: str, device: torch.device, setting: Setting, pace: Pace, *, whole: bool = True
-          ) -> Learned:  # fmt: skip
+def learn(
+    preset: str, place: str, device: torch.device, setting: Setting, pace: Pace, *, whole: bool = True
+) -> Learned:
     """Train both phases on the bundled scene, or only begin each stage; the stages' names begin with `place`."""
     photos, (first, second) = scene(brief=setting.brief), configurations(preset, brief=setting.brief)
     full = stage_steps(first, second)
@@ -101,9 +134,14 @@ def learn(preset: str, place: str, device: torch.device, setting: Setting, pace:
     found = decompose(photos, first, device, setting.seed, progress)
     middle = time.perf_counter()
     model = distill(
-        found, photos, second, device, setting.seed, progress,
+        found,
+        photos,
+        second,
+        device,
+        setting.seed,
+        progress,
         on_lesson=lambda done, count: pace.step(f"{place}: photos turned into lessons", done, count),
-    )  # fmt: skip
+    )
     return Learned(found, model, middle - begin, time.perf_counter() - middle, _memory(device))
 
 
@@ -128,23 +166,33 @@ def keep(learned: Learned, folder: Path) -> None:
 def score_rows(name: str, learned: Learned, device: torch.device, setting: Setting) -> list[str]:
     """Return the row of a training: its times and its scores on the test photos by the default method."""
     found = evaluate(
-        learned.decomposition, learned.model, scene(brief=setting.brief), methods=methods_for(learned.model)[:1],
-        device=device, protocols=Protocols(unseen=not setting.brief),
-    )  # fmt: skip
+        learned.decomposition,
+        learned.model,
+        scene(brief=setting.brief),
+        methods=methods_for(learned.model)[:1],
+        device=device,
+        protocols=Protocols(unseen=not setting.brief),
+    )
     mean = found.to_json()["mean"]
     scores = [_HEADINGS[key].text(mean[key]) if key in mean else "–" for key in SCORES]
-    return [f"| {name} | {learned.first:.0f} | {learned.second:.0f} | {learned.memory} | {' | '.join(scores)} |"]
+    return [
+        f"| {name} | {learned.first:.0f} | {learned.second:.0f} | {learned.memory} | {' | '.join(scores)} |"
+    ]
 
 
 def score_head() -> list[str]:
     """Return the head of the table of trainings."""
     titles = [f"{_HEADINGS[key].name} {_HEADINGS[key].arrow}".strip() for key in SCORES]
-    return [f"| training | Phase I, s | Phase II, s | memory | {' | '.join(titles)} |",
-            "| --- | ---: | ---: | --- |" + " ---: |" * len(titles)]  # fmt: skip
+    return [
+        f"| training | Phase I, s | Phase II, s | memory | {' | '.join(titles)} |",
+        "| --- | ---: | ---: | --- |" + " ---: |" * len(titles),
+    ]
 
 
 def quality_part(setting: Setting) -> None:
-    """Train the demo on the device and on the CPU, from the same seed, and score both where they were trained."""
+    """Train the demo on the device and on the CPU, from the same seed, and score both where they were
+    trained.
+    """
     pace = Pace("quality", setting)
     setting.write("quality", score_head())
     for name in dict.fromkeys((setting.device, "cpu")):
@@ -157,9 +205,13 @@ def quality_part(setting: Setting) -> None:
 
 
 def pace_part(setting: Setting) -> None:
-    """Begin each stage of `standard` on the device; the table of stages tells how long all of them would take."""
+    """Begin each stage of `standard` on the device; the table of stages tells how long all of them would
+    take.
+    """
     device = resolve_device(setting.device)
-    learned = learn("standard", f"standard on {device.type}", device, setting, Pace("pace", setting), whole=False)
+    learned = learn(
+        "standard", f"standard on {device.type}", device, setting, Pace("pace", setting), whole=False
+    )
     setting.write("pace", [f"Memory: {learned.memory}."])
 
 

@@ -52,12 +52,16 @@ def true_decomposition(model: Model) -> Decomposition:
         points, index = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
         welded = index.reshape(-1)[faces]
     # A part's own vertices, split along its creases, keep its normals apart.
-    creases = np.unique(np.round(np.concatenate([vertices, _normals(model)], 1), 4), axis=0, return_inverse=True)[1]
+    creases = np.unique(
+        np.round(np.concatenate([vertices, _normals(model)], 1), 4), axis=0, return_inverse=True
+    )[1]
     mesh = Mesh(
-        torch.from_numpy(points).float(), torch.from_numpy(welded.astype(np.int32)), torch.from_numpy(uvs).float(),
+        torch.from_numpy(points).float(),
+        torch.from_numpy(welded.astype(np.int32)),
+        torch.from_numpy(uvs).float(),
         torch.from_numpy(uv_faces.astype(np.int32)),
         torch.from_numpy(creases.reshape(-1)[faces].astype(np.int32)),
-    )  # fmt: skip
+    )
     material = model.material
     base, rough, metal = (
         torch.from_numpy(resize_area(plane.astype(np.float32), _TEXTURE, _TEXTURE))
@@ -76,9 +80,12 @@ def glb(model: Model) -> bytes:
     normals = _normals(model)
     tangent = np.concatenate([np.cross(normals, np.roll(normals, 1, 1)), np.ones((len(normals), 1))], 1)
     mesh = GltfMesh(
-        to_y_up(vertices).astype(np.float32), to_y_up(normals).astype(np.float32), tangent.astype(np.float32),
-        uvs.astype(np.float32), faces.astype(np.uint32),
-    )  # fmt: skip
+        to_y_up(vertices).astype(np.float32),
+        to_y_up(normals).astype(np.float32),
+        tangent.astype(np.float32),
+        uvs.astype(np.float32),
+        faces.astype(np.uint32),
+    )
     material = model.material
     orm = np.stack([np.ones_like(material.roughness), material.roughness, material.metallic], -1)
     bump = np.full((4, 4, 3), [0.5, 0.5, 1.0])
@@ -87,9 +94,13 @@ def glb(model: Model) -> bytes:
 
 def camera_of(case: Case, side: int, ground: float) -> Camera:
     """Return the camera of a scene's photo, which looks at the known object from above."""
-    direction = np.array([
-        np.cos(case.azimuth) * np.cos(_ELEVATION), np.sin(case.azimuth) * np.cos(_ELEVATION), np.sin(_ELEVATION),
-    ])  # fmt: skip
+    direction = np.array(
+        [
+            np.cos(case.azimuth) * np.cos(_ELEVATION),
+            np.sin(case.azimuth) * np.cos(_ELEVATION),
+            np.sin(_ELEVATION),
+        ]
+    )
     right = np.array([-direction[1], direction[0], 0.0]) / np.hypot(*direction[:2])
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(direction, right), direction
@@ -103,7 +114,9 @@ def moved(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Model:
     length = np.cbrt(np.linalg.det(matrix))
 
     def part(one: Part) -> Part:
-        return replace(one, vertices=one.vertices @ matrix.T + offset, normals=one.normals @ matrix.T / length)
+        return replace(
+            one, vertices=one.vertices @ matrix.T + offset, normals=one.normals @ matrix.T / length
+        )
 
     return replace(model, parts=[part(one) for one in model.parts])
 

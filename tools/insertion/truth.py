@@ -18,9 +18,12 @@ def ground_shape(height: float, seed: int) -> dict:
     values = 0.42 + 0.06 * rng.standard_normal((64, 64, 1)) + [0.03, 0.0, -0.04]
     place = mi.ScalarTransform4f().translate([0, 0, height]).scale([_GROUND, _GROUND, 1])
     texture = {
-        "type": "bitmap", "bitmap": mi.Bitmap(np.float32(values.clip(0.1, 0.8))), "raw": True, "wrap_mode": "repeat",
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(np.float32(values.clip(0.1, 0.8))),
+        "raw": True,
+        "wrap_mode": "repeat",
         "to_uv": mi.ScalarTransform4f().scale([_TILES, _TILES, 1]),
-    }  # fmt: skip
+    }
     return {"type": "rectangle", "to_world": place, "bsdf": {"type": "diffuse", "reflectance": texture}}
 
 

@@ -6,14 +6,42 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 _COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
-}  # fmt: skip
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+}
 _OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult,
-    ast.Mod: ast.Mult, ast.Pow: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
-}  # fmt: skip
-_STEPS = {"abs", "clamp", "clip", "cumsum", "exp", "flip", "log", "maximum", "minimum", "mean", "square", "sqrt"}
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+}
+_STEPS = {
+    "abs",
+    "clamp",
+    "clip",
+    "cumsum",
+    "exp",
+    "flip",
+    "log",
+    "maximum",
+    "minimum",
+    "mean",
+    "square",
+    "sqrt",
+}
 _FACTOR = 1.5  # of numbers with a fraction
 
 
@@ -31,7 +59,9 @@ class Change:
 
 
 def changes(source: str) -> list[Change]:
-    """Return all mutants of a module in the order of its text; annotations, docstrings and constants' names stay."""
+    """Return all mutants of a module in the order of its text; annotations, docstrings and constants' names
+    stay.
+    """
     tree = ast.parse(source)
     found = []
     for path, node in _code(tree, ()):
@@ -88,7 +118,9 @@ def _variants(node: ast.expr) -> Iterator[ast.expr]:
             yield ast.Constant(value + 1)
         case ast.Constant(value=float() as value):
             yield ast.Constant(value * _FACTOR if value else 1.0)
-        case ast.Call(func=ast.Attribute(attr=name, value=owner)) if name in _STEPS and not _is_library(owner):
+        case ast.Call(func=ast.Attribute(attr=name, value=owner)) if name in _STEPS and not _is_library(
+            owner
+        ):
             yield owner
 
 

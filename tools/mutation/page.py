@@ -19,16 +19,24 @@ def page(outcomes: Outcomes, total: int, packages: Sequence[str], seed: int) -> 
     killed, every = percent(outcomes)
     share = f"{100 * killed / max(every, 1):.1f} %"
     lines = [
-        "# Mutation testing", "",
+        "# Mutation testing",
+        "",
         f"Written by `python tools/mutate.py {' '.join(packages)} --count {every} --seed {seed}`:",
-        f"{every} of {total} mutants, drawn at random, of which tests killed {killed} ({share}).", "",
-        "| package | mutants | killed | share |", "| --- | ---: | ---: | ---: |",
-    ]  # fmt: skip
+        f"{every} of {total} mutants, drawn at random, of which tests killed {killed} ({share}).",
+        "",
+        "| package | mutants | killed | share |",
+        "| --- | ---: | ---: | ---: |",
+    ]
     counts = Counter(_package(mutant) for mutant, _ in outcomes)
     dead = Counter(_package(mutant) for mutant, outcome in outcomes if outcome is not Outcome.SURVIVED)
-    lines += [f"| {name} | {n} | {dead[name]} | {100 * dead[name] / n:.0f} % |" for name, n in sorted(counts.items())]
+    lines += [
+        f"| {name} | {n} | {dead[name]} | {100 * dead[name] / n:.0f} % |"
+        for name, n in sorted(counts.items())
+    ]
     lines += ["", "## Survivors", "", "Places are those of the drawn version.", ""]
-    lines += [f"- {mutant.place}: {mutant.change}" for mutant, outcome in outcomes if outcome is Outcome.SURVIVED]
+    lines += [
+        f"- {mutant.place}: {mutant.change}" for mutant, outcome in outcomes if outcome is Outcome.SURVIVED
+    ]
     return "\n".join(lines) + "\n"
 
 

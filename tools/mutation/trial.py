@@ -30,7 +30,9 @@ class Outcome(Enum):
 
 
 def judged(plan: Plan, mutant: Mutant) -> Outcome:
-    """Return what tests say of a mutant: its module's own ones, then quick ones of others that import the module."""
+    """Return what tests say of a mutant: its module's own ones, then quick ones of others that import the
+    module.
+    """
     own, others = plan.tests(mutant.module)
     for files, marks in ((own, "not cuda"), (others, "not cuda and not slow and not long")):
         if not files:

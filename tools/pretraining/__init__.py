@@ -1,1 +1,3 @@
-"""Objects that nobody made, to teach what photos of objects have in common: random solids of random materials."""
+"""Objects that nobody made, to teach what photos of objects have in common: random solids of random
+materials.
+"""

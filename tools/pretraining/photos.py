@@ -1,4 +1,6 @@
-"""Views of random solids, and lessons from them under generated lights; a number gives the same ones everywhere."""
+"""Views of random solids, and lessons from them under generated lights; a number gives the same ones
+everywhere.
+"""
 
 import math
 from collections.abc import Iterator
@@ -77,9 +79,18 @@ def views(number: int, seed: int) -> Iterator[GBuffer]:
         color, roughness, metallic, bumps = paint.at(seen.position)
         normal = normalize(normalize(seen.interpolate(normals, faces), dim=1) + bumps, dim=1)
         yield GBuffer(
-            view.height, view.width, seen.pixel, seen.face, seen.position, face_camera(normal, seen.view), seen.view,
-            color, roughness, metallic, PointVisibility.of(around, faces, seen.face, seen.barycentric),
-        )  # fmt: skip
+            view.height,
+            view.width,
+            seen.pixel,
+            seen.face,
+            seen.position,
+            face_camera(normal, seen.view),
+            seen.view,
+            color,
+            roughness,
+            metallic,
+            PointVisibility.of(around, faces, seen.face, seen.barycentric),
+        )
 
 
 @torch.no_grad()

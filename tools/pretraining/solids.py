@@ -1,6 +1,7 @@
 """Random closed surfaces: a few primitives, joined, cut out of each other and dented.
 
-Signed distances are negative inside; they are exact or too small, which moves no surface. Points p are (N, 3).
+Signed distances are negative inside; they are exact or too small, which moves no surface. Points p are (N,
+3).
 """
 
 import math
@@ -34,7 +35,10 @@ def _surface(draw: Draw) -> tuple[Tensor, Tensor]:
     grid = _distance(points, draw).reshape(CELLS + 1, CELLS + 1, CELLS + 1)
     inside = (grid < 0).numpy()
     corners = [
-        inside[i : CELLS + i, j : CELLS + j, k : CELLS + k] for i in range(2) for j in range(2) for k in range(2)
+        inside[i : CELLS + i, j : CELLS + j, k : CELLS + k]
+        for i in range(2)
+        for j in range(2)
+        for k in range(2)
     ]
     lattice = build_lattice(np.any(corners, 0) & ~np.all(corners, 0), np.full(3, -REACH), 2 * REACH / CELLS)
     place = ((lattice.vertices + REACH) * CELLS / (2 * REACH)).round().long()
@@ -62,7 +66,9 @@ def _distance(p: Tensor, draw: Draw) -> Tensor:
 
 
 def _primitive(p: Tensor, draw: Draw) -> Tensor:
-    """Return the distances (N,) to an ellipsoid, a box, a cylinder, a ring or a stick somewhere near the middle."""
+    """Return the distances (N,) to an ellipsoid, a box, a cylinder, a ring or a stick somewhere near the
+    middle.
+    """
     turn = upright(draw.direction(), draw.uniform(0, 2 * math.pi))
     q = (p - 0.55 * draw.uniform(0, 1) * draw.direction()) @ turn.T
     across = q[:, :2].norm(dim=1)
@@ -73,7 +79,9 @@ def _primitive(p: Tensor, draw: Draw) -> Tensor:
     if kind == 1:
         return _rounded(q.abs() - torch.tensor([draw.scale(0.1, 0.55) for _ in range(3)]), 0.05)
     if kind == 2:
-        return _rounded(torch.stack([across - draw.scale(0.1, 0.45), q[:, 2].abs() - draw.scale(0.15, 0.8)], 1), 0.03)
+        return _rounded(
+            torch.stack([across - draw.scale(0.1, 0.45), q[:, 2].abs() - draw.scale(0.15, 0.8)], 1), 0.03
+        )
     if kind == 3:
         return torch.stack([across - draw.uniform(0.3, 0.65), q[:, 2]], 1).norm(dim=1) - draw.scale(0.07, 0.2)
     reach, radius = draw.scale(0.2, 0.7), draw.scale(0.08, 0.3)

@@ -13,9 +13,16 @@ from typing import Any
 PAGE = Path(__file__).with_name("three_picture.html")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _OPTIONS = (
-    "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist", "--disable-quic", "--disable-background-networking", "--no-first-run",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-quic",
+    "--disable-background-networking",
+    "--no-first-run",
+)
 _KINDS = {".js": "text/javascript", ".html": "text/html", ".json": "application/json"}
 
 
@@ -27,7 +34,8 @@ def find_browser() -> str | None:
 def three_picture(
     three: Path, mesh: Path, environment: Path, camera: dict[str, Any], output: Path, *, seconds: int = 240
 ) -> None:
-    """Write what three.js, the npm package's folder `three`, makes of a mesh under a map, as PNG of 2 x 2 samples.
+    """Write what three.js, the npm package's folder `three`, makes of a mesh under a map, as PNG of 2 x 2
+    samples.
 
     Raises `RuntimeError` where there is no browser, or no picture after `seconds`.
     """
@@ -42,8 +50,9 @@ def three_picture(
         address = f"http://127.0.0.1:{server.server_port}/"
         process = subprocess.Popen(
             [browser, *_OPTIONS, f"--user-data-dir={profile}", address],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         try:
             finished = server.answered.wait(seconds)
         finally:
@@ -52,7 +61,9 @@ def three_picture(
             server.shutdown()
             server.server_close()
     if not finished or server.picture is None:
-        raise RuntimeError(f"three.js made no picture: {server.failure or f'nothing came within {seconds} s'}.")
+        raise RuntimeError(
+            f"three.js made no picture: {server.failure or f'nothing came within {seconds} s'}."
+        )
     output.write_bytes(server.picture)
 
 

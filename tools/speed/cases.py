@@ -23,7 +23,9 @@ def probes(pixels: int = 1024, resolution: int = 64) -> tuple[Tensor, ...]:
 
 
 def sphere_pixels(across: int = 73) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return colours, normals, views and alpha2 of a sphere's pixels in the order of a photo, mirrors to matte."""
+    """Return colours, normals, views and alpha2 of a sphere's pixels in the order of a photo, mirrors to
+    matte.
+    """
     y, x = torch.meshgrid(torch.linspace(-1, 1, across), torch.linspace(-1, 1, across), indexing="ij")
     inside = x * x + y * y < 0.98
     x, y = x[inside], y[inside]
@@ -35,7 +37,10 @@ def sphere_pixels(across: int = 73) -> tuple[Tensor, Tensor, Tensor, Tensor]:
 
 def bumpy_sphere(rings: int = 143, size: int = 512) -> tuple[Tensor, Tensor]:
     """Return screen points (V, 3) and 81 796 faces (F, 3) that fill most of size x size pixels."""
-    polar, around = torch.linspace(0, math.pi, rings + 1)[:, None], torch.arange(2 * rings)[None] * math.pi / rings
+    polar, around = (
+        torch.linspace(0, math.pi, rings + 1)[:, None],
+        torch.arange(2 * rings)[None] * math.pi / rings,
+    )
     radius = 1 + 0.1 * torch.sin(5 * polar) * torch.cos(4 * around)
     x, y, z = radius * polar.sin() * around.cos(), radius * polar.cos(), radius * polar.sin() * around.sin()
     points = torch.stack([x, y, 3 - z], dim=2).reshape(-1, 3)

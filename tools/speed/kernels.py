@@ -1,7 +1,8 @@
 """Each kernel's Numba body beside its plain reference and beside what the machine can do.
 
-Work is what the formula asks for, once, whatever the loops do. Additions, multiplications, divisions, minima and maxima
-count as one operation each, so a fused multiply-add as two. A pair of the stacking needs (`kernels.lobe_frames`)
+Work is what the formula asks for, once, whatever the loops do. Additions, multiplications, divisions, minima
+and maxima count as one operation each, so a fused multiply-add as two. A pair of the stacking needs
+(`kernels.lobe_frames`)
 
     t.w + t.v, b.w + b.v, n.w      6, 6 and 5 operations
     k, s                           4 and 1
@@ -9,9 +10,9 @@ count as one operation each, so a fused multiply-add as two. A pair of the stack
     the lobe                       3: the square, max(n.w, 0), their product
     the sums                       8 forward, 6 backward, 2 for the weight alone, a multiply-add for each sum
 
-No pair is culled: those below a pixel's horizon cost as much as the others. Kernels that wait for memory are held
-against the rate of copying instead, with the bytes that their loops name: the rows that a gather looks up every time,
-although tables that fit into a cache come from there. So that share may exceed 1.
+No pair is culled: those below a pixel's horizon cost as much as the others. Kernels that wait for memory are
+held against the rate of copying instead, with the bytes that their loops name: the rows that a gather looks
+up every time, although tables that fit into a cache come from there. So that share may exceed 1.
 """
 
 import importlib
@@ -64,7 +65,9 @@ def stacking_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
     black = torch.zeros_like(colors)
     return [
         Kernel(f"stacking, {size}", "stacking", lambda b: b.stack(colors, *lobes), pairs * (LOBE + 8.0)),
-        Kernel("stacking backward", "stacking", lambda b: b.stack_backward(grad, *lobes), pairs * (LOBE + 6.0)),
+        Kernel(
+            "stacking backward", "stacking", lambda b: b.stack_backward(grad, *lobes), pairs * (LOBE + 6.0)
+        ),
         Kernel("probe_weight", "stacking", lambda b: b.stack(black, *lobes)[1], pairs * (LOBE + 2.0)),
     ]
 
@@ -87,15 +90,28 @@ def grid_kernels(points: int, device: torch.device = CPU) -> list[Kernel]:
     to_points = looked_up + outside + points * 12.0
     size = f"{points / 1000:.0f} k x 8 x 2"
     return [
-        Kernel(f"hash grid, {size}", "hash_grid", lambda b: b.encode(at, table, cells), looked_up + outside, False),
         Kernel(
-            "hash grid backward", "hash_grid", lambda b: b.encode_backward(grad, at, cells, table.shape), back, False
+            f"hash grid, {size}",
+            "hash_grid",
+            lambda b: b.encode(at, table, cells),
+            looked_up + outside,
+            False,
         ),
         Kernel(
-            "hash grid backward, to points", "hash_grid",
-            lambda b: b.encode_backward_to_points(grad, at, table, cells), to_points, False,
+            "hash grid backward",
+            "hash_grid",
+            lambda b: b.encode_backward(grad, at, cells, table.shape),
+            back,
+            False,
         ),
-    ]  # fmt: skip
+        Kernel(
+            "hash grid backward, to points",
+            "hash_grid",
+            lambda b: b.encode_backward_to_points(grad, at, table, cells),
+            to_points,
+            False,
+        ),
+    ]
 
 
 def gather_kernels(queries: int, device: torch.device = CPU) -> list[Kernel]:
@@ -115,9 +131,11 @@ def gather_kernels(queries: int, device: torch.device = CPU) -> list[Kernel]:
 
 
 def occlusion_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
-    """Return the occluded light and its adjoint: per pixel and direction 5 operations for v and 6 for the cosine.
+    """Return the occluded light and its adjoint: per pixel and direction 5 operations for v and 6 for the
+    cosine.
 
-    Then come 18 for the sums of `occluded_light`, or 4 for its denominators and 13 for what each direction is given.
+    Then come 18 for the sums of `occluded_light`, or 4 for its denominators and 13 for what each direction is
+    given.
     """
     case = tuple(tensor.to(device) for tensor in cases.shadowed(pixels))
     pairs, grad = pixels * len(case[0]), torch.rand(pixels, 7).to(device)
@@ -134,18 +152,24 @@ def occlusion_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
 
 
 def all_kernels(*, quick: bool, device: torch.device = CPU) -> list[Kernel]:
-    """Return all kernels that have a reference body, on equal inputs on every device; `quick`: an eighth of them."""
+    """Return all kernels that have a reference body, on equal inputs on every device; `quick`: an eighth of
+    them.
+    """
     part = 8 if quick else 1
     return [
-        *raster_kernels(device), *grid_kernels(65_536 // part, device), *stacking_kernels(1024 // part, device),
-        *occlusion_kernels(12_288 // part, device), *gather_kernels(65_536 // part, device),
-    ]  # fmt: skip
+        *raster_kernels(device),
+        *grid_kernels(65_536 // part, device),
+        *stacking_kernels(1024 // part, device),
+        *occlusion_kernels(12_288 // part, device),
+        *gather_kernels(65_536 // part, device),
+    ]
 
 
 def time_kernel(kernel: Kernel, repeats: int) -> Timing:
     """Return the times of both bodies; the reference is called once, after a warm-up only when it is fast."""
     fast, plain = (
-        importlib.import_module(f"lightprobe.kernels.{body}.{kernel.module}") for body in ("numba", "reference")
+        importlib.import_module(f"lightprobe.kernels.{body}.{kernel.module}")
+        for body in ("numba", "reference")
     )
     once = seconds(lambda: kernel.call(plain), 1, warm_up=False)
     if once < 0.3:
@@ -184,7 +208,10 @@ def culled_line(resolution: int, repeats: int) -> str:
     pixels = cases.sphere_pixels()
     directions = cubemap.directions(resolution).reshape(-1, 3)
     every = seconds(lambda: stack_probes(*pixels, directions), 1, warm_up=False)
-    exact, culled = stack_probes(*pixels, directions)[0], stack_on_cubemap(*pixels, resolution)[0].reshape(-1, 3)
+    exact, culled = (
+        stack_probes(*pixels, directions)[0],
+        stack_on_cubemap(*pixels, resolution)[0].reshape(-1, 3),
+    )
     part = seconds(lambda: stack_on_cubemap(*pixels, resolution), repeats)
     error = float((culled - exact).norm() / exact.norm())
     return (

@@ -1,6 +1,8 @@
-"""What the machine can do at most, with the threads that the kernels get: copying memory, and multiplying and adding.
+"""What the machine can do at most, with the threads that the kernels get: copying memory, and multiplying and
+adding.
 
-The limits are the best of several trials, not the median: whatever disturbs a trial only makes it look slower.
+The limits are the best of several trials, not the median: whatever disturbs a trial only makes it look
+slower.
 """
 
 from dataclasses import dataclass
@@ -22,7 +24,9 @@ class Limits:
     """The machine's rates with all threads that PyTorch uses."""
 
     copy: float  # bytes/s, read and written ones both counted
-    registers: float  # float32 operations/s of independent multiply-adds in registers; one counts as two operations
+    registers: (
+        float  # float32 operations/s of independent multiply-adds in registers; one counts as two operations
+    )
     matrix: float  # the same of PyTorch's product of two matrices
 
     @property

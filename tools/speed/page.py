@@ -48,16 +48,23 @@ def page(plan: Plan) -> str:
 
 def head(plan: Plan, limits: Limits) -> list[str]:
     """Return what was measured where."""
-    short = ["", "**A quick measurement**: small cases, one repeat; not for comparison."] if plan.quick else []
+    short = (
+        ["", "**A quick measurement**: small cases, one repeat; not for comparison."] if plan.quick else []
+    )
     return [
-        "# Speed", "",
-        "Written by `tools/measure_speed.py`. Times are medians on the CPU; a GPU is not measured here.", *short, "",
-        f"- commit: {commit()}", f"- machine: {machine()}", f"- threads: {torch.get_num_threads()}",
+        "# Speed",
+        "",
+        "Written by `tools/measure_speed.py`. Times are medians on the CPU; a GPU is not measured here.",
+        *short,
+        "",
+        f"- commit: {commit()}",
+        f"- machine: {machine()}",
+        f"- threads: {torch.get_num_threads()}",
         f"- limit of copying memory: {limits.copy / 1e9:.1f} GB/s, read and written bytes both counted",
         f"- limit of multiplying and adding, float32: {limits.arithmetic / 1e9:.0f} GFLOP/s, a fused multiply-add",
         f"  being two operations (a loop in registers reached {limits.registers / 1e9:.0f}, a product of matrices",
         f"  {limits.matrix / 1e9:.0f})",
-    ]  # fmt: skip
+    ]
 
 
 def kernel_section(plan: Plan, limits: Limits) -> list[str]:
@@ -65,13 +72,15 @@ def kernel_section(plan: Plan, limits: Limits) -> list[str]:
     timings = [time_kernel(kernel, plan.repeats) for kernel in all_kernels(quick=plan.quick)]
     timings.append(time_prefilter(16 if plan.quick else 32, plan.repeats))
     return [
-        *kernel_rows(timings, limits), "",
+        *kernel_rows(timings, limits),
+        "",
         "Reference: the plain PyTorch body; of the prefilter product SciPy's. Work is what the formula asks for, once;",
         f"a pair of the stacking is {LOBE} operations for the lobe and 8 for the sums (backward 6, weight alone 2),",
         "and every pair is evaluated in full, also those below a pixel's horizon. Where work is in GB the limit is",
-        "copying, and the bytes are those that the loops name, so tables that stay in a cache can exceed it.", "",
+        "copying, and the bytes are those that the loops name, so tables that stay in a cache can exceed it.",
+        "",
         culled_line(64 if plan.quick else 128, plan.repeats),
-    ]  # fmt: skip
+    ]
 
 
 def training_section(plan: Plan, size: training.Size) -> list[str]:
@@ -79,8 +88,12 @@ def training_section(plan: Plan, size: training.Size) -> list[str]:
     run = None if plan.run is None else RunFolder.open(plan.run)
     config = size.decompose
     return [
-        *training.run_rows(run), "",
+        *training.run_rows(run),
+        "",
         f"Steps on pictures of the ball: {config.pass1_side} pixels wide and a lattice of {config.lattice_cells} cells",
-        f"in the first pass, {config.pass2_side} pixels in the second, {size.distill.max_side} pixels in Phase II.", "",
-        *training.photo_tables(size), "", *training.profile_tables(size),
-    ]  # fmt: skip
+        f"in the first pass, {config.pass2_side} pixels in the second, {size.distill.max_side} pixels in Phase II.",
+        "",
+        *training.photo_tables(size),
+        "",
+        *training.profile_tables(size),
+    ]

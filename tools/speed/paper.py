@@ -1,7 +1,7 @@
 """What `--preset paper` costs: measured steps and memory, and what its work comes to on a GPU.
 
-The projection counts the arithmetic and the memory traffic that the largest parts of a step cannot do without and takes
-a share of a GPU's limits for them, plus the launches; what it leaves out makes it too short.
+The projection counts the arithmetic and the memory traffic that the largest parts of a step cannot do without
+and takes a share of a GPU's limits for them, plus the launches; what it leaves out makes it too short.
 """
 
 import dataclasses
@@ -89,9 +89,15 @@ def small() -> Sizes:
     """Return the preset at sizes that take seconds."""
     usual = full_size()
     first = dataclasses.replace(
-        usual.decompose, pass1_side=32, pass2_side=32, lattice_cells=10, hash_log2_size=10, texture_size=64,
-        light_resolution=8, unwrap_seconds=0.0,
-    )  # fmt: skip
+        usual.decompose,
+        pass1_side=32,
+        pass2_side=32,
+        lattice_cells=10,
+        hash_log2_size=10,
+        texture_size=64,
+        light_resolution=8,
+        unwrap_seconds=0.0,
+    )
     return Sizes(first, dataclasses.replace(usual.distill, light_resolution=8, max_side=32, width=16))
 
 
@@ -116,9 +122,13 @@ def measure(scene: Scene, sizes: Sizes, photos: int, steps: int, device: torch.d
     lessons = collect_lessons(found.asset, found.lights, scene, second, device, 0)
     made, busy = ((now - then) / len(lessons) for now, then in zip(_clocks(), (begin, busy), strict=True))
     train(lessons, second, device, 0, Progress(on_step=lambda _, *step: on_step("Phase II", *step)))
-    seconds, work = ({name: _step_seconds(each[name], device) for name in PASSES} for each in (stamps, worked))
+    seconds, work = (
+        {name: _step_seconds(each[name], device) for name in PASSES} for each in (stamps, worked)
+    )
     held = _held(lessons[0])
-    return Costs(seconds, work, memory, made, busy, held, len(found.asset.mesh.faces), len(scene.train), device)
+    return Costs(
+        seconds, work, memory, made, busy, held, len(found.asset.mesh.faces), len(scene.train), device
+    )
 
 
 def _clocks() -> tuple[float, float]:
@@ -131,7 +141,9 @@ def _peak(device: torch.device) -> float | None:
 
 
 def _step_seconds(stamps: list[float], device: torch.device) -> float:
-    """Return the seconds of a step; of a GPU, whose losses are read in bunches, the mean over the second half."""
+    """Return the seconds of a step; of a GPU, whose losses are read in bunches, the mean over the second
+    half.
+    """
     if device.type == "cpu":
         return median_gap(stamps)
     half = len(stamps) // 2
@@ -139,14 +151,19 @@ def _step_seconds(stamps: list[float], device: torch.device) -> float:
 
 
 def _held(lesson: Lesson) -> int:
-    tensors = [*lesson.pixels.tensors(), *(value for value in vars(lesson).values() if isinstance(value, torch.Tensor))]
+    tensors = [
+        *lesson.pixels.tensors(),
+        *(value for value in vars(lesson).values() if isinstance(value, torch.Tensor)),
+    ]
     return sum(tensor.numel() * tensor.element_size() for tensor in tensors)
 
 
 def hours(steps: dict[str, float], lesson: float, sizes: Sizes, photos: int = PHOTOS) -> float:
     """Return the hours of a full run on `photos` photos, from seconds a step and a lesson."""
     config = sizes.decompose
-    counts = dict(zip(PASSES, (config.pass1_iterations, config.pass2_iterations, sizes.distill.steps), strict=True))
+    counts = dict(
+        zip(PASSES, (config.pass1_iterations, config.pass2_iterations, sizes.distill.steps), strict=True)
+    )
     return (sum(counts[name] * steps[name] for name in PASSES) + photos * lesson) / 3600
 
 
@@ -162,7 +179,9 @@ def works(sizes: Sizes) -> dict[str, Work]:
     pairs = second.samples * 6 * second.light_resolution**2
     return {
         "pass1": Work(
-            6.0 * vertices * network, 4 * vertices * 64 * 3 * 6 + _ADAM * (table + 3 * vertices + light) + shading, 900
+            6.0 * vertices * network,
+            4 * vertices * 64 * 3 * 6 + _ADAM * (table + 3 * vertices + light) + shading,
+            900,
         ),
         "pass2": Work(0.0, _ADAM * (texels + light) + 4 * 6 * texels + shading, 700),
         "Phase II": Work(float(pairs * (2 * LOBE + 14)), _ADAM * 40_000, 150),
@@ -175,11 +194,12 @@ def rows(costs: Costs, sizes: Sizes, note: str) -> list[str]:
     first = sizes.decompose
     lines = [
         f"Commit {commit()}; {machine()}; {torch.get_num_threads()} thread(s) of PyTorch; {costs.photos} photos at "
-        f"{first.pass1_side} pixels, {costs.faces:,} triangles. {note}".rstrip(), "",
+        f"{first.pass1_side} pixels, {costs.faces:,} triangles. {note}".rstrip(),
+        "",
         "| part | s a step | processor's s a step | steps of a full run | hours | processor's hours | "
         f"most {'GPU ' if gpu else ''}memory so far |",
         "| --- |" + " ---: |" * 6,
-    ]  # fmt: skip
+    ]
     counts = (first.pass1_iterations, first.pass2_iterations, sizes.distill.steps)
     for name, count in zip(PASSES, counts, strict=True):
         memory = costs.memory[name]
@@ -196,7 +216,7 @@ def rows(costs: Costs, sizes: Sizes, note: str) -> list[str]:
         f"**A full run on {PHOTOS} photos, projected: {whole:.1f} hours, {busy:.1f} of the processor's.**",
         "",
         *projection_rows(sizes),
-    ]  # fmt: skip
+    ]
     return lines
 
 
@@ -213,12 +233,15 @@ def projection_rows(sizes: Sizes) -> list[str]:
         lines.append(f"| {gpu.name} | {cells} | {hours(steps, 0.1, sizes):.1f} |")
     usual = GPUS[0]
     return [
-        *lines, "",
-        "Not measured: " + "; ".join(
+        *lines,
+        "",
+        "Not measured: "
+        + "; ".join(
             f"{_NAMES[name]} {work.flops / 1e9:.1f} GFLOP, {work.moved / 1e9:.1f} GB, {work.launches} launches a step"
             for name, work in found.items()
-        ) + f", at {100 * usual.share:.0f} % of a device's limits and {1e6 * usual.launch:.0f} µs a launch.",
-    ]  # fmt: skip
+        )
+        + f", at {100 * usual.share:.0f} % of a device's limits and {1e6 * usual.launch:.0f} µs a launch.",
+    ]
 
 
 def replaced(page: str, lines: str) -> str:

@@ -1,7 +1,7 @@
 """Phase I on the ball, step by step: its passes, the time of a step, and what its parts take.
 
-`profile` does what `reconstruction.image_task.ImageTask.loss` and `Training.run` do, piece by piece; a test holds them
-together.
+`profile` does what `reconstruction.image_task.ImageTask.loss` and `Training.run` do, piece by piece; a test
+holds them together.
 """
 
 import time
@@ -53,8 +53,9 @@ def second_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) -
     return _task(SurfaceModel(asset, config), targets, config, Stage("pass2", 0, steps))
 
 
-def _task(model: LatticeModel | SurfaceModel, targets: list[Target], config: DecomposeConfig, stage: Stage
-          ) -> ImageTask:  # fmt: skip
+def _task(
+    model: LatticeModel | SurfaceModel, targets: list[Target], config: DecomposeConfig, stage: Stage
+) -> ImageTask:
     lights = Lights([target.name for target in targets], config, CPU, SEED)
     return ImageTask(model, targets, lights, stage, config, SEED)
 
@@ -105,5 +106,7 @@ def step_seconds(task: ImageTask, steps: int) -> float:
 
 def held(task: ImageTask) -> float:
     """Return the bytes of the photos and lights that a pass holds."""
-    tensors = [tensor for target in task.targets for tensor in (target.color, target.alpha)] + task.lights.maps
+    tensors = [
+        tensor for target in task.targets for tensor in (target.color, target.alpha)
+    ] + task.lights.maps
     return float(sum(tensor.numel() * tensor.element_size() for tensor in tensors))

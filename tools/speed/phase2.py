@@ -1,4 +1,6 @@
-"""Phase II on the ball, step by step: its lessons, the time of a step of each network, and what its parts take."""
+"""Phase II on the ball, step by step: its lessons, the time of a step of each network, and what its parts
+take.
+"""
 
 import time
 from collections.abc import Sequence

@@ -64,7 +64,11 @@ def stage_tables(repeats: int, *, quick: bool) -> list[str]:
     return [
         f"Milliseconds; a ball of {20 * 4**levels:,} triangles, a photo of {side} x {side} and a light of",
         f"6 x {texels} x {texels} where not varied. A prediction reduces photos to 65 536 object pixels and solves",
-        "from a fixed number of them, so its cost stops growing.", "",
-        *growth_rows("object pixels", pixels), "", *growth_rows("texels of the light", lit), "",
+        "from a fixed number of them, so its cost stops growing.",
+        "",
+        *growth_rows("object pixels", pixels),
+        "",
+        *growth_rows("texels of the light", lit),
+        "",
         *growth_rows("triangles", faces),
-    ]  # fmt: skip
+    ]

@@ -2,9 +2,9 @@
 
     python tools/speed/target.py RUN SCENE REPEATS      prints JSON: seconds of each part, and memory in GiB
 
-A process tells the most memory it ever had, and except on Linux inherits that number from the one that starts it; so
-`measure` is to be called before the caller has grown. Memory is that of the whole process: libraries, model, asset,
-photo, prefilter.
+A process tells the most memory it ever had, and except on Linux inherits that number from the one that starts
+it; so `measure` is to be called before the caller has grown. Memory is that of the whole process: libraries,
+model, asset, photo, prefilter.
 """
 
 import json
@@ -51,15 +51,18 @@ def measure(run: Path, scene: Path | None, repeats: int) -> Target:
 def target_rows(target: Target | None) -> list[str]:
     """Return the table of the target case, or what is needed for it."""
     if target is None:
-        return [f"Prediction at {SIDE} x {SIDE}, 6 x {TEXELS}²: not measured; it needs a finished run (`--run RUN`)."]
+        return [
+            f"Prediction at {SIDE} x {SIDE}, 6 x {TEXELS}²: not measured; it needs a finished run (`--run RUN`)."
+        ]
     cells = " | ".join(f"{1000 * target.seconds[part]:.0f}" for part in PARTS)
     memory = "–" if target.memory is None else f"{target.memory:.2f} GiB"
     return [
-        f"Prediction at {SIDE} x {SIDE} onto 6 x {TEXELS}², assets loaded, ms; memory of the whole process:", "",
+        f"Prediction at {SIDE} x {SIDE} onto 6 x {TEXELS}², assets loaded, ms; memory of the whole process:",
+        "",
         f"| method | object pixels | {' | '.join(PARTS)} | peak memory |",
         "| --- | ---: |" + " ---: |" * (len(PARTS) + 1),
         f"| {target.method} on photo {target.photo} | {target.pixels:,} | {cells} | {memory} |",
-    ]  # fmt: skip
+    ]
 
 
 def resample(photo: Photo, side: int) -> tuple[Pixels, Camera]:
@@ -72,7 +75,9 @@ def predict(run: RunFolder, scene: Path, repeats: int) -> Target:
     """Return the cost of a prediction in this process, after one that warms up."""
     device = resolve_device("cpu")
     model, photo = ProbeModel.load(run.model_folder), load_scene(scene).test[0]
-    predictor = Predictor(Decomposition.load(run, device), model, device, config=PredictConfig(light_resolution=TEXELS))
+    predictor = Predictor(
+        Decomposition.load(run, device), model, device, config=PredictConfig(light_resolution=TEXELS)
+    )
     pixels, camera = resample(photo, SIDE)
     predictor.predict(pixels, camera)
     every = [predictor.predict(pixels, camera).seconds for _ in range(repeats)]

@@ -1,7 +1,7 @@
 """What a command answers: lines for people or, with --json, one object for programs.
 
-A command says each line together with the values that it shows. Which of the two goes to standard output is decided
-here, for all commands; warnings, errors and progress go to standard error either way.
+A command says each line together with the values that it shows. Which of the two goes to standard output is
+decided here, for all commands; warnings, errors and progress go to standard error either way.
 """
 
 import contextlib
@@ -58,8 +58,8 @@ def is_for_programs() -> bool:
 def answering(*, as_object: bool) -> Iterator[None]:
     """Run a command in this context; with `as_object` its values are printed as one JSON object at the end.
 
-    Whatever else would reach standard output goes to standard error then. An error leaves its sentence as "error", and
-    an interruption one as well.
+    Whatever else would reach standard output goes to standard error then. An error leaves its sentence as
+    "error", and an interruption one as well.
     """
     if not as_object:
         token = _collected.set(None)
@@ -85,7 +85,9 @@ def answering(*, as_object: bool) -> Iterator[None]:
         raise
     finally:
         _collected.reset(token)
-        if "error" in kept or not isinstance(sys.exception(), SystemExit):  # of --help, whose answer is a text
+        if "error" in kept or not isinstance(
+            sys.exception(), SystemExit
+        ):  # of --help, whose answer is a text
             print(_json(plain_values(kept)))
 
 

@@ -20,11 +20,18 @@ from lightprobe.runs.calibration import (
 
 _PhotoArg = Annotated[Path | None, option(metavar="IMAGE", help="A photo of the object.")]
 _CameraArg = Annotated[
-    Path | None, option(metavar="C.json", help="Its camera, or many of which its name chooses; else it is found.")
+    Path | None,
+    option(metavar="C.json", help="Its camera, or many of which its name chooses; else it is found."),
 ]
-_MaskArg = Annotated[Path | None, option(metavar="M", help="White object on black; else the photo's alpha, or found.")]
-_LightArg = Annotated[Path | None, option(metavar="ENV.exr", help="The photo's true light, in the photo's exposure.")]
-_AlbedoArg = Annotated[str | None, option(metavar="A", help="True albedo of what --at shows, linear: .18, or r,g,b.")]
+_MaskArg = Annotated[
+    Path | None, option(metavar="M", help="White object on black; else the photo's alpha, or found.")
+]
+_LightArg = Annotated[
+    Path | None, option(metavar="ENV.exr", help="The photo's true light, in the photo's exposure.")
+]
+_AlbedoArg = Annotated[
+    str | None, option(metavar="A", help="True albedo of what --at shows, linear: .18, or r,g,b.")
+]
 _AtArg = Annotated[str | None, option(metavar="X,Y", help="Pixel of the photo, on the object or on a card.")]
 _UpArg = Annotated[FlagCreatePairsOff[bool], option(help="The card lies flat; else it faces the camera.")]
 _LuxArg = Annotated[
@@ -34,14 +41,24 @@ _ResetArg = Annotated[FlagCreatePairsOff[bool], option(help="Forget the calibrat
 
 
 def calibrate(
-    run: RunArg, *, photo: _PhotoArg = None, camera: _CameraArg = None, mask: _MaskArg = None, env: _LightArg = None,
-    albedo: _AlbedoArg = None, at: _AtArg = None, up: _UpArg = False, lux: _LuxArg = None, reset: _ResetArg = False,
+    run: RunArg,
+    *,
+    photo: _PhotoArg = None,
+    camera: _CameraArg = None,
+    mask: _MaskArg = None,
+    env: _LightArg = None,
+    albedo: _AlbedoArg = None,
+    at: _AtArg = None,
+    up: _UpArg = False,
+    lux: _LuxArg = None,
+    reset: _ResetArg = False,
     device: Device = "auto",
-) -> None:  # fmt: skip
-    """Tell a run how bright its object truly is, which photos alone cannot: by a light, an albedo or a light meter.
+) -> None:
+    """Tell a run how bright its object truly is, which photos alone cannot: by a light, an albedo or a light
+    meter.
 
-    The factor between light and albedo is kept in RUN/calibration.json. From then on predict, render, relight, export
-    and eval have true brightness; the files that are in the run already stay as they are.
+    The factor between light and albedo is kept in RUN/calibration.json. From then on predict, render,
+    relight, export and eval have true brightness; the files that are in the run already stay as they are.
 
     Examples:
       lightprobe calibrate runs/cup --photo lit.jpg --camera lit.json --env studio.exr
@@ -101,6 +118,7 @@ def _tell(run: Path, found: Calibration) -> None:
     r, g, b = found.factor
     say(
         f"Light of this run is now {r:.3f}, {g:.3f}, {b:.3f} times its own (red, green, blue), by {found.source}.",
-        factor=found.factor, source=found.source,
-    )  # fmt: skip
+        factor=found.factor,
+        source=found.source,
+    )
     say(f"Kept in {run / 'calibration.json'}; forget it with: lightprobe calibrate {shell_word(run)} --reset")

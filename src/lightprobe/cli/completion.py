@@ -1,7 +1,7 @@
 """completion: what bash, zsh and fish need to complete commands, options and their values.
 
-The script holds all names, so completing starts no Python. It is made from the commands' own signatures: an option
-that is added there is completed after the script is written again.
+The script holds all names, so completing starts no Python. It is made from the commands' own signatures: an
+option that is added there is completed after the script is written again.
 """
 
 import dataclasses
@@ -45,11 +45,14 @@ _COMMON = (
 )
 _LIMIT = Option((LIMIT,), "Take no more memory than this, such as 4GB.")
 
-_ShellArg = Annotated[Positional[Shell], option(metavar="bash|zsh|fish", help="The shell that the script is for.")]
+_ShellArg = Annotated[
+    Positional[Shell], option(metavar="bash|zsh|fish", help="The shell that the script is for.")
+]
 
 
 def completion(shell: _ShellArg) -> None:
-    """Print a script that completes commands, options and their values; write it where the shell looks for such.
+    """Print a script that completes commands, options and their values; write it where the shell looks for
+    such.
 
     Examples:
       lightprobe completion bash > ~/.local/share/bash-completion/completions/lightprobe
@@ -97,7 +100,9 @@ def _unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _values(kind: Any) -> tuple[str, ...]:
-    return tuple(str(each.value) for each in kind) if isinstance(kind, type) and issubclass(kind, Enum) else ()
+    return (
+        tuple(str(each.value) for each in kind) if isinstance(kind, type) and issubclass(kind, Enum) else ()
+    )
 
 
 def _names(options: list[Option]) -> list[str]:
@@ -129,22 +134,29 @@ def _bash(commands: dict[str, list[Option]]) -> str:
         f'  [[ ${{COMP_WORDS[1]}} == {word} ]] && ((COMP_CWORD == 2)) && values="{following}"'
         for word, following in _second_words().items()
     ]
-    return "\n".join([
-        "# bash completion of lightprobe, made by `lightprobe completion bash`",
-        "_lightprobe() {",
-        '  local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} options="" values=""',
-        "  local command=${COMP_WORDS[1]}",
-        f'  [[ " {" ".join(GROUPS)} " == *" $command "* ]] && command="$command ${{COMP_WORDS[2]}}"',
-        f'  ((COMP_CWORD == 1)) && values="{" ".join(_first_words(commands))} --help --version"',
-        *second,
-        "  case $command in", *listed, "  esac",
-        "  case $command/$before in", *values, "  esac",
-        '  [[ -z $values && $word == -* ]] && values=$options',
-        "  COMPREPLY=()  # none: file names",
-        '  [[ -n $values ]] && COMPREPLY=($(compgen -W "$values" -- "$word"))',
-        "}",
-        "complete -o default -o bashdefault -F _lightprobe lightprobe", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "# bash completion of lightprobe, made by `lightprobe completion bash`",
+            "_lightprobe() {",
+            '  local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} options="" values=""',
+            "  local command=${COMP_WORDS[1]}",
+            f'  [[ " {" ".join(GROUPS)} " == *" $command "* ]] && command="$command ${{COMP_WORDS[2]}}"',
+            f'  ((COMP_CWORD == 1)) && values="{" ".join(_first_words(commands))} --help --version"',
+            *second,
+            "  case $command in",
+            *listed,
+            "  esac",
+            "  case $command/$before in",
+            *values,
+            "  esac",
+            "  [[ -z $values && $word == -* ]] && values=$options",
+            "  COMPREPLY=()  # none: file names",
+            '  [[ -n $values ]] && COMPREPLY=($(compgen -W "$values" -- "$word"))',
+            "}",
+            "complete -o default -o bashdefault -F _lightprobe lightprobe",
+            "",
+        ]
+    )
 
 
 def _zsh(commands: dict[str, list[Option]]) -> str:
@@ -160,22 +172,29 @@ def _zsh(commands: dict[str, list[Option]]) -> str:
         f"  if (( CURRENT == 3 )) && [[ $words[2] == {word} ]]; then compadd -- {following}; return; fi"
         for word, following in _second_words().items()
     ]
-    return "\n".join([
-        "#compdef lightprobe",
-        "# zsh completion of lightprobe, made by `lightprobe completion zsh`",
-        "_lightprobe() {",
-        "  local -a commands options",
-        f"  commands=({described})",
-        "  if (( CURRENT == 2 )); then _describe command commands; return; fi",
-        *second,
-        "  local command=$words[2]",
-        f'  [[ " {" ".join(GROUPS)} " == *" $command "* ]] && command="$command $words[3]"',
-        "  case $command in", *listed, "  esac",
-        "  case $command/$words[CURRENT-1] in", *values, "  esac",
-        "  if [[ $PREFIX == -* ]]; then _describe -o option options; else _files; fi",
-        "}",
-        'if [[ $funcstack[1] == _lightprobe ]]; then _lightprobe "$@"; else compdef _lightprobe lightprobe; fi', "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "#compdef lightprobe",
+            "# zsh completion of lightprobe, made by `lightprobe completion zsh`",
+            "_lightprobe() {",
+            "  local -a commands options",
+            f"  commands=({described})",
+            "  if (( CURRENT == 2 )); then _describe command commands; return; fi",
+            *second,
+            "  local command=$words[2]",
+            f'  [[ " {" ".join(GROUPS)} " == *" $command "* ]] && command="$command $words[3]"',
+            "  case $command in",
+            *listed,
+            "  esac",
+            "  case $command/$words[CURRENT-1] in",
+            *values,
+            "  esac",
+            "  if [[ $PREFIX == -* ]]; then _describe -o option options; else _files; fi",
+            "}",
+            'if [[ $funcstack[1] == _lightprobe ]]; then _lightprobe "$@"; else compdef _lightprobe lightprobe; fi',
+            "",
+        ]
+    )
 
 
 def _summary(name: str) -> str:
@@ -190,14 +209,18 @@ def _zsh_item(name: str, words: str) -> str:
 def _fish(commands: dict[str, list[Option]]) -> str:
     lines = ["# fish completion of lightprobe, made by `lightprobe completion fish`"]
     for name in _first_words(commands):
-        lines.append(f"complete -c lightprobe -f -n __fish_use_subcommand -a {name} -d '{_fish_text(_summary(name))}'")
+        lines.append(
+            f"complete -c lightprobe -f -n __fish_use_subcommand -a {name} -d '{_fish_text(_summary(name))}'"
+        )
     for word, following in _second_words().items():
         after = f"{_fish_seen(word)}; and not __fish_seen_subcommand_from {following}"
         lines.append(f"complete -c lightprobe -f -n '{after}' -a '{following}'")
     for name, options in commands.items():
         for each in options:
             written = " ".join(f"-l {n[2:]}" if n.startswith("--") else f"-s {n[1:]}" for n in each.names)
-            value = f" -x -a '{' '.join(each.choices)}'" if each.choices else " -r" if each.takes_value else ""
+            value = (
+                f" -x -a '{' '.join(each.choices)}'" if each.choices else " -r" if each.takes_value else ""
+            )
             words = f" -d '{_fish_text(each.help)}'" if each.help else ""
             lines.append(f"complete -c lightprobe -n '{_fish_seen(name)}' {written}{value}{words}")
     return "\n".join([*lines, ""])

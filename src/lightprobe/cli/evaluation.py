@@ -26,7 +26,9 @@ _METHODS = (
     "Methods to compare. Where the run has numbers of its default method, those of methods without it go to "
     "RUN/report/comparison and replace nothing."
 )
-_NumbersArg = Annotated[Path | None, option(aliases=["-o"], metavar="metrics.json", help="Numbers; also in the run.")]
+_NumbersArg = Annotated[
+    Path | None, option(aliases=["-o"], metavar="metrics.json", help="Numbers; also in the run.")
+]
 _OracleArg = Annotated[
     FlagCreatePairsOff[bool],
     option(help="Put the scene's true object in place of the reconstructed one; results go to RUN/oracle."),
@@ -39,10 +41,14 @@ def eval(  # the name of the command
     methods: Annotated[tuple[Method, ...], option(help=_METHODS)] = (),
     output: _NumbersArg = None,
     scene: MovedScene = None,
-    unseen: Annotated[bool, option(help="Also predict from half of the object and score on the other half.")] = True,
+    unseen: Annotated[
+        bool, option(help="Also predict from half of the object and score on the other half.")
+    ] = True,
     oracle_asset: _OracleArg = False,
     slow: Annotated[bool, option(help="Also score `optimize`, which takes 15 s to minutes a photo.")] = False,
-    slow_photos: Annotated[int, option(help="Test photos that methods slower than 20 s a photo are scored on.")] = 4,
+    slow_photos: Annotated[
+        int, option(help="Test photos that methods slower than 20 s a photo are scored on.")
+    ] = 4,
     settings: Prediction = UNCHANGED,
     device: Device = "auto",
 ) -> None:
@@ -56,12 +62,16 @@ def eval(  # the name of the command
     protocols = Protocols(unseen=unseen, slow_photos=slow_photos)
     asked = EvaluationOptions(methods, protocols, oracle_asset, slow, settings)
     with Meter() as meter:
-        found = evaluate_run(run, asked, scene_folder=scene, output=output, device=device, on_progress=meter.update)
+        found = evaluate_run(
+            run, asked, scene_folder=scene, output=output, device=device, on_progress=meter.update
+        )
     show_evaluation(found)
 
 
 def show_evaluation(found: EvaluatedRun) -> None:
-    """Print what an evaluation found and where it is; photos that are not scored or doubtful go to standard error."""
+    """Print what an evaluation found and where it is; photos that are not scored or doubtful go to standard
+    error.
+    """
     result = found.evaluation
     for photo, why in result.skipped.items():
         print(f"lightprobe: warning: test photo {photo} is not scored. {why}", file=sys.stderr)
@@ -78,7 +88,9 @@ def show_evaluation(found: EvaluatedRun) -> None:
 
 
 def print_tables(evaluation: Evaluation) -> None:
-    """Print the means of every method, the scores of the asset and the check of the confidence to standard output."""
+    """Print the means of every method, the scores of the asset and the check of the confidence to standard
+    output.
+    """
     for summary in summary_tables(evaluation.to_json()):
         method = Column("method", no_wrap=True)
         table = Table(method, *summary.columns, title=summary.title, title_justify="left", title_style="")

@@ -27,7 +27,9 @@ def own_warnings() -> Iterator[None]:
 
 @contextlib.contextmanager
 def only_first_answers() -> Iterator[None]:
-    """Keep answers and warnings of the other processes that `torchrun` started to themselves: they are the same."""
+    """Keep answers and warnings of the other processes that `torchrun` started to themselves: they are the
+    same.
+    """
     if started_together() == 1 or os.environ["RANK"] == "0":
         yield
         return
@@ -36,11 +38,19 @@ def only_first_answers() -> Iterator[None]:
         yield
 
 
-def _say(message: Warning | str, category: type[Warning], filename: str, lineno: int,
-         file: TextIO | None = None, line: str | None = None) -> None:  # fmt: skip
+def _say(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
     """Print a warning of ours as one sentence, and any other as Python does."""
     own = issubclass(category, LightprobeWarning)
-    words = f"lightprobe: warning: {message}\n" if own else warnings.formatwarning(
-        message, category, filename, lineno, line
-    )  # fmt: skip
+    words = (
+        f"lightprobe: warning: {message}\n"
+        if own
+        else warnings.formatwarning(message, category, filename, lineno, line)
+    )
     print(words, end="", file=file or sys.stderr)

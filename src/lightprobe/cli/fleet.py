@@ -23,20 +23,32 @@ __all__ = ["fleet_predict", "fleet_train", "with_preset"]
 
 _Address = Annotated[
     str | None,
-    option(metavar="HOST:PORT|auto", help="A Ray cluster that runs, a private one; else one is made on this machine."),
+    option(
+        metavar="HOST:PORT|auto",
+        help="A Ray cluster that runs, a private one; else one is made on this machine.",
+    ),
 ]
-_Scenes = Annotated[Positional[str], option(metavar="SCENES", help="Folder with a folder for each scene, or its URL.")]
+_Scenes = Annotated[
+    Positional[str], option(metavar="SCENES", help="Folder with a folder for each scene, or its URL.")
+]
 _Runs = Annotated[str, option(aliases=["-o"], metavar="RUNS", help="Folder for the runs, or its URL.")]
 _Hdri = Annotated[
     str | None,
-    option(metavar="DIR", help="Folder of .exr or .hdr environments that every machine sees, to train under as well."),
+    option(
+        metavar="DIR",
+        help="Folder of .exr or .hdr environments that every machine sees, to train under as well.",
+    ),
 ]
 _Evaluate = Annotated[
-    FlagCreatePairsOff[bool], option(help="Also score each run on its test photos, by the method that it uses.")
+    FlagCreatePairsOff[bool],
+    option(help="Also score each run on its test photos, by the method that it uses."),
 ]
 _Jobs = Annotated[
     Positional[str],
-    option(metavar="JOBS.parquet", help="A row for each photo: run, photo, and camera, mask, method, id; or its URL."),
+    option(
+        metavar="JOBS.parquet",
+        help="A row for each photo: run, photo, and camera, mask, method, id; or its URL.",
+    ),
 ]
 _Out = Annotated[str, option(aliases=["-o"], metavar="OUT", help="Folder for maps and index, or its URL.")]
 _Chunk = Annotated[int, option(metavar="N", help="Photos of one object that a task predicts from, at most.")]
@@ -49,20 +61,30 @@ _NEEDS, _OPTIONS = Needs(), PhotoOptions()
 
 
 def fleet_train(
-    scenes: _Scenes, *, output: _Runs, address: _Address = None, needs: Needs = _NEEDS,
-    preset: PresetArg = Preset.QUICK, seed: Seed = 0, hdri: _Hdri = None, evaluate: _Evaluate = False,
-    decompose: DecomposeConfig = _FIRST, distill: DistillConfig = _SECOND, predict: PredictConfig = _THIRD,
-) -> None:  # fmt: skip
+    scenes: _Scenes,
+    *,
+    output: _Runs,
+    address: _Address = None,
+    needs: Needs = _NEEDS,
+    preset: PresetArg = Preset.QUICK,
+    seed: Seed = 0,
+    hdri: _Hdri = None,
+    evaluate: _Evaluate = False,
+    decompose: DecomposeConfig = _FIRST,
+    distill: DistillConfig = _SECOND,
+    predict: PredictConfig = _THIRD,
+) -> None:
     """Train a run for every scene of a folder, on this machine or on a Ray cluster.
 
-    RUNS/index.parquet says what became of each scene. The same command goes on where an interrupted one stopped; where
-    a machine dies, its scenes go on elsewhere from their checkpoints. With --needs.gpus a task computes on a GPU.
-    Needs the extra lightprobe[cluster].
+    RUNS/index.parquet says what became of each scene. The same command goes on where an interrupted one
+    stopped; where a machine dies, its scenes go on elsewhere from their checkpoints. With --needs.gpus a task
+    computes on a GPU. Needs the extra lightprobe[cluster].
 
     Examples:
       lightprobe fleet train scenes -o runs
       lightprobe fleet train scenes -o runs --evaluate --needs.cpus 4
-      lightprobe fleet train s3://bucket/scenes -o s3://bucket/runs --address auto --preset standard --needs.gpus 1
+      lightprobe fleet train s3://bucket/scenes -o s3://bucket/runs --address auto --preset standard
+      --needs.gpus 1
     """
     maps = None if hdri is None else os.path.abspath(hdri)  # machines of a cluster work in other folders
     options = SceneOptions(decompose, distill, predict, seed, maps, evaluate)
@@ -71,21 +93,32 @@ def fleet_train(
     failures = found.failures
     say(
         f"{len(found.rows) - len(failures)} of {len(found.rows)} scenes have a run\nIndex: {found.index}",
-        scenes=len(found.rows), failed=failures, index=found.index,
-    )  # fmt: skip
+        scenes=len(found.rows),
+        failed=failures,
+        index=found.index,
+    )
     if failures:
         some = " ".join(f"{name}: {reason}" for name, reason in list(failures.items())[:3])
-        raise InputError(f"{len(failures)} of {len(found.rows)} scenes have no run; reasons stand in the index. {some}")
+        raise InputError(
+            f"{len(failures)} of {len(found.rows)} scenes have no run; reasons stand in the index. {some}"
+        )
 
 
 def fleet_predict(
-    jobs: _Jobs, *, output: _Out, address: _Address = None, needs: Needs = _NEEDS, chunk: _Chunk = CHUNK,
-    retry_failed: _Retry = False, options: _Options = _OPTIONS, settings: Prediction = UNCHANGED,
-) -> None:  # fmt: skip
+    jobs: _Jobs,
+    *,
+    output: _Out,
+    address: _Address = None,
+    needs: Needs = _NEEDS,
+    chunk: _Chunk = CHUNK,
+    retry_failed: _Retry = False,
+    options: _Options = _OPTIONS,
+    settings: Prediction = UNCHANGED,
+) -> None:
     """Predict the environments of all photos that a Parquet file lists, on this machine or on a Ray cluster.
 
-    OUT/maps has the maps, OUT/index a row for each photo with its map, verdict and confidence, or why it has none. The
-    same command goes on where an interrupted one stopped. Needs the extra lightprobe[cluster].
+    OUT/maps has the maps, OUT/index a row for each photo with its map, verdict and confidence, or why it has
+    none. The same command goes on where an interrupted one stopped. Needs the extra lightprobe[cluster].
 
     Examples:
       lightprobe fleet predict jobs.parquet -o out
@@ -94,13 +127,23 @@ def fleet_predict(
     """
     with cluster(address) as executor, Meter() as meter:
         found = predict_fleet(
-            jobs, output, executor, options=options, settings=settings, needs=needs, chunk=chunk,
-            retry_failed=retry_failed, on_progress=meter.update,
-        )  # fmt: skip
+            jobs,
+            output,
+            executor,
+            options=options,
+            settings=settings,
+            needs=needs,
+            chunk=chunk,
+            retry_failed=retry_failed,
+            on_progress=meter.update,
+        )
     say(
         f"{found.done} of {found.photos} photos have a map\nIndex: {found.index}",
-        photos=found.photos, done=found.done, failed=found.failed, index=found.index,
-    )  # fmt: skip
+        photos=found.photos,
+        done=found.done,
+        failed=found.failed,
+        index=found.index,
+    )
     if found.failed:
         raise InputError(
             f"{found.failed} of {found.photos} photos have no map; the column 'reason' of {found.index} says why."

@@ -12,57 +12,96 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.runs.insertion import insert_object
 
 _PhotoArg = Annotated[Positional[Path], option(metavar="PHOTO", help="Photo of the run's object.")]
-_ThingArg = Annotated[Path, option(metavar="THING.glb", help="The thing: binary glTF 2.0 with its textures inside.")]
+_ThingArg = Annotated[
+    Path, option(metavar="THING.glb", help="The thing: binary glTF 2.0 with its textures inside.")
+]
 _OutputArg = Annotated[
     Path,
-    option(aliases=["-o"], metavar="OUT.png", help="The picture; OUT.beauty.exr, .shadow.exr, .mask.exr go with it."),
+    option(
+        aliases=["-o"],
+        metavar="OUT.png",
+        help="The picture; OUT.beauty.exr, .shadow.exr, .mask.exr go with it.",
+    ),
 ]
 _AtArg = Annotated[
     str | None,
-    option(metavar="X,Y", help="Pixel at which the thing's foot stands, from the upper left; else beside the object."),
+    option(
+        metavar="X,Y",
+        help="Pixel at which the thing's foot stands, from the upper left; else beside the object.",
+    ),
 ]
 _ScaleArg = Annotated[
     float | None,
     option(
-        metavar="S", help="Its height relative to the known object's; else as in its file, where that is plausible."
+        metavar="S",
+        help="Its height relative to the known object's; else as in its file, where that is plausible.",
     ),
 ]
-_TurnArg = Annotated[float, option(metavar="DEG", help="Turn it about the vertical, anticlockwise seen from above.")]
+_TurnArg = Annotated[
+    float, option(metavar="DEG", help="Turn it about the vertical, anticlockwise seen from above.")
+]
 _EnvArg = Annotated[
     Path | None,
-    option(metavar="ENV", help="Light as predict writes it, .exr or .hdr; else it is predicted from the photo."),
+    option(
+        metavar="ENV", help="Light as predict writes it, .exr or .hdr; else it is predicted from the photo."
+    ),
 ]
 _CameraArg = Annotated[
-    Path | None, option(metavar="C.json", help="Camera of the photo, or many of which its name chooses; else found.")
+    Path | None,
+    option(metavar="C.json", help="Camera of the photo, or many of which its name chooses; else found."),
 ]
 _MaskArg = Annotated[
-    Path | None, option(metavar="M", help="White object on black; else the photo's alpha, or found with the camera.")
+    Path | None,
+    option(metavar="M", help="White object on black; else the photo's alpha, or found with the camera."),
 ]
 
 
 def insert(
-    run: RunArg, photo: _PhotoArg, *, object: _ThingArg, output: _OutputArg, at: _AtArg = None,
-    scale: _ScaleArg = None, turn: _TurnArg = 0.0, env: _EnvArg = None, camera: _CameraArg = None,
-    mask: _MaskArg = None, device: Device = "auto",
-) -> None:  # fmt: skip
-    """Put a thing of your own beside the object in a photo: lit as the photo is, with shadows and the photo's grain.
+    run: RunArg,
+    photo: _PhotoArg,
+    *,
+    object: _ThingArg,
+    output: _OutputArg,
+    at: _AtArg = None,
+    scale: _ScaleArg = None,
+    turn: _TurnArg = 0.0,
+    env: _EnvArg = None,
+    camera: _CameraArg = None,
+    mask: _MaskArg = None,
+    device: Device = "auto",
+) -> None:
+    """Put a thing of your own beside the object in a photo: lit as the photo is, with shadows and the photo's
+    grain.
 
-    The thing stands on the ground that the object stands on. The picture is a PNG of the photo's size; its layers are
-    linear OpenEXR files: picture = photo x shadow x (1 - mask) + beauty. Of a cut-out photo the picture is one, too.
+    The thing stands on the ground that the object stands on. The picture is a PNG of the photo's size; its
+    layers are linear OpenEXR files: picture = photo x shadow x (1 - mask) + beauty. Of a cut-out photo the
+    picture is one, too.
 
     Examples:
       lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png
-      lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --at 812,640 --scale 0.8 --turn 30
-      lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --env light.exr --camera new.json
+      lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --at 812,640 --scale 0.8 --turn
+      30 lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --env light.exr --camera
+      new.json
     """
     found = insert_object(
-        run, photo, object, output, at=None if at is None else _pixel(at), scale=scale, turn=turn, env=env,
-        camera=camera, mask=mask, device=device,
-    )  # fmt: skip
+        run,
+        photo,
+        object,
+        output,
+        at=None if at is None else _pixel(at),
+        scale=scale,
+        turn=turn,
+        env=env,
+        camera=camera,
+        mask=mask,
+        device=device,
+    )
     x, y = found.at
     located = None if found.location is None else found.location.located
     keep(**{**vars(found), "location": None if located is None else located.to_json()})
-    say(f"Picture: {found.picture} (foot at {x:.0f},{y:.0f}; height x {found.scale:.2f}; {found.seconds:.1f} s)")
+    say(
+        f"Picture: {found.picture} (foot at {x:.0f},{y:.0f}; height x {found.scale:.2f}; {found.seconds:.1f} s)"
+    )
     say(f"Layers: {found.beauty}, {found.shadow}, {found.mask}")
     for sentence in found.warnings:
         print(f"lightprobe: warning: {photo}: {sentence}", file=sys.stderr)

@@ -14,7 +14,9 @@ from lightprobe.scene.plain_inspection import PlainInspection, inspect_plain, is
 
 _SheetArg = Annotated[
     Path | None,
-    option(aliases=["-o"], metavar="SHEET.png", help="Overlay sheet to write; by default SCENE-overlay.png here."),
+    option(
+        aliases=["-o"], metavar="SHEET.png", help="Overlay sheet to write; by default SCENE-overlay.png here."
+    ),
 ]
 
 
@@ -32,9 +34,13 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
         raise ConfigError(f"Cannot write the overlay sheet as '{output.name}': name it .png.")
     if is_plain(scene):
         if (scene / "config.json").is_file():
-            raise InputError(f"{scene} is a run and no folder of photos; inspect the scene that it learnt from.")
+            raise InputError(
+                f"{scene} is a run and no folder of photos; inspect the scene that it learnt from."
+            )
         if output is not None:
-            raise ConfigError(f"{scene} has no cameras to draw an overlay sheet of; leave out the option --output.")
+            raise ConfigError(
+                f"{scene} has no cameras to draw an overlay sheet of; leave out the option --output."
+            )
         plain = inspect_plain(scene)
         say("\n".join(plain.lines()), **_values(plain), advice=plain.advice)
         _stop_at(scene, plain.problems)
@@ -53,7 +59,10 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
 def _values(found: Inspection | PlainInspection) -> dict[str, Any]:
     """Return what both kinds of inspection know, as values."""
     photos = [
-        {"name": photo.name if isinstance(photo, PhotoReport) else photo.path.name, "size": (photo.width, photo.height)}
+        {
+            "name": photo.name if isinstance(photo, PhotoReport) else photo.path.name,
+            "size": (photo.width, photo.height),
+        }
         for photo in (*found.photos,)
     ]
     return {"folder": found.root, "photos": photos, "problems": found.problems, "hints": found.hints}

@@ -6,11 +6,14 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.memory_limit import parse_size
 
 OPTION = "--max-memory"
-ELSEWHERE = frozenset({"serve", "view", "fleet train", "fleet predict"})  # commands that have processes of their own
+ELSEWHERE = frozenset(
+    {"serve", "view", "fleet train", "fleet predict"}
+)  # commands that have processes of their own
 
 
 def limit_among(name: str, arguments: Sequence[str]) -> tuple[list[str], int | None]:
-    """Return a command's arguments without the option, and the bytes that it allows, None where it is not there.
+    """Return a command's arguments without the option, and the bytes that it allows, None where it is not
+    there.
 
     Raises `ConfigError` for a value that is no size, and for a command that works in other processes.
     """

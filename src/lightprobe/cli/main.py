@@ -42,7 +42,15 @@ COMMANDS = {
 GROUPS = {"fleet": ("Scenes and photos as tasks of a Ray cluster", ("train", "predict"))}
 # command -> its function, where Python or a module has another use for the name
 _FUNCTIONS = {"open": "open_report", "fleet train": "fleet_train", "fleet predict": "fleet_predict"}
-_RESUMED = ("demo", "fit", "distill", "train", "bench", "fleet train", "fleet predict")  # go on where they stopped
+_RESUMED = (
+    "demo",
+    "fit",
+    "distill",
+    "train",
+    "bench",
+    "fleet train",
+    "fleet predict",
+)  # go on where they stopped
 _WITH_PRESETS = ("training", "fleet")  # modules of commands that train
 
 _EXAMPLES = """\
@@ -59,12 +67,14 @@ Examples:
 def program() -> int:
     """Run the command line of this process, which ends with it, and return the exit code.
 
-    Half a second of a short command would go into looking for garbage among what libraries make when they are imported,
-    then and once more at the end; none of it ever is.
+    Half a second of a short command would go into looking for garbage among what libraries make when they are
+    imported, then and once more at the end; none of it ever is.
     """
     gc.disable()  # `_run` goes on with it
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be of the terminal's characters
+        sys.stdout.reconfigure(
+            errors="backslashreplace"
+        )  # names of files need not be of the terminal's characters
     try:
         return main(sys.argv[1:])
     except KeyboardInterrupt:  # while libraries are imported; later `_guarded` tells
@@ -97,7 +107,9 @@ def main(given: Sequence[str]) -> int:
 
 def usage(group: str = "") -> str:
     """Return the help of the program as a whole, or of the commands that begin with the word `group`."""
-    shown = {name: summary for name, (_, summary) in COMMANDS.items() if not group or name.startswith(f"{group} ")}
+    shown = {
+        name: summary for name, (_, summary) in COMMANDS.items() if not group or name.startswith(f"{group} ")
+    }
     lines = [f"  {name:<13} {summary}" for name, summary in shown.items()]
     if group:
         return "\n".join([f"usage: lightprobe {group} COMMAND ...\n", f"{GROUPS[group][0]}:", *lines])
@@ -157,7 +169,9 @@ def _run(name: str, arguments: list[str]) -> None:
 
 
 def command_function(name: str, arguments: Sequence[str] = ()) -> tuple[Callable[..., None], str]:
-    """Return a command's function and description; a preset in `arguments` chooses the defaults of those that train."""
+    """Return a command's function and description; a preset in `arguments` chooses the defaults of those that
+    train.
+    """
     module = importlib.import_module(f"lightprobe.cli.{COMMANDS[name][0]}")
     command: Callable[..., None] = getattr(module, _FUNCTIONS.get(name, name))
     description = (command.__doc__ or "").replace("\n    ", "\n").strip()

@@ -27,10 +27,15 @@ CameraArg = Annotated[
         help="Camera of the view: camera_to_world, fx, fy, cx, cy, width, height; or a file with many.",
     ),
 ]
-EnvironmentArg = Annotated[Path, option(metavar="ENV.exr", help="Equirectangular environment, EXR or Radiance HDR.")]
+EnvironmentArg = Annotated[
+    Path, option(metavar="ENV.exr", help="Equirectangular environment, EXR or Radiance HDR.")
+]
 SizeArg = Annotated[
     str | None,
-    option(metavar="WxH", help="Size of the maps, 128x64 to 4096x2048 by powers of two; else that of the prediction."),
+    option(
+        metavar="WxH",
+        help="Size of the maps, 128x64 to 4096x2048 by powers of two; else that of the prediction.",
+    ),
 ]
 SunArg = Annotated[Sun, option(metavar="inside|separate", help="Whether the maps have the suns and lamps.")]
 MovedScene = Annotated[Path | None, option(metavar="FOLDER", help="Where the scene is now, if it has moved.")]
@@ -42,7 +47,9 @@ Restart = Annotated[
 ]
 Hdri = Annotated[
     Path | None,
-    option(metavar="DIR", help="Folder of .exr or .hdr environments, z up: the predictor also trains under them."),
+    option(
+        metavar="DIR", help="Folder of .exr or .hdr environments, z up: the predictor also trains under them."
+    ),
 ]
 
 

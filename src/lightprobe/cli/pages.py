@@ -16,9 +16,13 @@ from lightprobe.cli.options import RunArg, option
 from lightprobe.report.comparison import SCORES, Comparison
 from lightprobe.runs.pages import compare_runs, report_of, write_gallery
 
-_OtherArg = Annotated[Positional[Path], option(metavar="OTHER", help="Run to compare with it, on the same scene.")]
+_OtherArg = Annotated[
+    Positional[Path], option(metavar="OTHER", help="Run to compare with it, on the same scene.")
+]
 _PageArg = Annotated[Path, option(aliases=["-o"], metavar="PAGE.html", help="Page to write.")]
-_RunsArg = Annotated[Positional[tuple[Path, ...]], option(metavar="RUN...", help="Evaluated runs (at least one).")]
+_RunsArg = Annotated[
+    Positional[tuple[Path, ...]], option(metavar="RUN...", help="Evaluated runs (at least one).")
+]
 _FolderArg = Annotated[Path, option(aliases=["-o"], metavar="DIR", help="Folder for the pages.")]
 
 
@@ -33,14 +37,19 @@ def open_report(run: RunArg) -> None:
 
 
 def show_page(page: Path) -> bool:
-    """Open a page in the browser and return whether there is one; a browser in the terminal would take it over."""
-    if sys.platform not in ("darwin", "win32") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    """Open a page in the browser and return whether there is one; a browser in the terminal would take it
+    over.
+    """
+    if sys.platform not in ("darwin", "win32") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
         return False
     return webbrowser.open(page.resolve().as_uri())
 
 
 def compare(run: RunArg, other: _OtherArg, *, output: _PageArg = Path("comparison.html")) -> None:
-    """Set two evaluated runs beside each other: their test photos' pictures, and by how much the scores differ.
+    """Set two evaluated runs beside each other: their test photos' pictures, and by how much the scores
+    differ.
 
     Differences are OTHER less RUN, over the test photos that both have.
 
@@ -68,7 +77,8 @@ def _print_differences(found: Comparison) -> None:
 
 
 def gallery(runs: _RunsArg, *, output: _FolderArg) -> None:
-    """Put many evaluated runs on one page, each with a picture, its scores and its report, ready for a web server.
+    """Put many evaluated runs on one page, each with a picture, its scores and its report, ready for a web
+    server.
 
     Examples:
       lightprobe gallery runs/* -o gallery

@@ -33,12 +33,16 @@ _PhotosArg = Annotated[
 ]
 _NewCameraArg = Annotated[
     Path | None,
-    option(metavar="C.json", help="Camera of the photo, or many of which its name chooses; else it is found."),
+    option(
+        metavar="C.json", help="Camera of the photo, or many of which its name chooses; else it is found."
+    ),
 ]
 _MapArg = Annotated[
     Path | None,
     option(
-        aliases=["-o"], metavar="ENV", help="The map, .exr or .hdr, or a folder that is there; several maps need one."
+        aliases=["-o"],
+        metavar="ENV",
+        help="The map, .exr or .hdr, or a folder that is there; several maps need one.",
     ),
 ]
 _MaskArg = Annotated[
@@ -56,7 +60,8 @@ _SaveOverlayArg = Annotated[
 _MethodArg = Annotated[
     Method | None,
     option(
-        metavar="METHOD", help=f"One of {', '.join(Method)}; by default the run's own, or the best it has a model for."
+        metavar="METHOD",
+        help=f"One of {', '.join(Method)}; by default the run's own, or the best it has a model for.",
     ),
 ]
 _ConfidenceArg = Annotated[
@@ -73,24 +78,40 @@ _BackgroundArg = Annotated[
 ]
 _SourcesArg = Annotated[bool, option(help="Look for suns and lamps, some .3 s a photo.")]
 _EveryArg = Annotated[
-    int | None, option(metavar="N", help="Predict from every Nth frame of a video; by default from every tenth.")
+    int | None,
+    option(metavar="N", help="Predict from every Nth frame of a video; by default from every tenth."),
 ]
 
 
 def predict(
-    run: RunArg, images: _PhotosArg, *, camera: _NewCameraArg = None, output: _MapArg = None, mask: _MaskArg = None,
-    method: _MethodArg = None, confidence: _ConfidenceArg = None, save_camera: _SaveCameraArg = None,
-    save_mask: _SaveMaskArg = None, save_overlay: _SaveOverlayArg = None, one_light: _OneLightArg = False,
-    background: _BackgroundArg = True, every: _EveryArg = None, size: SizeArg = None, sun: SunArg = Sun.INSIDE,
-    sources: _SourcesArg = True, settings: Prediction = UNCHANGED, device: Device = "auto",
-) -> None:  # fmt: skip
-    """Predict the environment around the object from one photo, from several one by one or together, or from a video.
+    run: RunArg,
+    images: _PhotosArg,
+    *,
+    camera: _NewCameraArg = None,
+    output: _MapArg = None,
+    mask: _MaskArg = None,
+    method: _MethodArg = None,
+    confidence: _ConfidenceArg = None,
+    save_camera: _SaveCameraArg = None,
+    save_mask: _SaveMaskArg = None,
+    save_overlay: _SaveOverlayArg = None,
+    one_light: _OneLightArg = False,
+    background: _BackgroundArg = True,
+    every: _EveryArg = None,
+    size: SizeArg = None,
+    sun: SunArg = Sun.INSIDE,
+    sources: _SourcesArg = True,
+    settings: Prediction = UNCHANGED,
+    device: Device = "auto",
+) -> None:
+    """Predict the environment around the object from one photo, from several one by one or together, or from
+    a video.
 
-    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions, of a video its
-    frames and the maps alone. NAME.light.json beside the map has its suns and lamps, their brightness solved from the
-    shadows in the photo, and more. Without --camera the object is found in the photo first, as by `lightprobe locate`;
-    photos of the run's own scene have their cameras in the run. A photo that no light explains gets a warning and a
-    lower confidence, or no map at all.
+    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions, of a video
+    its frames and the maps alone. NAME.light.json beside the map has its suns and lamps, their brightness
+    solved from the shadows in the photo, and more. Without --camera the object is found in the photo first,
+    as by `lightprobe locate`; photos of the run's own scene have their cameras in the run. A photo that no
+    light explains gets a warning and a lower confidence, or no map at all.
 
     Examples:
       lightprobe predict runs/cup new.jpg
@@ -99,8 +120,9 @@ def predict(
       lightprobe predict runs/cup clip.mp4 --every 10 -o lights
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
       lightprobe predict runs/cup test/r_003.png --camera transforms_test.json
-      lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o light.exr
-      lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
+      lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o
+      light.exr lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o
+      lights
     """
     located = _wanted(camera, LocationFiles(save_camera, save_mask, save_overlay))
     height = None if size is None else map_height(size)
@@ -130,7 +152,9 @@ class _How:
 
 
 def _video_among(images: Sequence[Path], every: int | None) -> Path | None:
-    """Return the video that is to be predicted from, None if it is photos; raise `ConfigError` for both at once."""
+    """Return the video that is to be predicted from, None if it is photos; raise `ConfigError` for both at
+    once.
+    """
     video = next((image for image in images if is_video(image)), None)
     if video is not None and len(images) > 1:
         raise ConfigError(f"{video} is a video; predict from it alone, or from photos.")
@@ -139,7 +163,9 @@ def _video_among(images: Sequence[Path], every: int | None) -> Path | None:
     return video
 
 
-def _predict_video(run: Path, video: Path, files: PredictionFiles, how: _How, every: int, one_light: bool) -> None:
+def _predict_video(
+    run: Path, video: Path, files: PredictionFiles, how: _How, every: int, one_light: bool
+) -> None:
     if one_light:
         _tell_joint(predict_video_light(run, video, files, every=every, **vars(how)), run, how.method)
         return
@@ -155,7 +181,9 @@ def _predict_video(run: Path, video: Path, files: PredictionFiles, how: _How, ev
 
 
 def _wanted(camera: Path | None, files: LocationFiles) -> LocationFiles:
-    """Return the files of what is found; raise `ConfigError` where they are named although the camera is given."""
+    """Return the files of what is found; raise `ConfigError` where they are named although the camera is
+    given.
+    """
     if camera is not None and any(files.chosen()):
         raise ConfigError(
             "--save-camera, --save-mask and --save-overlay write what is found, and --camera gives that; leave it out."
@@ -198,36 +226,52 @@ def _tell_joint(joint: JointPrediction, run: Path, method: Method | None) -> Non
     _tell_map(joint.output, joint.method, joint.prediction, "photos", "the photos together")
     source = "from EXIF" if joint.measured else "found with the light, as not every photo's EXIF tells it"
     factors = ", ".join(
-        f"{image.name} {value:.2f}" for image, value in zip(joint.images, joint.exposures.tolist(), strict=True)
+        f"{image.name} {value:.2f}"
+        for image, value in zip(joint.images, joint.exposures.tolist(), strict=True)
     )
     exposures = dict(zip(map(str, joint.images), joint.exposures.tolist(), strict=True))
     left_out = {str(image): reason for image, reason in joint.left_out.items()}
     say(f"Exposures relative to the first, {source}: {factors}", exposures=exposures, left_out=left_out)
     if joint.left_out:
-        raise InputError(" ".join(f"{image} is not in the map. {reason}" for image, reason in joint.left_out.items()))
+        raise InputError(
+            " ".join(f"{image} is not in the map. {reason}" for image, reason in joint.left_out.items())
+        )
 
 
 def _tell_map(output: Path, method: Method, prediction: PredictionResult, of: str, source: str) -> None:
     verdict, seconds = prediction.verdict, prediction.seconds
     parts = ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items())
-    around = "" if prediction.background is BackgroundUse.ABSENT else f"; background {prediction.background.value}"
+    around = (
+        "" if prediction.background is BackgroundUse.ABSENT else f"; background {prediction.background.value}"
+    )
     line = f"Environment: {output} ({method.value}; {parts}; {of} {verdict.status.value}{around})"
     values = {"source": source, "environment": output, "method": method, "seconds": seconds}
-    say_one("predictions", line, {**values, "verdict": verdict.to_json(), "background": prediction.background})
+    say_one(
+        "predictions", line, {**values, "verdict": verdict.to_json(), "background": prediction.background}
+    )
     for sentence in verdict.sentences:
         print(f"lightprobe: warning: {source}: {sentence}", file=sys.stderr)
 
 
 def locate(
-    run: RunArg, images: _PhotosArg, *,
-    output: Annotated[Path | None, option(aliases=["-o"], metavar="FOLDER", help="Folder for the files.")] = None,
-    mask: _MaskArg = None, save_camera: _SaveCameraArg = None, save_mask: _SaveMaskArg = None,
-    save_overlay: _SaveOverlayArg = None, device: Device = "auto",
-) -> None:  # fmt: skip
-    """Find the object in new photos: from where each was taken, with which focal length, and the object's mask.
+    run: RunArg,
+    images: _PhotosArg,
+    *,
+    output: Annotated[
+        Path | None, option(aliases=["-o"], metavar="FOLDER", help="Folder for the files.")
+    ] = None,
+    mask: _MaskArg = None,
+    save_camera: _SaveCameraArg = None,
+    save_mask: _SaveMaskArg = None,
+    save_overlay: _SaveOverlayArg = None,
+    device: Device = "auto",
+) -> None:
+    """Find the object in new photos: from where each was taken, with which focal length, and the object's
+    mask.
 
-    NAME.camera.json, NAME.mask.png and NAME.overlay.png, the photo with the object's outline, go to FOLDER, without -o
-    to RUN/predictions. A photo without the object is refused; where the pose is doubtful, a warning says so.
+    NAME.camera.json, NAME.mask.png and NAME.overlay.png, the photo with the object's outline, go to FOLDER,
+    without -o to RUN/predictions. A photo without the object is refused; where the pose is doubtful, a
+    warning says so.
 
     Examples:
       lightprobe locate runs/cup new.jpg

@@ -13,25 +13,47 @@ from lightprobe.core.files import shell_word
 from lightprobe.preparation import Masker, PrepareOptions
 from lightprobe.runs.preparing import prepare_scene
 
-_Photos = Annotated[Positional[Path], option(metavar="PHOTOS", help="Folder with photos and no cameras, or a video.")]
-_Output = Annotated[Path, option(aliases=["-o"], metavar="SCENE", help="Scene folder to make or to go on with.")]
+_Photos = Annotated[
+    Positional[Path], option(metavar="PHOTOS", help="Folder with photos and no cameras, or a video.")
+]
+_Output = Annotated[
+    Path, option(aliases=["-o"], metavar="SCENE", help="Scene folder to make or to go on with.")
+]
 _Hint = Annotated[
     str | None,
-    option(metavar="PHOTO=MASK.png", help="The object in one photo: a mask file, or a box x0,y0,x1,y1 in its pixels."),
+    option(
+        metavar="PHOTO=MASK.png",
+        help="The object in one photo: a mask file, or a box x0,y0,x1,y1 in its pixels.",
+    ),
 ]
-_Up = Annotated[str | None, option(metavar="x,y,z", help="Up, in the axes of --up-photo: x right, y up, z to you.")]
+_Up = Annotated[
+    str | None, option(metavar="x,y,z", help="Up, in the axes of --up-photo: x right, y up, z to you.")
+]
 _UpPhoto = Annotated[str | None, option(metavar="PHOTO", help="A photo held level: its vertical axis is up.")]
-_Height = Annotated[float | None, option(metavar="LENGTH", help="Height of the object, in the unit you want.")]
-_Masker = Annotated[Masker, option(help="graph-cut: colours and visual hull; rembg: a package that you installed.")]
+_Height = Annotated[
+    float | None, option(metavar="LENGTH", help="Height of the object, in the unit you want.")
+]
+_Masker = Annotated[
+    Masker, option(help="graph-cut: colours and visual hull; rembg: a package that you installed.")
+]
 
 
 def prepare(
-    photos: _Photos, *, output: _Output, hint: _Hint = None, up: _Up = None, up_photo: _UpPhoto = None,
-    height: _Height = None, masker: _Masker = Masker.GRAPH_CUT, seed: Seed = 0,
-) -> None:  # fmt: skip
-    """Find cameras, masks and an upright frame for a plain folder of photos or a video, and write a scene to train on.
+    photos: _Photos,
+    *,
+    output: _Output,
+    hint: _Hint = None,
+    up: _Up = None,
+    up_photo: _UpPhoto = None,
+    height: _Height = None,
+    masker: _Masker = Masker.GRAPH_CUT,
+    seed: Seed = 0,
+) -> None:
+    """Find cameras, masks and an upright frame for a plain folder of photos or a video, and write a scene to
+    train on.
 
-    Look at contact.png in the scene. A wrong mask can be painted over in masks/; the same command then goes on with it.
+    Look at contact.png in the scene. A wrong mask can be painted over in masks/; the same command then goes
+    on with it.
 
     Examples:
       lightprobe prepare photos/cup -o scenes/cup

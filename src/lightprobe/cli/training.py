@@ -39,9 +39,15 @@ _SHOWN = (Method.PROBE_NET_OPTIMIZE, Method.PROBE_NET, Method.PROBE_MLP, Method.
 
 
 def fit(
-    scene: SceneArg, *, output: RunOut, preset: PresetArg = Preset.QUICK, device: Device = "auto", seed: Seed = 0,
-    restart: Restart = False, decompose: DecomposeConfig = _FIRST,
-) -> None:  # fmt: skip
+    scene: SceneArg,
+    *,
+    output: RunOut,
+    preset: PresetArg = Preset.QUICK,
+    device: Device = "auto",
+    seed: Seed = 0,
+    restart: Restart = False,
+    decompose: DecomposeConfig = _FIRST,
+) -> None:
     """Phase I: reconstruct mesh, materials and one environment per photo.
 
     The same command goes on where an interrupted one stopped.
@@ -54,7 +60,13 @@ def fit(
     _require_one_process()
     with Meter() as meter:
         run = fit_run(
-            scene, output, decompose=decompose, device=device, seed=seed, restart=restart, on_progress=meter.update
+            scene,
+            output,
+            decompose=decompose,
+            device=device,
+            seed=seed,
+            restart=restart,
+            on_progress=meter.update,
         )
     preset = fitted_preset(run)
     chosen = "" if preset is Preset.QUICK else f" --preset {preset.value}"
@@ -62,10 +74,18 @@ def fit(
 
 
 def train(
-    scene: SceneArg, *, output: RunOut, preset: PresetArg = Preset.QUICK, device: Device = "auto", seed: Seed = 0,
-    restart: Restart = False, hdri: Hdri = None, decompose: DecomposeConfig = _FIRST,
-    distill: DistillConfig = _SECOND, predict: PredictConfig = _THIRD,
-) -> None:  # fmt: skip
+    scene: SceneArg,
+    *,
+    output: RunOut,
+    preset: PresetArg = Preset.QUICK,
+    device: Device = "auto",
+    seed: Seed = 0,
+    restart: Restart = False,
+    hdri: Hdri = None,
+    decompose: DecomposeConfig = _FIRST,
+    distill: DistillConfig = _SECOND,
+    predict: PredictConfig = _THIRD,
+) -> None:
     """Both phases: reconstruct the object, then train the predictor of its light.
 
     The same command goes on where an interrupted one stopped.
@@ -78,17 +98,32 @@ def train(
     _require_one_process()
     with Meter() as meter:
         run = train_run(
-            scene, output, decompose=decompose, distill=distill, predict=predict, device=device, seed=seed, hdri=hdri,
-            restart=restart, on_progress=meter.update,
-        )  # fmt: skip
+            scene,
+            output,
+            decompose=decompose,
+            distill=distill,
+            predict=predict,
+            device=device,
+            seed=seed,
+            hdri=hdri,
+            restart=restart,
+            on_progress=meter.update,
+        )
     _tell(run, f"lightprobe eval {shell_word(output)}")
 
 
 def distill(
-    run: RunArg, *, preset: _SamePresetArg = None, device: Device = "auto", seed: Seed = 0,
-    restart: Restart = False, scene: MovedScene = None, hdri: Hdri = None, distill: DistillConfig = _SECOND,
+    run: RunArg,
+    *,
+    preset: _SamePresetArg = None,
+    device: Device = "auto",
+    seed: Seed = 0,
+    restart: Restart = False,
+    scene: MovedScene = None,
+    hdri: Hdri = None,
+    distill: DistillConfig = _SECOND,
     predict: PredictConfig = _THIRD,
-) -> None:  # fmt: skip
+) -> None:
     """Phase II: train the predictor of light of a reconstructed object.
 
     Examples:
@@ -100,9 +135,17 @@ def distill(
     _require_preset(run, preset)
     with joined(device) as processes, Meter() as meter:
         folder = distill_run(
-            run, distill=distill, predict=predict, device=processes.device, seed=seed, scene_folder=scene, hdri=hdri,
-            restart=restart, on_progress=meter.update, processes=processes,
-        )  # fmt: skip
+            run,
+            distill=distill,
+            predict=predict,
+            device=processes.device,
+            seed=seed,
+            scene_folder=scene,
+            hdri=hdri,
+            restart=restart,
+            on_progress=meter.update,
+            processes=processes,
+        )
     next_one = f"lightprobe eval {shell_word(run)}"
     say(f"Model: {folder.model_folder}", run=folder.path, model=folder.model_folder)
     _tell_accuracy(folder)
@@ -110,7 +153,8 @@ def distill(
 
 
 def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: Seed = 0) -> None:
-    """Learn the bundled object, predict the light of its test photos and write a report, in minutes on two cores.
+    """Learn the bundled object, predict the light of its test photos and write a report, in minutes on two
+    cores.
 
     Examples:
       lightprobe demo
@@ -120,8 +164,13 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
         with Meter() as meter:
             run = train_run(
-                scene, output, **vars(demo_settings()), device=device, seed=seed, on_progress=meter.update,
-            )  # fmt: skip
+                scene,
+                output,
+                **vars(demo_settings()),
+                device=device,
+                seed=seed,
+                on_progress=meter.update,
+            )
         _tell(run)
         with Meter() as meter:
             shown = EvaluationOptions(methods=_SHOWN)
@@ -140,7 +189,9 @@ def _require_one_process() -> None:
 
 
 def _require_preset(run: Path, given: Preset | None) -> None:
-    """Raise `ConfigError` where Phase I had another preset than the one whose settings Phase II would silently get."""
+    """Raise `ConfigError` where Phase I had another preset than the one whose settings Phase II would
+    silently get.
+    """
     fitted = fitted_preset(RunFolder.open(run))
     if given is None and fitted is not Preset.QUICK:
         raise ConfigError(
@@ -171,14 +222,18 @@ def _tell_accuracy(run: RunFolder) -> None:
 def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:
     """Return the command with a preset's configuration as defaults, which its --help then shows.
 
-    A name that is no preset is left to the argument parser to refuse. Where the command has to be told, the preset
-    itself has no default.
+    A name that is no preset is left to the argument parser to refuse. Where the command has to be told, the
+    preset itself has no default.
     """
     preset = Preset(name) if name in list(Preset) else Preset.QUICK
     values = {
-        "preset": preset, **vars(settings(preset)),
-    }  # fmt: skip
+        "preset": preset,
+        **vars(settings(preset)),
+    }
     known = inspect.signature(command).parameters
-    return functools.partial(command, **{
-        name: value for name, value in values.items() if name in known and known[name].default is not None
-    })  # fmt: skip
+    return functools.partial(
+        command,
+        **{
+            name: value for name, value in values.items() if name in known and known[name].default is not None
+        },
+    )

@@ -1,4 +1,6 @@
-"""render, relight, export: the object that was learnt in pictures under any light, and in files for other programs."""
+"""render, relight, export: the object that was learnt in pictures under any light, and in files for other
+programs.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -27,7 +29,9 @@ def render(
     *,
     camera: CameraArg,
     env: EnvironmentArg,
-    output: Annotated[Path, option(aliases=["-o"], metavar="OUT", help="Picture: .png (sRGB) or .exr (linear).")],
+    output: Annotated[
+        Path, option(aliases=["-o"], metavar="OUT", help="Picture: .png (sRGB) or .exr (linear).")
+    ],
     frame: Annotated[
         str | None, option(metavar="NAME", help="Photo whose camera is meant, of a file with many.")
     ] = None,
@@ -37,8 +41,8 @@ def render(
 ) -> None:
     """Render the object under an environment.
 
-    --renderer path traces paths of light: sharp shadows, all that the object reflects onto itself, and some seconds a
-    picture. It needs the extra path and an LLVM library.
+    --renderer path traces paths of light: sharp shadows, all that the object reflects onto itself, and some
+    seconds a picture. It needs the extra path and an LLVM library.
 
     Examples:
       lightprobe render runs/cup --camera view.json --env studio.exr -o cup.png
@@ -52,7 +56,9 @@ def render(
 def _asked(renderer: Renderer, samples: int | None) -> RenderConfig:
     """Return how pictures are made; raise `ConfigError` for rays of a renderer that traces none."""
     if samples is not None and renderer is not Renderer.PATH:
-        raise ConfigError(f"--samples {samples} is for --renderer path; the {renderer.value} one traces no rays.")
+        raise ConfigError(
+            f"--samples {samples} is for --renderer path; the {renderer.value} one traces no rays."
+        )
     return RenderConfig(renderer, _USUAL.samples if samples is None else samples)
 
 
@@ -77,9 +83,15 @@ def relight(
     """
     with Meter() as meter:
         relight_run(
-            run, env, output, frames=frames, side=side, device=device, config=_asked(renderer, samples),
+            run,
+            env,
+            output,
+            frames=frames,
+            side=side,
+            device=device,
+            config=_asked(renderer, samples),
             on_progress=meter.update,
-        )  # fmt: skip
+        )
     say(f"Pictures: {output}", pictures=output)
 
 
@@ -88,17 +100,20 @@ def export(
     *,
     output: Annotated[Path, option(aliases=["-o"], metavar="DIR", help="Folder for the files.")],
     env: Annotated[
-        Path | None, option(metavar="ENV.exr", help="A predicted light, or any equirectangular one, to write, too.")
+        Path | None,
+        option(metavar="ENV.exr", help="A predicted light, or any equirectangular one, to write, too."),
     ] = None,
     sun: SunArg = Sun.SEPARATE,
     size: SizeArg = None,
     usd: Annotated[FlagCreatePairsOff[bool], option(help="Also write scene.usdc and scene.usdz.")] = False,
     device: Device = "auto",
 ) -> None:
-    """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and others.
+    """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and
+    others.
 
-    With --env also that light as light.exr and light.hdr, and scene.glb: the mesh with the light's suns and lamps
-    (KHR_lights_punctual), which the maps then do not have; --sun inside leaves them there. --usd needs the extra usd.
+    With --env also that light as light.exr and light.hdr, and scene.glb: the mesh with the light's suns and
+    lamps (KHR_lights_punctual), which the maps then do not have; --sun inside leaves them there. --usd needs
+    the extra usd.
 
     Examples:
       lightprobe export runs/cup -o cup_files
@@ -106,4 +121,6 @@ def export(
     """
     height = None if size is None else map_height(size)
     written = export_run(run, output, environment=env, sun=sun, height=height, usd=usd, device=device)
-    say(f"{len(written)} files in {output}; mesh: {written[0]}", folder=output, mesh=written[0], files=written)
+    say(
+        f"{len(written)} files in {output}; mesh: {written[0]}", folder=output, mesh=written[0], files=written
+    )

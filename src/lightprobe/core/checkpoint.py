@@ -1,8 +1,8 @@
 """Tensors on disk without pickle, and checkpoints that are either whole or absent.
 
-A checkpoint is a folder `step-000001500/` with `tensors.safetensors` and `state.json`. It is filled under a temporary
-name, flushed to the disk and renamed, so a process killed at any moment leaves the previous checkpoint untouched.
-Equal tensors, metadata and state give equal bytes.
+A checkpoint is a folder `step-000001500/` with `tensors.safetensors` and `state.json`. It is filled under a
+temporary name, flushed to the disk and renamed, so a process killed at any moment leaves the previous
+checkpoint untouched. Equal tensors, metadata and state give equal bytes.
 """
 
 import contextlib
@@ -28,8 +28,11 @@ STATE = "state.json"  # of a checkpoint, which cannot be read without it
 _STEP_FOLDER = re.compile(r"step-(\d{9,})")
 
 
-def save_tensors(path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, Any] | None = None) -> None:
-    """Write named tensors (any device, any shape) and a small JSON object `metadata` to a safetensors file, atomically.
+def save_tensors(
+    path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, Any] | None = None
+) -> None:
+    """Write named tensors (any device, any shape) and a small JSON object `metadata` to a safetensors file,
+    atomically.
 
     Raises `ResourceError` when the disk refuses.
     """
@@ -80,7 +83,9 @@ class Checkpoints:
         self.prune()
 
     def prune(self) -> None:
-        """Remove all but the last `keep`; who goes on with a training calls it, as the last save may have been cut."""
+        """Remove all but the last `keep`; who goes on with a training calls it, as the last save may have
+        been cut.
+        """
         for _, old in list(self._newest_first())[self.keep :]:
             self._remove(old)
 
@@ -102,14 +107,19 @@ class Checkpoints:
 
     @contextlib.contextmanager
     def restoring(self, step: int) -> Iterator[None]:
-        """Turn what goes wrong while the checkpoint of `step` is put to use into an `InputError` with the remedy.
+        """Turn what goes wrong while the checkpoint of `step` is put to use into an `InputError` with the
+        remedy.
 
         Its tensors and state can be sound and yet not those of this training.
         """
         try:
             yield
         except (InputError, ConfigError, KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-            detail = f"there is no {error}" if isinstance(error, KeyError) else str(error).split("\n")[0].rstrip(".")
+            detail = (
+                f"there is no {error}"
+                if isinstance(error, KeyError)
+                else str(error).split("\n")[0].rstrip(".")
+            )
             raise InputError(
                 f"The checkpoint {self.folder / _name(step)} does not fit this training ({detail}); remove it to go on "
                 "from the one before it, or start over with --restart."
@@ -117,7 +127,9 @@ class Checkpoints:
 
     def _newest_first(self) -> Iterator[tuple[int, Path]]:
         names = os.listdir(self.folder) if self.folder.is_dir() else []
-        found = [(int(match[1]), self.folder / name) for name in names if (match := _STEP_FOLDER.fullmatch(name))]
+        found = [
+            (int(match[1]), self.folder / name) for name in names if (match := _STEP_FOLDER.fullmatch(name))
+        ]
         return iter(sorted(found, reverse=True))
 
     def _remove(self, folder: Path) -> None:
@@ -130,7 +142,8 @@ class Checkpoints:
 
 
 def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tensor) -> torch.Tensor:
-    """Return a checkpoint's tensor on the device of `like`, of any shape; raise `ValueError` unless it and type agree.
+    """Return a checkpoint's tensor on the device of `like`, of any shape; raise `ValueError` unless it and
+    type agree.
 
     Without it a tensor of another shape would be spread over the parameter that it is copied to.
     """
@@ -143,7 +156,9 @@ def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tens
 
 @torch.no_grad()
 def copy_stored(tensors: Mapping[str, torch.Tensor], into: Mapping[str, torch.Tensor]) -> None:
-    """Copy a checkpoint's tensors into those `into` of the same names; raise `KeyError` or `ValueError` for misfits."""
+    """Copy a checkpoint's tensors into those `into` of the same names; raise `KeyError` or `ValueError` for
+    misfits.
+    """
     for name, tensor in into.items():
         tensor.copy_(stored_like(tensors, name, tensor))
 
@@ -153,7 +168,9 @@ def _name(step: int) -> str:
 
 
 def _read(folder: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Return (tensors, state) of a checkpoint; raise `InputError` when a file is missing, damaged or holds NaN."""
+    """Return (tensors, state) of a checkpoint; raise `InputError` when a file is missing, damaged or holds
+    NaN.
+    """
     tensors, path = load_tensors(folder / "tensors.safetensors"), folder / STATE
     check_tensors(tensors, rules_like(tensors), folder, _PASS_OVER)
     return tensors, checked_object(read_object(path, _PASS_OVER).get("state"), path, _PASS_OVER, "state")

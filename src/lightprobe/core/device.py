@@ -8,7 +8,8 @@ from lightprobe.core.errors import ConfigError
 
 
 def resolve_device(name: str | torch.device) -> torch.device:
-    """Return the torch device for its name: `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there is one.
+    """Return the torch device for its name: `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there
+    is one.
 
     A device stands for its own name. A GPU is made to compute in `full_precision`.
     """
@@ -24,30 +25,39 @@ def resolve_device(name: str | torch.device) -> torch.device:
     if device.type == "cpu":
         return torch.device("cpu")
     if not torch.cuda.is_available():
-        raise ConfigError(f"Device '{name}' was asked for, but PyTorch sees no CUDA device: use --device cpu or auto.")
-    # With its number, because tensors name theirs, and `cuda` and `cuda:0` would each get tables of their own.
+        raise ConfigError(
+            f"Device '{name}' was asked for, but PyTorch sees no CUDA device: use --device cpu or auto."
+        )
+    # With its number, because tensors name theirs, and `cuda` and `cuda:0` would each get tables of their
+    # own.
     number = torch.cuda.current_device() if device.index is None else device.index
     if number >= torch.cuda.device_count():
-        raise ConfigError(f"There is no device '{name}': this machine has {torch.cuda.device_count()} CUDA device(s).")
+        raise ConfigError(
+            f"There is no device '{name}': this machine has {torch.cuda.device_count()} CUDA device(s)."
+        )
     return full_precision(torch.device("cuda", number))
 
 
 def full_precision(device: torch.device) -> torch.device:
     """Let a GPU's products of matrices and convolutions keep the 24 bits of float32, and return the device.
 
-    cuDNN rounds the factors of its convolutions to TF32's 11 bits unless told otherwise: that alone moves a predicted
-    map by 1.4e-3, more than the CPU and a GPU may differ by. The setting is PyTorch's, for the whole process.
+    cuDNN rounds the factors of its convolutions to TF32's 11 bits unless told otherwise: that alone moves a
+    predicted map by 1.4e-3, more than the CPU and a GPU may differ by. The setting is PyTorch's, for the
+    whole process.
     """
     if device.type == "cuda":
         torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = False
-        torch.backends.cudnn.fp32_precision = "ieee"  # the newer name of the same, which may have been set before
+        torch.backends.cudnn.fp32_precision = (
+            "ieee"  # the newer name of the same, which may have been set before
+        )
     return device
 
 
 def generator(seed: int, stream: str, step: int = 0) -> torch.Generator:
     """Return a CPU generator that depends only on (seed, stream, step).
 
-    Stateless streams need no place in a checkpoint: a resumed run draws the numbers an uninterrupted one would.
+    Stateless streams need no place in a checkpoint: a resumed run draws the numbers an uninterrupted one
+    would.
     """
     digest = hashlib.blake2b(f"{seed}/{stream}/{step}".encode(), digest_size=8).digest()
     return torch.Generator().manual_seed(int.from_bytes(digest, "little") >> 1)

@@ -1,7 +1,8 @@
-"""How several processes that `torchrun` started end: one of them says why, in one sentence, and the others are silent.
+"""How several processes that `torchrun` started end: one of them says why, in one sentence, and the others
+are silent.
 
-When one fails, the others fail after it, for want of it. Whoever fails first asks torchrun's store, which outlives them
-all, for the word, and so the sentence is about the cause.
+When one fails, the others fail after it, for want of it. Whoever fails first asks torchrun's store, which
+outlives them all, for the word, and so the sentence is about the cause.
 """
 
 import contextlib
@@ -32,8 +33,8 @@ def started_together() -> int:
 def end(sentence: str, code: int) -> int:
     """Print a sentence on standard error and return the exit code of the program.
 
-    One of several processes prints only where none has spoken before, and ends at once: what it still exchanges with
-    processes that are gone would keep it waiting.
+    One of several processes prints only where none has spoken before, and ends at once: what it still
+    exchanges with processes that are gone would keep it waiting.
     """
     if started_together() == 1:
         print(sentence, file=sys.stderr)
@@ -47,10 +48,10 @@ def end(sentence: str, code: int) -> int:
 def ending_with_torchrun() -> Iterator[None]:
     """End with a sentence, at once, when torchrun ends this process, whatever it is waiting for.
 
-    Python's own handlers run between two of its instructions. A process that waits for a GPU, and that for another
-    process which is gone, gets to none; so a thread of its own reads the signals here. It does so also after
-    an error in the block, after which nothing is put back: torchrun may end this process, for want of the other one,
-    before it has said why it ends.
+    Python's own handlers run between two of its instructions. A process that waits for a GPU, and that for
+    another process which is gone, gets to none; so a thread of its own reads the signals here. It does so
+    also after an error in the block, after which nothing is put back: torchrun may end this process, for want
+    of the other one, before it has said why it ends.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)

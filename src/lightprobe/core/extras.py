@@ -8,7 +8,9 @@ from lightprobe.core.errors import ConfigError, InputError
 
 
 def extra_library(name: str, purpose: str, extra: str = "photos") -> Any:
-    """Return the module `name` of an extra; raise `ConfigError` saying that `purpose` needs it and how to get it."""
+    """Return the module `name` of an extra; raise `ConfigError` saying that `purpose` needs it and how to get
+    it.
+    """
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -16,12 +18,16 @@ def extra_library(name: str, purpose: str, extra: str = "photos") -> Any:
 
 
 def photo_library(name: str, path: Path) -> Any:
-    """Return the module `name` of the extra `photos`; raise `InputError` naming `path`, the file that needs it."""
+    """Return the module `name` of the extra `photos`; raise `InputError` naming `path`, the file that needs
+    it.
+    """
     try:
         return importlib.import_module(name)
     except ImportError as error:
         missing = name.partition(".")[0]
-        raise InputError(f"{path} cannot be read without the library {missing}; {_remedy('photos')}") from error
+        raise InputError(
+            f"{path} cannot be read without the library {missing}; {_remedy('photos')}"
+        ) from error
 
 
 def _remedy(extra: str) -> str:

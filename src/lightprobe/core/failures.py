@@ -1,4 +1,6 @@
-"""Whatever goes wrong becomes one of our errors, a sentence with an exit code; unexpected tracebacks go to a file."""
+"""Whatever goes wrong becomes one of our errors, a sentence with an exit code; unexpected tracebacks go to a
+file.
+"""
 
 import contextlib
 import errno
@@ -26,8 +28,8 @@ class UnexpectedError(LightprobeError):
 def reporting_errors(log: Path | None = None, keep: Callable[[str], None] | None = None) -> Iterator[None]:
     """Turn whatever goes wrong inside into a `LightprobeError`; an unexpected traceback goes to `log`.
 
-    With `keep`, which is called with it, it goes there alone; without either to a new file in the temporary folder.
-    KeyboardInterrupt and SystemExit pass.
+    With `keep`, which is called with it, it goes there alone; without either to a new file in the temporary
+    folder. KeyboardInterrupt and SystemExit pass.
     """
     try:
         yield
@@ -37,7 +39,9 @@ def reporting_errors(log: Path | None = None, keep: Callable[[str], None] | None
         raise _out_of_memory() from error
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise ResourceError("The disk is full; free some space and run the same command again.") from error
+            raise ResourceError(
+                "The disk is full; free some space and run the same command again."
+            ) from error
         if error.filename:
             raise ResourceError(f"{error.filename}: {error.strerror or error}.") from error
         raise _unexpected(error, log, keep) from error
@@ -49,7 +53,8 @@ def reporting_errors(log: Path | None = None, keep: Callable[[str], None] | None
 
 @contextlib.contextmanager
 def writing(run: RunFolder) -> Iterator[None]:
-    """Hold `run` for writing; errors inside are reported as by `reporting_errors`, tracebacks go to the run's log.txt.
+    """Hold `run` for writing; errors inside are reported as by `reporting_errors`, tracebacks go to the run's
+    log.txt.
 
     Raises `ResourceError` when another process holds it.
     """
@@ -68,18 +73,24 @@ def _unexpected(error: Exception, log: Path | None, keep: Callable[[str], None] 
     text = f"{stamp}  unexpected error\n{''.join(traceback.format_exception(error))}\n"
     if keep is not None:
         keep(text)
-        return UnexpectedError(f"Unexpected error, please report it with the traceback in the log ({message}).")
+        return UnexpectedError(
+            f"Unexpected error, please report it with the traceback in the log ({message})."
+        )
     try:
         path = _written(text) if log is None else log
         if log is not None:
             append_text(log, text)
     except OSError:
-        return UnexpectedError(f"Unexpected error, please report it ({message}); its traceback could not be written.")
+        return UnexpectedError(
+            f"Unexpected error, please report it ({message}); its traceback could not be written."
+        )
     return UnexpectedError(f"Unexpected error, please report it with the traceback in {path} ({message}).")
 
 
 def _written(text: str) -> Path:
-    """Write a new file in the temporary folder that only its user can read, whatever lies there, and return it."""
+    """Write a new file in the temporary folder that only its user can read, whatever lies there, and return
+    it.
+    """
     handle, name = tempfile.mkstemp(prefix="lightprobe-error-", suffix=".txt")
     with open(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
         file.write(text)

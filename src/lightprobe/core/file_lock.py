@@ -12,7 +12,9 @@ from lightprobe.core.locks import Lock, is_at, try_lock
 
 @contextlib.contextmanager
 def locked_file(path: Path, busy: str) -> Iterator[None]:
-    """Hold the file at `path`, made when there is none, locked; raise `BusyError` saying `busy` if another does."""
+    """Hold the file at `path`, made when there is none, locked; raise `BusyError` saying `busy` if another
+    does.
+    """
     for last in (False, False, True):
         with disk_errors(path):
             handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)

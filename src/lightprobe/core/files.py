@@ -25,7 +25,9 @@ def disk_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise ResourceError(f"The disk is full: could not write {path}; free some space and run again.") from error
+            raise ResourceError(
+                f"The disk is full: could not write {path}; free some space and run again."
+            ) from error
         raise ResourceError(f"Could not write {path}: {error.strerror or error}.") from error
 
 
@@ -58,7 +60,9 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; on success rename it into place, replacing an old one, else delete it."""
+    """Yield a temporary folder beside `path`; on success rename it into place, replacing an old one, else
+    delete it.
+    """
     path = Path(path)
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -72,10 +76,11 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def filled_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder in `path`, whose contents move up into `path` on success and are deleted otherwise.
+    """Yield a temporary folder in `path`, whose contents move up into `path` on success and are deleted
+    otherwise.
 
-    So `path` fills at once, and what a killed process leaves in it is a hidden folder that the next call clears away.
-    What `path` already holds stays, hidden files for example.
+    So `path` fills at once, and what a killed process leaves in it is a hidden folder that the next call
+    clears away. What `path` already holds stays, hidden files for example.
     """
     path = Path(path)
     there = path.exists()
@@ -112,7 +117,9 @@ def append_text(path: Path, text: str) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Return the value of a JSON file; raise `InputError` naming the file and line when it is missing or malformed."""
+    """Return the value of a JSON file; raise `InputError` naming the file and line when it is missing or
+    malformed.
+    """
     check_file(path, LARGEST_TEXT)
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
@@ -141,7 +148,9 @@ def holds_files(folder: Path) -> bool:
 
 
 def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
-    """Raise `ConfigError` where a file that is to be written is one that is read, or one of the other written ones."""
+    """Raise `ConfigError` where a file that is to be written is one that is read, or one of the other written
+    ones.
+    """
     sources = {path.resolve() for path in read if path is not None}
     taken: set[Path] = set()
     for path in written:
@@ -158,15 +167,17 @@ def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]
 
 
 def shell_word(value: object) -> str:
-    """Return a path or another value as a shell takes it for one word, for commands that are printed to be copied."""
+    """Return a path or another value as a shell takes it for one word, for commands that are printed to be
+    copied.
+    """
     return shlex.quote(str(value))
 
 
 def inside(root: Path, relative: str, *, source: Path) -> Path:
     """Return `root/relative`, refusing a path that leaves `root` (absolute, `..`, or through a link).
 
-    Refused as well: what cannot be a file's name, such as one with a zero byte, too long, or a link to itself.
-    `source` is the file that named the path and appears in the error.
+    Refused as well: what cannot be a file's name, such as one with a zero byte, too long, or a link to
+    itself. `source` is the file that named the path and appears in the error.
     """
     root = Path(root).resolve()
     candidate = resolved(root / relative)
@@ -186,7 +197,11 @@ def resolved(path: Path) -> Path | None:
     try:
         whole = path.resolve()
         whole.is_file()
-    except (OSError, ValueError, RuntimeError):  # too long or forbidden; a zero byte or half a character; a link loop
+    except (
+        OSError,
+        ValueError,
+        RuntimeError,
+    ):  # too long or forbidden; a zero byte or half a character; a link loop
         return None
     return whole
 
@@ -194,15 +209,20 @@ def resolved(path: Path) -> Path | None:
 def named_file(folder: Path, name: str, suffix: str = "") -> Path:
     """Return `folder`/`name``suffix`, refusing a `name` that is not the plain name of one file.
 
-    Every name that comes out of a file, such as a photo's in scene.json, becomes a path here and nowhere else.
+    Every name that comes out of a file, such as a photo's in scene.json, becomes a path here and nowhere
+    else.
     """
     if not is_file_name(name) or not is_file_name(f"{name}{suffix}"):
-        raise InputError(f"{name[:200]!a} cannot be the name of a file in {folder}: it must be a plain name, no path.")
+        raise InputError(
+            f"{name[:200]!a} cannot be the name of a file in {folder}: it must be a plain name, no path."
+        )
     return Path(folder) / f"{name}{suffix}"
 
 
 def is_file_name(name: str) -> bool:
-    """Return whether `name` is the plain name of a file here: no path, no link upwards, nothing a path cannot hold."""
+    """Return whether `name` is the plain name of a file here: no path, no link upwards, nothing a path cannot
+    hold.
+    """
     try:
         encoded = os.fsencode(name)
     except UnicodeEncodeError:

@@ -1,9 +1,11 @@
-"""A process computes the same from its first call on: PyTorch's vector functions are called once, on one thread.
+"""A process computes the same from its first call on: PyTorch's vector functions are called once, on one
+thread.
 
-PyTorch hands square roots, exponentials and their like on the CPU to Intel's vector mathematics, which looks for the
-fitting code of each function when it is first called. Two threads that call at the same time can meet it half chosen:
-one of them then computes its half with 12 bits instead of 24, in this one call (oneMKL 2024.2, PyTorch issue 188792).
-Without this, 3 of 16 processes began so, and no two trainings need have had the same bits.
+PyTorch hands square roots, exponentials and their like on the CPU to Intel's vector mathematics, which looks
+for the fitting code of each function when it is first called. Two threads that call at the same time can meet
+it half chosen: one of them then computes its half with 12 bits instead of 24, in this one call (oneMKL
+2024.2, PyTorch issue 188792). Without this, 3 of 16 processes began so, and no two trainings need have had
+the same bits.
 
 Importing this module is enough; the lowest packages that compute do.
 """
@@ -11,10 +13,26 @@ Importing this module is enough; the lowest packages that compute do.
 import torch
 
 _VECTOR_FUNCTIONS = (
-    torch.acos, torch.asin, torch.atan, torch.cos, torch.cosh, torch.erf, torch.erfc, torch.erfinv, torch.exp,
-    torch.expm1, torch.log, torch.log10, torch.log1p, torch.log2, torch.sin, torch.sinh, torch.sqrt, torch.tan,
+    torch.acos,
+    torch.asin,
+    torch.atan,
+    torch.cos,
+    torch.cosh,
+    torch.erf,
+    torch.erfc,
+    torch.erfinv,
+    torch.exp,
+    torch.expm1,
+    torch.log,
+    torch.log10,
+    torch.log1p,
+    torch.log2,
+    torch.sin,
+    torch.sinh,
+    torch.sqrt,
+    torch.tan,
     torch.tanh,
-)  # fmt: skip
+)
 
 
 def _call_once() -> None:

@@ -14,7 +14,8 @@ STEPS_PER_THREAD = 50_000  # of a loop; with fewer, starting a thread costs more
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return `numba.njit` with a disk cache, or without one where no folder can be written.
 
-    `error_model="numpy"`: a division by zero gives infinity as in the reference, and does not stop vectorisation.
+    `error_model="numpy"`: a division by zero gives infinity as in the reference, and does not stop
+    vectorisation.
     """
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -29,15 +30,17 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any
 def threads(work: int) -> int:
     """Set Numba's thread count for a loop of `work` steps (about a nanosecond each) and return it.
 
-    At most as many as PyTorch uses, so that `torch.set_num_threads` governs both pools; one for small work, because on
-    a busy machine even an idle thread costs a wait for its turn. Loops that need the count take it as an argument:
-    one that asks Numba for it cannot be cached on disk.
+    At most as many as PyTorch uses, so that `torch.set_num_threads` governs both pools; one for small work,
+    because on a busy machine even an idle thread costs a wait for its turn. Loops that need the count take it
+    as an argument: one that asks Numba for it cannot be cached on disk.
     """
     allowed = torch.get_num_threads()
     count = min(allowed, int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     count = max(1, min(count, work // STEPS_PER_THREAD))
     numba.set_num_threads(count)
-    if torch.get_num_threads() != allowed:  # starting its pool, Numba gives OpenMP all cores, PyTorch's loops with it
+    if (
+        torch.get_num_threads() != allowed
+    ):  # starting its pool, Numba gives OpenMP all cores, PyTorch's loops with it
         torch.set_num_threads(allowed)
     return count
 

@@ -29,7 +29,9 @@ def try_lock(handle: int) -> Lock:
 
 
 def is_at(handle: int, path: str | os.PathLike[str]) -> bool:
-    """Return whether an open file is still the one at `path`: between opening and locking it may have been replaced."""
+    """Return whether an open file is still the one at `path`: between opening and locking it may have been
+    replaced.
+    """
     try:
         return os.path.samestat(os.fstat(handle), os.stat(path, follow_symlinks=False))
     except OSError:

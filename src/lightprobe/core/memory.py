@@ -10,13 +10,17 @@ import numpy as np
 import torch
 
 _PAGE_TABLE = "/proc/{}/statm"  # Linux: sizes in pages, the second is what is in memory
-_STATUS = Path("/proc/self/status")  # Linux: VmHWM is the most that was in memory since the program started, in kB
+_STATUS = Path(
+    "/proc/self/status"
+)  # Linux: VmHWM is the most that was in memory since the program started, in kB
 _PAGE = 4096  # bytes, on all systems that Linux' wheels of PyTorch are built for, unless the system says otherwise
 _NO_PARTS = (types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType)
 
 
 def peak_memory() -> float | None:
-    """Return the largest resident size of this process so far in GiB, or None on systems that do not count it."""
+    """Return the largest resident size of this process so far in GiB, or None on systems that do not count
+    it.
+    """
     held = _high_water_mark()
     return None if held is None else held / 2**30
 
@@ -56,7 +60,8 @@ def _page_size() -> int:
 def held_bytes(value: object) -> int:
     """Return the bytes of all tensors and arrays that can be reached from `value`, each counted once.
 
-    Followed are containers, modules of PyTorch and objects with attributes; what is cached in these counts as well.
+    Followed are containers, modules of PyTorch and objects with attributes; what is cached in these counts as
+    well.
     """
     storages: dict[int, int] = {}
     seen: set[int] = set()

@@ -1,9 +1,10 @@
-"""The most memory that a command may take, `--max-memory`: what is left of it, and the end where it is passed.
+"""The most memory that a command may take, `--max-memory`: what is left of it, and the end where it is
+passed.
 
-Readers of photos ask `memory_left` before they decode, and reduce or refuse. What they cannot foresee, such as what a
-training holds by its settings, is watched: a process beyond its limit ends with a sentence, and as after any kill
-nothing is half written. A limit of the system's (RLIMIT_AS) would not do: it counts what PyTorch and Numba reserve and
-never touch.
+Readers of photos ask `memory_left` before they decode, and reduce or refuse. What they cannot foresee, such
+as what a training holds by its settings, is watched: a process beyond its limit ends with a sentence, and as
+after any kill nothing is half written. A limit of the system's (RLIMIT_AS) would not do: it counts what
+PyTorch and Numba reserve and never touch.
 """
 
 import contextlib
@@ -42,7 +43,9 @@ def current_limit() -> int | None:
 
 
 def memory_left() -> int | None:
-    """Return the bytes that the limit leaves for a photo, beside what the process holds; None without a limit."""
+    """Return the bytes that the limit leaves for a photo, beside what the process holds; None without a
+    limit.
+    """
     return None if not _limits else _limits[-1] - _held() - _BESIDE
 
 
@@ -51,13 +54,16 @@ def memory_limit(limit: int | None, on_end: Callable[[str], None] | None = None)
     """Hold this process to `limit` bytes meanwhile, None for no limit; it ends where it takes more.
 
     on_end: called from another thread with the sentence that is said then, before the process ends.
-    Raises `ConfigError` where the system does not tell what a process holds, `ResourceError` where it has passed it.
+    Raises `ConfigError` where the system does not tell what a process holds, `ResourceError` where it has
+    passed it.
     """
     if limit is None:
         yield
         return
     if peak_memory() is None:
-        raise ConfigError("--max-memory cannot be held here: this system does not tell how much memory a process has.")
+        raise ConfigError(
+            "--max-memory cannot be held here: this system does not tell how much memory a process has."
+        )
     if _held() > limit:
         raise ResourceError(
             f"--max-memory {in_gigabytes(limit)} is less than the {in_gigabytes(_held())} that the program takes "

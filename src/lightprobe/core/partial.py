@@ -1,7 +1,8 @@
-"""Temporary files and folders that a killed process leaves behind: how they are told from others, and cleared away.
+"""Temporary files and folders that a killed process leaves behind: how they are told from others, and cleared
+away.
 
-Each is locked for as long as its writer lives and has a name that nobody else gives. What has such a name and no lock
-is a leftover. Where there are no locks nothing is cleared, as its writer may be alive.
+Each is locked for as long as its writer lives and has a name that nobody else gives. What has such a name and
+no lock is a leftover. Where there are no locks nothing is cleared, as its writer may be alive.
 """
 
 import contextlib
@@ -21,7 +22,9 @@ _OURS = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}(\..*)?")
 
 @contextlib.contextmanager
 def partial_file(folder: Path, suffix: str) -> Iterator[Path]:
-    """Clear leftovers out of `folder` and yield a new empty file in it, deleted at the end if it is still there."""
+    """Clear leftovers out of `folder` and yield a new empty file in it, deleted at the end if it is still
+    there.
+    """
     clear_leftovers(folder)
     handle, path = _made(lambda: _new_file(folder, suffix))
     try:
@@ -33,7 +36,9 @@ def partial_file(folder: Path, suffix: str) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def partial_folder(parent: Path) -> Iterator[Path]:
-    """Clear leftovers out of `parent` and yield a new empty folder in it, deleted at the end if it is still there."""
+    """Clear leftovers out of `parent` and yield a new empty folder in it, deleted at the end if it is still
+    there.
+    """
     clear_leftovers(parent)
     handle, path = _made(lambda: _new_folder(parent))
     try:
@@ -52,7 +57,9 @@ def clear_leftovers(folder: Path) -> None:
 
 
 def clear_run(folder: Path) -> None:
-    """Delete all leftovers in a run folder that the caller has locked, also where single files cannot be locked."""
+    """Delete all leftovers in a run folder that the caller has locked, also where single files cannot be
+    locked.
+    """
     _clear(list(folder.rglob(f"{PARTIAL}*")), unlockable=True)
 
 
@@ -69,7 +76,9 @@ def _clear(paths: Iterable[Path], *, unlockable: bool) -> None:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[int | None]:
-    handle = _open_folder(path) if path.is_dir() else os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    handle = (
+        _open_folder(path) if path.is_dir() else os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    )
     try:
         yield handle
     finally:

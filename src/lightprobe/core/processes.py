@@ -1,8 +1,10 @@
-"""Several processes that train one network together, started by `torchrun`: who they are and what they exchange.
+"""Several processes that train one network together, started by `torchrun`: who they are and what they
+exchange.
 
-All of them draw the same random numbers and hold the same parameters. Each computes its part of a step, and the mean of
-what they found is the step's: the same in all, and up to rounding what one process alone would have found. Only the
-first one writes files. Without `torchrun` there is one process, `ALONE`, which exchanges nothing.
+All of them draw the same random numbers and hold the same parameters. Each computes its part of a step, and
+the mean of what they found is the step's: the same in all, and up to rounding what one process alone would
+have found. Only the first one writes files. Without `torchrun` there is one process, `ALONE`, which exchanges
+nothing.
 """
 
 import contextlib
@@ -54,9 +56,11 @@ class Processes:
         return self.add_up(tensor).div_(self.count)
 
     def sum(self, tensor: Tensor) -> Tensor:
-        """Return the sum of all processes' tensors, of one but any shape, from which all must go on to the same loss.
+        """Return the sum of all processes' tensors, of one but any shape, from which all must go on to the
+        same loss.
 
-        Differentiable: the gradient is that of the sum of the processes' losses, so that of their mean is right.
+        Differentiable: the gradient is that of the sum of the processes' losses, so that of their mean is
+        right.
         """
         total: Tensor = _Sum.apply(tensor, self)
         return total
@@ -108,8 +112,8 @@ class _Sum(torch.autograd.Function):
 def joined(device: str) -> Iterator[Processes]:
     """Join the processes that `torchrun` started; without it, or with one process, there is nothing to join.
 
-    device: as for `resolve_device`; of several processes each gets a GPU of its own, or all compute on the CPU.
-    Raises `ConfigError` for a device that they cannot have, `ResourceError` when another one has ended.
+    device: as for `resolve_device`; of several processes each gets a GPU of its own, or all compute on the
+    CPU. Raises `ConfigError` for a device that they cannot have, `ResourceError` when another one has ended.
     """
     count = started_together()
     if count == 1:
@@ -135,7 +139,9 @@ def _own_device(name: str) -> torch.device:
     if name != "cuda":
         device = resolve_device(name)
         if device.type == "cuda":
-            raise ConfigError(f"Device '{name}' is one GPU, and every process needs its own: use --device cuda.")
+            raise ConfigError(
+                f"Device '{name}' is one GPU, and every process needs its own: use --device cuda."
+            )
         return device
     if torch.cuda.is_available() and here > torch.cuda.device_count():
         raise ConfigError(

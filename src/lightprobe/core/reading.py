@@ -1,7 +1,7 @@
 """Which files are opened at all: regular ones of a sane size.
 
-A pipe never ends, a device has no end, and a file of hundreds of gigabytes is no photo: reading them hangs or takes all
-memory, so a file is looked at before it is opened.
+A pipe never ends, a device has no end, and a file of hundreds of gigabytes is no photo: reading them hangs or
+takes all memory, so a file is looked at before it is opened.
 """
 
 import io
@@ -28,7 +28,8 @@ _KINDS = (
 class BoundedFile(io.BufferedReader):
     """A file open for reading that is asked for no more bytes than it has left.
 
-    Python makes room for as many as are asked for before it reads, and decoders ask for what a header announces.
+    Python makes room for as many as are asked for before it reads, and decoders ask for what a header
+    announces.
     """
 
     def __init__(self, path: Path):
@@ -42,7 +43,9 @@ class BoundedFile(io.BufferedReader):
 
 
 def check_file(path: Path, largest: int) -> None:
-    """Raise `InputError` naming `path` unless it is a regular file of at most `largest` bytes; it is not opened."""
+    """Raise `InputError` naming `path` unless it is a regular file of at most `largest` bytes; it is not
+    opened.
+    """
     try:
         found = os.stat(path)
     except FileNotFoundError as error:

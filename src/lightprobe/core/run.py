@@ -9,7 +9,8 @@ RUN/predictions/[<method>/]<photo>.exr .png .confidence.exr
 RUN/calibration.json             absolute brightness, if `lightprobe calibrate` was told; see `models.calibration`
 RUN/metrics.json
 RUN/timings.json                 seconds and memory of each phase's training; see `core.timings`
-RUN/report/index.html  page.json what the page shows; and comparison/: numbers and page of methods without the default
+RUN/report/index.html  page.json what the page shows; and comparison/: numbers and page of methods without the
+default
 RUN/oracle/                      the evaluation of a synthetic scene's true object, files named as in RUN
 """
 
@@ -24,7 +25,15 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config.stored import first_difference, plain, setting_of_one
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.file_lock import locked_file
-from lightprobe.core.files import append_text, disk_errors, holds_files, named_file, remove, write_bytes, write_json
+from lightprobe.core.files import (
+    append_text,
+    disk_errors,
+    holds_files,
+    named_file,
+    remove,
+    write_bytes,
+    write_json,
+)
 from lightprobe.core.partial import clear_run
 from lightprobe.core.stored import checked_object, damaged, read_object
 from lightprobe.core.timings import forget_timing
@@ -34,7 +43,9 @@ RETRAIN = "train this phase anew with: lightprobe distill RUN --restart"
 
 
 class RunFolder:
-    """Paths, records and logs of one run. Making the object touches no file; `create` and `open` check the folder."""
+    """Paths, records and logs of one run. Making the object touches no file; `create` and `open` check the
+    folder.
+    """
 
     def __init__(self, path: Path):
         self.path = Path(path)
@@ -43,8 +54,8 @@ class RunFolder:
     def create(path: Path) -> "RunFolder":
         """Return the run at `path`, making the folder when there is none.
 
-        Raises `ConfigError` for a folder that holds something else than a run, `ResourceError` when another process is
-        about to make it.
+        Raises `ConfigError` for a folder that holds something else than a run, `ResourceError` when another
+        process is about to make it.
         """
         run = RunFolder(path)
         if run.path.exists() and not run.path.is_dir():
@@ -58,7 +69,9 @@ class RunFolder:
         return run
 
     def _begin(self) -> None:
-        """Write config.json under the lock, and only where there is none: another process may have been faster."""
+        """Write config.json under the lock, and only where there is none: another process may have been
+        faster.
+        """
         with self.writing():
             try:
                 if not self.config_file.exists():
@@ -169,14 +182,17 @@ class RunFolder:
         return named_file(self.environment_folder, photo, ".exr")
 
     def prediction_file(self, photo: str, suffix: str, method: str | None = None) -> Path:
-        """A prediction's file; `suffix` is `.exr`, `.png` or `.confidence.exr`; no method means the default one."""
+        """A prediction's file; `suffix` is `.exr`, `.png` or `.confidence.exr`; no method means the default
+        one.
+        """
         folder = self.path / "predictions"
         return named_file(folder / method if method else folder, photo, suffix)
 
     # ---- what the run was started with
 
     def record_scene(self, scene: dict[str, Any]) -> None:
-        """Write scene.json, or check that the run was started with this very scene; raise `ConfigError` if not.
+        """Write scene.json, or check that the run was started with this very scene; raise `ConfigError` if
+        not.
 
         The scene's folder, `root`, may have moved in between; everything else must be the same.
         """
@@ -187,7 +203,9 @@ class RunFolder:
             write_json(self.scene_file, scene)
 
     def record_config(self, phase: str, config: dict[str, Any]) -> None:
-        """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError` if not."""
+        """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError`
+        if not.
+        """
         stored = self.sections()
         if phase in stored:
             alone = setting_of_one(stored[phase], config)
@@ -219,14 +237,18 @@ class RunFolder:
         return record
 
     def restart(self, phase: str, *, outputs: tuple[Path, ...]) -> None:
-        """Forget a phase: its configuration, timing, lines in metrics.jsonl, and the given outputs (files, folders)."""
+        """Forget a phase: its configuration, timing, lines in metrics.jsonl, and the given outputs (files,
+        folders).
+        """
         remove(*outputs)
         write_json(self.config_file, {k: v for k, v in self.sections().items() if k != phase})
         self.rewind_metrics(phase, -1)
         forget_timing(self.timings_file, phase)
 
     def empty(self, *, outputs: tuple[Path, ...]) -> None:
-        """Forget all phases, their timings and metrics.jsonl and the given outputs, whatever state the files are in."""
+        """Forget all phases, their timings and metrics.jsonl and the given outputs, whatever state the files
+        are in.
+        """
         remove(*outputs, self.metrics_log, self.timings_file)
         write_json(self.config_file, {})
 
@@ -241,19 +263,27 @@ class RunFolder:
 
     # ---- metrics and log
 
-    def append_metrics(self, phase: str, step: int, values: Mapping[str, float | str], *, once: bool = False) -> None:
+    def append_metrics(
+        self, phase: str, step: int, values: Mapping[str, float | str], *, once: bool = False
+    ) -> None:
         """Append one line to metrics.jsonl; with `once` only where it does not hold this very line.
 
         Times do not belong here: two equal runs leave equal files.
         """
         line = json.dumps({"phase": phase, "step": step, **values}, allow_nan=False)
         with disk_errors(self.metrics_log):
-            if once and self.metrics_log.exists() and line.encode() in self.metrics_log.read_bytes().splitlines():
+            if (
+                once
+                and self.metrics_log.exists()
+                and line.encode() in self.metrics_log.read_bytes().splitlines()
+            ):
                 return
             append_text(self.metrics_log, line + "\n")
 
     def rewind_metrics(self, phase: str, step: int) -> None:
-        """Drop the lines of `phase` beyond `step` and all that follows them, as well as a half-written last line."""
+        """Drop the lines of `phase` beyond `step` and all that follows them, as well as a half-written last
+        line.
+        """
         if not self.metrics_log.exists():
             return
         kept = []
@@ -267,7 +297,9 @@ class RunFolder:
     def log(self, message: str) -> None:
         """Append a message with the time of day to log.txt."""
         with disk_errors(self.log_file):
-            append_text(self.log_file, f"{datetime.now().isoformat(sep=' ', timespec='seconds')}  {message}\n")
+            append_text(
+                self.log_file, f"{datetime.now().isoformat(sep=' ', timespec='seconds')}  {message}\n"
+            )
 
     # ---- one writer at a time
 

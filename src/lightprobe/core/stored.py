@@ -1,6 +1,8 @@
-"""What a run's files must hold, checked where they are read: nothing after it guards against keys, shapes or values.
+"""What a run's files must hold, checked where they are read: nothing after it guards against keys, shapes or
+values.
 
-A run may come from elsewhere, or from a disk that failed. Every error names the file, what is wrong, and the remedy.
+A run may come from elsewhere, or from a disk that failed. Every error names the file, what is wrong, and the
+remedy.
 """
 
 import contextlib
@@ -20,17 +22,23 @@ from lightprobe.core.files import read_json
 
 @dataclass(frozen=True)
 class TensorRule:
-    """What a tensor must be. A letter in `shape` stands for any size above zero, the same for all rules of a file."""
+    """What a tensor must be. A letter in `shape` stands for any size above zero, the same for all rules of a
+    file.
+    """
 
     shape: tuple[int | str, ...]
     dtype: torch.dtype = torch.float32
     low: float = -math.inf
     high: float = math.inf
-    below: str | None = None  # of an index: the letter of the size that it must stay under, given by an earlier rule
+    below: str | None = (
+        None  # of an index: the letter of the size that it must stay under, given by an earlier rule
+    )
 
 
 def read_object(path: Path, remedy: str) -> dict[str, Any]:
-    """Return the JSON object in a file; raise `InputError` naming the file and the `remedy` when there is none."""
+    """Return the JSON object in a file; raise `InputError` naming the file and the `remedy` when there is
+    none.
+    """
     with remedied(remedy):
         return checked_object(read_json(path), path, remedy)
 
@@ -53,8 +61,12 @@ def checked_object(value: Any, path: Path, remedy: str, key: str = "") -> dict[s
     return value
 
 
-def check_tensors(tensors: Mapping[str, Tensor], rules: Mapping[str, TensorRule], path: Path, remedy: str) -> None:
-    """Raise `InputError` unless every tensor of `rules` is there with its type and shape, finite and in range."""
+def check_tensors(
+    tensors: Mapping[str, Tensor], rules: Mapping[str, TensorRule], path: Path, remedy: str
+) -> None:
+    """Raise `InputError` unless every tensor of `rules` is there with its type and shape, finite and in
+    range.
+    """
     sizes: dict[str, int] = {}
     for name, rule in rules.items():
         if name not in tensors:
@@ -87,7 +99,9 @@ def _fault(tensor: Tensor, rule: TensorRule, sizes: dict[str, int]) -> str | Non
         known = sizes.setdefault(wanted, size) if isinstance(wanted, str) else wanted
         fits = fits and size == known and (size > 0 or not isinstance(wanted, str))
     if not fits or tensor.dtype != rule.dtype:
-        words = " x ".join(str((sizes[w] or w) if isinstance(w, str) else w) for w in rule.shape) or "one number"
+        words = (
+            " x ".join(str((sizes[w] or w) if isinstance(w, str) else w) for w in rule.shape) or "one number"
+        )
         given = " x ".join(map(str, shape)) or "one number"
         return f"is {given} of {_short(tensor.dtype)}, not {words} of {_short(rule.dtype)}"
     if not tensor.numel():
@@ -97,7 +111,9 @@ def _fault(tensor: Tensor, rule: TensorRule, sizes: dict[str, int]) -> str | Non
         return "holds NaN or infinity"
     last = rule.high if rule.below is None else sizes[rule.below] - 1
     first = rule.low if rule.below is None else 0
-    return None if first <= low and high <= last else f"holds {low:g} to {high:g}, beyond {first:g} to {last:g}"
+    return (
+        None if first <= low and high <= last else f"holds {low:g} to {high:g}, beyond {first:g} to {last:g}"
+    )
 
 
 def _short(dtype: torch.dtype) -> str:

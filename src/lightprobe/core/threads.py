@@ -13,7 +13,8 @@ Result = TypeVar("Result")
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Return what `work` makes of each item, in order, worked on by as many threads as PyTorch may use.
 
-    The error of the first item that fails is raised. Numba's loops have threads of their own and are not for `work`.
+    The error of the first item that fails is raised. Numba's loops have threads of their own and are not for
+    `work`.
     """
     with ThreadPoolExecutor(torch.get_num_threads()) as pool:
         return list(pool.map(work, items))

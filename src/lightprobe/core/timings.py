@@ -2,10 +2,10 @@
 
     {"decompose": {"seconds": 812.4, "memory": 1.15, "finished": true}, "distill": ...}
 
-seconds: wall-clock time of the work that the result rests on, over all calls of the phase: each one counts up to its
-last checkpoint, the last one to the end, files written. What an interrupted call did after its last checkpoint is
-done again and so left out. memory: the most that any of these calls held as a process, GiB; absent where the system
-does not count it. An entry that is not finished holds the sums so far.
+seconds: wall-clock time of the work that the result rests on, over all calls of the phase: each one counts up
+to its last checkpoint, the last one to the end, files written. What an interrupted call did after its last
+checkpoint is done again and so left out. memory: the most that any of these calls held as a process, GiB;
+absent where the system does not count it. An entry that is not finished holds the sums so far.
 """
 
 from dataclasses import dataclass

@@ -1,15 +1,15 @@
 """The weighted loss of Phase II (Equation 6).
 
-Notation: E teacher, P prediction, both (M, 3) radiance relative to the photo's light level (so their mean is near 1);
-dw solid angles of the M texels; D_s, D_t the mean distribution of the sampled and of all object pixels, (M,). Means in
-place of the printed sums change the loss by a factor that all photos share.
+Notation: E teacher, P prediction, both (M, 3) radiance relative to the photo's light level (so their mean is
+near 1); dw solid angles of the M texels; D_s, D_t the mean distribution of the sampled and of all object
+pixels, (M,). Means in place of the printed sums change the loss by a factor that all photos share.
 
     loss = sum_w dw/4pi  (D_s/D_t)(w)  Y(E(w))  |g(E) - g(P)|^2
 
-Y is the paper's |luma - .5| + .5 on the teacher's luma, where the photo's average light counts as .5 and twice that or
-more as white: the paper's maps live in [0, 1], ours do not, and unclamped a sun would own the loss twice over.
-g is the identity (the paper) or log(1 + x). Texels count by solid angle, since those of a cubemap differ by a factor
-of five.
+Y is the paper's |luma - .5| + .5 on the teacher's luma, where the photo's average light counts as .5 and
+twice that or more as white: the paper's maps live in [0, 1], ours do not, and unclamped a sun would own the
+loss twice over. g is the identity (the paper) or log(1 + x). Texels count by solid angle, since those of a
+cubemap differ by a factor of five.
 
 With `RadianceUnit.PHOTO` E and P are radiance in the photo's exposure and Y is the printed one, and without
 `solid_angle_weight` every texel counts one: the paper to the letter.
@@ -37,7 +37,9 @@ def intensity_weight(teacher: Tensor, unit: RadianceUnit = RadianceUnit.LEVEL) -
     return (brightness - 0.5).abs() + 0.5
 
 
-def weighted_l2(predicted: Tensor, teacher: Tensor, weight: Tensor, solid_angle: Tensor, space: LossSpace) -> Tensor:
+def weighted_l2(
+    predicted: Tensor, teacher: Tensor, weight: Tensor, solid_angle: Tensor, space: LossSpace
+) -> Tensor:
     """Return the loss () of `predicted` against `teacher` (M, 3), both relative; `weight`, solid angles (M,)."""
     if space is LossSpace.LOG:
         predicted, teacher = torch.log1p(predicted), torch.log1p(teacher)

@@ -1,4 +1,5 @@
-"""Training of the illumination MLP: one photo a step, its probes stacked to a map that is compared with its light.
+"""Training of the illumination MLP: one photo a step, its probes stacked to a map that is compared with its
+light.
 
 Several processes share the photo's pixels. Each stacks its own,
 
@@ -30,9 +31,13 @@ class MlpTask(NetworkTask):
     """The illumination MLP and the photos it learns from."""
 
     def __init__(
-        self, network: IlluminationMlp, lessons: Sequence[Lesson], config: DistillConfig, seed: int,
+        self,
+        network: IlluminationMlp,
+        lessons: Sequence[Lesson],
+        config: DistillConfig,
+        seed: int,
         processes: Processes = ALONE,
-    ):  # fmt: skip
+    ):
         super().__init__(network, "network", config.learning_rate)
         self._processes = processes
         self.recordable = processes.alone  # else the loss depends on the others' pixels
@@ -51,7 +56,9 @@ class MlpTask(NetworkTask):
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the `lesson_loss` () of the photo `given`."""
-        return lesson_loss(self._forward, given, self._directions, self._solid_angles, self._config, self._processes)
+        return lesson_loss(
+            self._forward, given, self._directions, self._solid_angles, self._config, self._processes
+        )
 
     def photos(self, iteration: int) -> str:
         """Return the name of the photo of a step, in quotes."""
@@ -61,21 +68,30 @@ class MlpTask(NetworkTask):
 def lesson_tensors(
     lesson: Lesson, config: DistillConfig, seed: int, step: int, processes: Processes = ALONE
 ) -> tuple[Tensor, ...]:
-    """Return what `lesson_loss` needs of one photo: the fields of the pixels drawn for `step`, as in `ProbePixels`.
+    """Return what `lesson_loss` needs of one photo: the fields of the pixels drawn for `step`, as in
+    `ProbePixels`.
 
-    Of these only this process's part. Then the light level (), the distribution of all pixels (M,) and the teacher
-    (M, 3).
+    Of these only this process's part. Then the light level (), the distribution of all pixels (M,) and the
+    teacher (M, 3).
     """
-    chosen = sample_pixels(lesson.pixels.roughness, config.samples, seed=seed, stream="distill-pixels", step=step)
+    chosen = sample_pixels(
+        lesson.pixels.roughness, config.samples, seed=seed, stream="distill-pixels", step=step
+    )
     chosen = chosen[processes.part(len(chosen))]
     return (*lesson.pixels.take(chosen).tensors(), lesson.light_level, lesson.distribution, lesson.teacher)
 
 
 def lesson_loss(
-    network: Callable[[ProbePixels, Tensor], Tensor], given: Sequence[Tensor], directions: Tensor,
-    solid_angles: Tensor, config: DistillConfig, processes: Processes = ALONE,
-) -> Tensor:  # fmt: skip
-    """Return Equation 6 () of the illumination MLP for one photo, `given` as `lesson_tensors`; the same for all."""
+    network: Callable[[ProbePixels, Tensor], Tensor],
+    given: Sequence[Tensor],
+    directions: Tensor,
+    solid_angles: Tensor,
+    config: DistillConfig,
+    processes: Processes = ALONE,
+) -> Tensor:
+    """Return Equation 6 () of the illumination MLP for one photo, `given` as `lesson_tensors`; the same for
+    all.
+    """
     *fields, light_level, distribution, teacher = given
     pixels = ProbePixels(*fields)
     colors = network(pixels, light_level)
@@ -94,7 +110,9 @@ def lesson_loss(
     return weighted_l2(predicted, teacher, weight, solid_angles, config.loss_space)
 
 
-def _stacked_by_all(predicted: Tensor, sampled: Tensor, pixels: int, processes: Processes) -> tuple[Tensor, Tensor]:
+def _stacked_by_all(
+    predicted: Tensor, sampled: Tensor, pixels: int, processes: Processes
+) -> tuple[Tensor, Tensor]:
     """Return radiance (M, 3) and mean distribution (M,) of all processes' pixels from those of this one's."""
     weight = (sampled * pixels)[:, None]
     own = torch.cat([predicted * weight, weight, torch.full_like(weight, pixels)], 1)

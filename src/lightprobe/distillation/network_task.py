@@ -40,7 +40,8 @@ class NetworkTask:
 def mixed_precision(network: nn.Module, device: torch.device) -> Callable[..., Tensor]:
     """Return the network's forward pass, in bfloat16 on a GPU that has it, to a float32 result.
 
-    With products rounded so on a CPU both networks learn as well (docs/decisions/gpu-replay-and-precision.md).
+    With products rounded so on a CPU both networks learn as well
+    (docs/decisions/gpu-replay-and-precision.md).
     """
     apt = device.type == "cuda" and torch.cuda.get_device_capability(device) >= (8, 0)
 

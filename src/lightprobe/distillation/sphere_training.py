@@ -4,9 +4,9 @@ Notation: E, P true and predicted light relative to the light level, (B, 3, 1536
 
     loss = mean |g(E) - g(P)|^2  +  sum_k mean |log(K_k E + e) - log(K_k P + e)|^2
 
-K_k are averages over lobes of two widths, a cosine and one of about 20 degrees. The first term alone would predict the
-typical log radiance of each texel, and with it too dim a lamp wherever its place is uncertain; the others ask for the
-light that matte and satin surfaces would receive. Directions count by solid angle.
+K_k are averages over lobes of two widths, a cosine and one of about 20 degrees. The first term alone would
+predict the typical log radiance of each texel, and with it too dim a lamp wherever its place is uncertain;
+the others ask for the light that matte and satin surfaces would receive. Directions count by solid angle.
 
 Several processes share the batch; each one's loss counts by how many of the B it has.
 """
@@ -40,9 +40,13 @@ class SphereTask(NetworkTask):
     """The sphere network and the examples it learns from."""
 
     def __init__(
-        self, sphere: SphereNet, examples: "SphereExamples", config: DistillConfig, seed: int,
+        self,
+        sphere: SphereNet,
+        examples: "SphereExamples",
+        config: DistillConfig,
+        seed: int,
         processes: Processes = ALONE,
-    ):  # fmt: skip
+    ):
         super().__init__(sphere, "sphere", config.sphere_learning_rate)
         self._processes = processes
         self._examples, self._config, self._seed = examples, config, seed
@@ -53,7 +57,9 @@ class SphereTask(NetworkTask):
         return batch(self._examples, self._config, self._seed, iteration, self._processes)
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
-        """Return the `sphere_loss` () of the batch `given`, weighted so that the processes' mean is the whole one's."""
+        """Return the `sphere_loss` () of the batch `given`, weighted so that the processes' mean is the whole
+        one's.
+        """
         maps, lights = given
         loss = sphere_loss(self._forward(maps), lights)
         if self._processes.alone:
@@ -82,7 +88,7 @@ def sphere_examples(
     for number, lesson in enumerate(lessons):
         chosen = sample_pixels(
             lesson.pixels.roughness, config.samples, seed=seed, stream="album-pixels", step=number
-        )  # fmt: skip
+        )
         pixels = lesson.pixels.take(chosen)
         colors = network(pixels, lesson.light_level)
         clipped = lesson.clipped[chosen]
@@ -106,17 +112,21 @@ def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
 def batch(
     examples: SphereExamples, config: DistillConfig, seed: int, step: int, processes: Processes = ALONE
 ) -> tuple[Tensor, Tensor]:
-    """Return the maps (B, 19, 6, 16, 16) and lights (B, 3, 1536) of this process's part of the lessons of `step`.
+    """Return the maps (B, 19, 6, 16, 16) and lights (B, 3, 1536) of this process's part of the lessons of
+    `step`.
 
     They are drawn at random, and each is turned or mirrored at random.
-    Light that falls on a turned object from a turned sphere teaches the same once more, and costs no rendering.
+    Light that falls on a turned object from a turned sphere teaches the same once more, and costs no
+    rendering.
     """
     random = generator(seed, "sphere-batch", step)
     chosen = to_device(
         torch.randint(len(examples.maps), (config.sphere_batch,), generator=random), examples.maps.device
     )
     symmetries, _ = cubemap.symmetries(RESOLUTION, examples.maps.device)
-    turn = to_device(torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device)
+    turn = to_device(
+        torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device
+    )
     own = processes.part(config.sphere_batch)
     chosen, turn = chosen[own], turn[own]
     lights = examples.lights[chosen]

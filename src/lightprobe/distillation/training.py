@@ -42,13 +42,13 @@ def distill(
 ) -> ProbeModel:
     """Train the predictors on the scene's training photos and on re-rendered ones, and return the model.
 
-    Without `config` the preset `quick`, without `device` the CPU. With `progress.checkpoints`, an interrupted call goes
-    on from the newest one and ends with the same bits on a CPU.
-    environments: of any resolution, to re-render under as well. on_lesson: hears of (done, all) photos prepared.
-    processes: which train together, all called with the same; each returns the model, only the first writes.
-    Raises `InputError` when no photo shows the object, `ConfigError` when the checkpoints are of another configuration
-    or a step cannot be divided among the processes, `ConvergenceError` when the loss stops being finite,
-    `ResourceError` when one of the processes has ended.
+    Without `config` the preset `quick`, without `device` the CPU. With `progress.checkpoints`, an interrupted
+    call goes on from the newest one and ends with the same bits on a CPU. environments: of any resolution, to
+    re-render under as well. on_lesson: hears of (done, all) photos prepared. processes: which train together,
+    all called with the same; each returns the model, only the first writes. Raises `InputError` when no photo
+    shows the object, `ConfigError` when the checkpoints are of another configuration or a step cannot be
+    divided among the processes, `ConvergenceError` when the loss stops being finite, `ResourceError` when one
+    of the processes has ended.
     """
     config, device = config or DistillConfig(), full_precision(device or torch.device("cpu"))
     _require_divisible(config, processes)
@@ -69,22 +69,33 @@ def _digest(environments: Sequence[Environment]) -> str:
 def stages(config: DistillConfig) -> tuple[Stage, Stage]:
     """Return the training of the illumination MLP and that of the sphere network."""
     mlp = Stage("network", 0, config.steps)
-    sphere = Stage("sphere", config.steps, config.sphere_steps, schedule(config), largest_gradient=_LARGEST_GRADIENT)
+    sphere = Stage(
+        "sphere", config.steps, config.sphere_steps, schedule(config), largest_gradient=_LARGEST_GRADIENT
+    )
     return mlp, sphere
 
 
 def train(
-    lessons: list[Lesson], config: DistillConfig, device: torch.device, seed: int, progress: Progress | None = None,
-    processes: Processes = ALONE, *, maps: str = "",
-) -> ProbeModel:  # fmt: skip
+    lessons: list[Lesson],
+    config: DistillConfig,
+    device: torch.device,
+    seed: int,
+    progress: Progress | None = None,
+    processes: Processes = ALONE,
+    *,
+    maps: str = "",
+) -> ProbeModel:
     """Train on lessons already collected; the rest as in `distill`.
 
-    maps: a digest of the user's maps that lessons are lit by; checkpoints of others are of another configuration.
+    maps: a digest of the user's maps that lessons are lit by; checkpoints of others are of another
+    configuration.
     """
     _require_divisible(config, processes)
     first, second = passes = stages(config)
     known = asdict(config) | ({"maps": maps} if maps else {})
-    training = Training("Phase II", known, seed, passes, config.checkpoint_every, progress or Progress(), processes)
+    training = Training(
+        "Phase II", known, seed, passes, config.checkpoint_every, progress or Progress(), processes
+    )
     network = new_network(config, seed).to(device)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:
@@ -97,7 +108,9 @@ def train(
     if config.sphere_steps:
         sphere = new_sphere(config, seed).to(device)
         examples = sphere_examples(network, lessons, config, seed)
-        training.run(SphereTask(sphere, examples, config, seed, processes), second, resumed, _parameters(network))
+        training.run(
+            SphereTask(sphere, examples, config, seed, processes), second, resumed, _parameters(network)
+        )
         sphere = _learned(sphere, config, seed).requires_grad_(False)
     side = config.light_resolution
     mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
@@ -121,8 +134,9 @@ def _parameters(network: IlluminationMlp) -> dict[str, Tensor]:
 def _learned(sphere: SphereNet, config: DistillConfig, seed: int) -> SphereNet:
     """Return the trained network, halfway back to the bundled one if it came from there.
 
-    One object's few lessons teach its errors and make the network forget what lights are like. The mean of the weights
-    before and after keeps both, at no cost (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models").
+    One object's few lessons teach its errors and make the network forget what lights are like. The mean of
+    the weights before and after keeps both, at no cost (Wortsman et al. 2022, "Robust fine-tuning of
+    zero-shot models").
     """
     if starts_pretrained(config):
         start = dict(new_sphere(config, seed).named_parameters())

@@ -34,10 +34,12 @@ def chamfer_distance(points: np.ndarray, reference: np.ndarray) -> float:
 def mesh_chamfer(
     mesh: tuple[np.ndarray, np.ndarray], truth: tuple[np.ndarray, np.ndarray], *, count: int = 40_000
 ) -> float:
-    """Return the Chamfer distance of two meshes (vertices, faces) in one frame, in units of the true object's radius.
+    """Return the Chamfer distance of two meshes (vertices, faces) in one frame, in units of the true object's
+    radius.
 
-    Only faces that can be seen from somewhere outside count: nothing in a photo tells of the others. Points are drawn
-    on each mesh on its own, so that equal meshes are as far apart as their points: about .005 with 40 000 of them.
+    Only faces that can be seen from somewhere outside count: nothing in a photo tells of the others. Points
+    are drawn on each mesh on its own, so that equal meshes are as far apart as their points: about .005 with
+    40 000 of them.
     """
     vertices = truth[0]
     center = (vertices.min(0) + vertices.max(0)) / 2

@@ -1,7 +1,8 @@
 """The evaluation of a run: every test photo, every method, and the truth where there is one.
 
-Protocol A: the light is predicted from the full test photo and the photo re-rendered with it. Protocol B: predicted
-from one half of the object's pixels, scored on the other half only ("psnr_unseen"), mean over four such splits.
+Protocol A: the light is predicted from the full test photo and the photo re-rendered with it. Protocol B:
+predicted from one half of the object's pixels, scored on the other half only ("psnr_unseen"), mean over four
+such splits.
 """
 
 import math
@@ -64,7 +65,9 @@ class Evaluation:
 
     def mean(self, method: Method) -> Scores:
         """Return the mean over photos of every score that the method has."""
-        return {name: sum(values.values()) / len(values) for name, values in self.values(method).items() if values}
+        return {
+            name: sum(values.values()) / len(values) for name, values in self.values(method).items() if values
+        }
 
     def interval(self, method: Method) -> Scores:
         """Return the half width of the 95 % interval of every mean that rests on two lights or more.
@@ -91,7 +94,9 @@ class Evaluation:
             "default_method": self.default.value,
             "methods": {method.value: self.mean(method) for method in methods},
             "confidence": {
-                method.value: {"bins": bins, "falls": falls(bins)} for method, bins in self.confidence.items() if bins
+                method.value: {"bins": bins, "falls": falls(bins)}
+                for method, bins in self.confidence.items()
+                if bins
             },
             "photos": photos,
             "verdicts": {
@@ -109,14 +114,18 @@ class Protocols:
     unseen: bool = True
     """Add protocol B."""
     slow_seconds: float = 20.0
-    """A method that takes longer for a photo counts as slow, unless it is the default one, which sees every photo."""
+    """A method that takes longer for a photo counts as slow, unless it is the default one, which sees every
+    photo.
+    """
     slow_photos: int = 4
     """Test photos that a slow method is scored on, at least one: before it, nobody knows that it is slow."""
 
     def __post_init__(self) -> None:
         """Raise `ConfigError` for less than one photo."""
         if self.slow_photos < 1:
-            raise ConfigError(f"--slow-photos cannot be {self.slow_photos}; what is slow is known after one photo.")
+            raise ConfigError(
+                f"--slow-photos cannot be {self.slow_photos}; what is slow is known after one photo."
+            )
 
 
 def evaluate(
@@ -134,18 +143,20 @@ def evaluate(
     on_photo: OnPhoto | None = None,
     on_view: OnView | None = None,
 ) -> Evaluation:
-    """Score `methods`, the first being the default, on the scene's test photos; by default those of `methods_for`.
+    """Score `methods`, the first being the default, on the scene's test photos; by default those of
+    `methods_for`.
 
-    With `run`, predictions are written to its folder, each method's to one of its own; those of the first that
-    `methods_for` names also to the place without a name, where no other method's ever go. `true_object` is relit with
-    the predicted lights in place of the decomposition's own object. `prediction`: how lights are predicted, by default
-    as after the preset `quick`. `accuracy`: of the run's maps, for their confidence. `on_view` receives the default
-    method's result for every photo.
-    A photo that cannot be scored is left out and named in `Evaluation.skipped`. Raises `InputError` when no test photo
-    is left.
+    With `run`, predictions are written to its folder, each method's to one of its own; those of the first
+    that `methods_for` names also to the place without a name, where no other method's ever go. `true_object`
+    is relit with the predicted lights in place of the decomposition's own object. `prediction`: how lights
+    are predicted, by default as after the preset `quick`. `accuracy`: of the run's maps, for their
+    confidence. `on_view` receives the default method's result for every photo. A photo that cannot be scored
+    is left out and named in `Evaluation.skipped`. Raises `InputError` when no test photo is left.
     """
     if not scene.test:
-        raise InputError(f"{scene.root} has no test photos to evaluate on; add some, or use more than one photo.")
+        raise InputError(
+            f"{scene.root} has no test photos to evaluate on; add some, or use more than one photo."
+        )
     own, device = methods_for(model, prediction), device or torch.device("cpu")
     methods = methods or own
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
@@ -163,7 +174,12 @@ class _Evaluator:
     """An evaluation on its way through the test photos."""
 
     def __init__(
-        self, judge: "_Judge", methods: Sequence[Method], own: Method, run: RunFolder | None, on_view: OnView | None
+        self,
+        judge: "_Judge",
+        methods: Sequence[Method],
+        own: Method,
+        run: RunFolder | None,
+        on_view: OnView | None,
     ):
         """Begin; `own` is the run's default method, which the first of `methods` need not be."""
         self.judge, self.methods, self.own, self.run, self.on_view = judge, methods, own, run, on_view
@@ -209,7 +225,9 @@ class _Evaluator:
         """Return the evaluation with the scores of the object; raise `InputError` when no photo was scored."""
         result, judge = self.result, self.judge
         if not result.photos:
-            raise InputError(f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}")
+            raise InputError(
+                f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}"
+            )
         result.confidence = {method: gathered.result() for method, gathered in self._bins.items()}
         result.truth = truth.asset_scores(judge.decomposition, scene, self._materials, judge.device)
         return result
@@ -228,9 +246,13 @@ class _Judge:
 
     @staticmethod
     def of(
-        decomposition: Decomposition, predictor: Predictor, scene: Scene, protocols: Protocols, device: torch.device,
+        decomposition: Decomposition,
+        predictor: Predictor,
+        scene: Scene,
+        protocols: Protocols,
+        device: torch.device,
         true_object: Decomposition | None,
-    ) -> "_Judge":  # fmt: skip
+    ) -> "_Judge":
         known = any(photo.truth.environment is not None for photo in scene.test)
         stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
         return _Judge(decomposition, predictor, stand_in, protocols, device)
@@ -269,7 +291,9 @@ class _Judge:
 
 
 def _half_lights(view: TestView, predictor: Predictor, method: Method) -> list[tuple[Tensor, Tensor]]:
-    """Return the lights (6, R, R, 3) predicted from halves of the object, each after the mask (H, W) of the rest."""
+    """Return the lights (6, R, R, 3) predicted from halves of the object, each after the mask (H, W) of the
+    rest.
+    """
     masks, found = halves(view.pixels.alpha), []
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))

@@ -1,8 +1,8 @@
 """Scores of images, environments and material maps.
 
-Images are compared as sRGB in [0, 1]: composited on white in linear light, then encoded (and so clipped at the white of
-the photo). PSNR and SSIM are torchmetrics'; SSIM has the usual 11 x 11 Gaussian window of sigma 1.5, border mirrored.
-"Masked" means the pixels with more than half coverage in the photo.
+Images are compared as sRGB in [0, 1]: composited on white in linear light, then encoded (and so clipped at
+the white of the photo). PSNR and SSIM are torchmetrics'; SSIM has the usual 11 x 11 Gaussian window of sigma
+1.5, border mirrored. "Masked" means the pixels with more than half coverage in the photo.
 """
 
 import math
@@ -92,13 +92,17 @@ def psnr(values: Tensor, reference: Tensor) -> float:
 
 
 def channel_scale(values: Tensor, reference: Tensor) -> Tensor:
-    """Return the factor per channel (C,) that brings linear `values` (N, C) closest to `reference` once displayed.
+    """Return the factor per channel (C,) that brings linear `values` (N, C) closest to `reference` once
+    displayed.
 
-    Light times c and albedo over c look alike; scores after this scale leave that freedom out. Closest means the
-    least squared error of the clipped sRGB values, as in the scores: a fit to linear values would follow a few
-    highlights far above white. Factors from 1/16 to 16 are searched, first on a grid, then by bisection.
+    Light times c and albedo over c look alike; scores after this scale leave that freedom out. Closest means
+    the least squared error of the clipped sRGB values, as in the scores: a fit to linear values would follow
+    a few highlights far above white. Factors from 1/16 to 16 are searched, first on a grid, then by
+    bisection.
     """
-    return torch.stack([_best_factor(v, r) for v, r in zip(values.unbind(1), reference.unbind(1), strict=True)])
+    return torch.stack(
+        [_best_factor(v, r) for v, r in zip(values.unbind(1), reference.unbind(1), strict=True)]
+    )
 
 
 def _best_factor(values: Tensor, reference: Tensor) -> Tensor:
@@ -145,7 +149,9 @@ def environment_log_rmse(difference: Tensor, weight: Tensor | None = None) -> fl
 
 
 def brightest(truth: Tensor, share: float = BRIGHTEST) -> Tensor:
-    """Return (6, R, R) bool: the texels of the highest mean radiance that fill `share` of the sphere, one at least."""
+    """Return (6, R, R) bool: the texels of the highest mean radiance that fill `share` of the sphere, one at
+    least.
+    """
     solid = cubemap.solid_angles(truth.shape[1]).to(truth).reshape(-1)
     order = torch.argsort(truth.mean(-1).reshape(-1), descending=True, stable=True)
     before = solid[order].cumsum(0) - solid[order]
@@ -155,10 +161,11 @@ def brightest(truth: Tensor, share: float = BRIGHTEST) -> Tensor:
 
 
 def interval(values: Sequence[float], groups: Sequence[str] | None = None) -> float:
-    """Return the half width of the 95 % interval of the mean of `values` by Student's t; nan for fewer than two groups.
+    """Return the half width of the 95 % interval of the mean of `values` by Student's t; nan for fewer than
+    two groups.
 
-    Values of one group, such as photos under one environment, are no independent evidence: the group is the unit. With
-    G groups g of n_g values, N in all, about the mean m of all values,
+    Values of one group, such as photos under one environment, are no independent evidence: the group is the
+    unit. With G groups g of n_g values, N in all, about the mean m of all values,
 
         s^2 = G / (G - 1) sum_g (n_g (m_g - m) / N)^2,    half width = t(.975, G - 1) s.
 

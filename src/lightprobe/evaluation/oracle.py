@@ -1,11 +1,12 @@
 """The oracle asset: the true object of a synthetic scene in place of the reconstructed one.
 
-The mesh is the scene's `mesh.obj`; base colour, roughness, metallic and shading normal are gathered from the truth maps
-of the test photos that see each texel. What no test photo sees takes the material of the nearest point that one does,
-and the mesh's own normal. With it, an evaluation shows the predictor's own error; what is missing to the run's asset is
-the asset's.
+The mesh is the scene's `mesh.obj`; base colour, roughness, metallic and shading normal are gathered from the
+truth maps of the test photos that see each texel. What no test photo sees takes the material of the nearest
+point that one does, and the mesh's own normal. With it, an evaluation shows the predictor's own error; what
+is missing to the run's asset is the asset's.
 
-Notation: K texels on the surface; maps of a photo are (H, W, 8): base colour 3, roughness, metallic, world normal 3.
+Notation: K texels on the surface; maps of a photo are (H, W, 8): base colour 3, roughness, metallic, world
+normal 3.
 """
 
 from dataclasses import replace
@@ -44,14 +45,18 @@ def can_be_oracle(scene: Scene) -> bool:
     return (scene.root / "mesh.obj").is_file() and any(_complete(photo) for photo in scene.test)
 
 
-def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path | None = None) -> Decomposition:
+def oracle_decomposition(
+    decomposition: Decomposition, scene: Scene, saved: Path | None = None
+) -> Decomposition:
     """Return the decomposition with the true object in place of its own; lights and frame stay.
 
-    It is kept in the file `saved` and read from there the next time. Raises `InputError` when the scene does not bring
-    its object, or brings a mesh or maps that cannot be used.
+    It is kept in the file `saved` and read from there the next time. Raises `InputError` when the scene does
+    not bring its object, or brings a mesh or maps that cannot be used.
     """
     if not can_be_oracle(scene):
-        raise InputError(f"{scene.root} has no mesh.obj with material maps of test photos, so there is no true object.")
+        raise InputError(
+            f"{scene.root} has no mesh.obj with material maps of test photos, so there is no true object."
+        )
     if saved is not None and saved.is_file():
         return _with_asset(decomposition, Asset.load(saved, "remove it, and it is made again"))
     asset = true_asset(scene)
@@ -61,7 +66,9 @@ def oracle_decomposition(decomposition: Decomposition, scene: Scene, saved: Path
 
 
 def _with_asset(decomposition: Decomposition, asset: Asset) -> Decomposition:
-    """Return the decomposition with a true asset, which needs no calibration and about which there is no doubt."""
+    """Return the decomposition with a true asset, which needs no calibration and about which there is no
+    doubt.
+    """
     return replace(decomposition, asset=asset, trained=None, calibration=None, verdict=None)
 
 
@@ -71,7 +78,9 @@ def true_asset(scene: Scene) -> Asset:
     mesh = _true_mesh(scene)
     size = min(_LARGEST_TEXTURE, triangle_atlas_size(len(mesh.faces), _TEXELS_PER_FACE))
     uvs, uv_faces = triangle_atlas(len(mesh.faces), size)
-    mesh = replace(mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=torch.from_numpy(uv_faces.astype(np.int32)))
+    mesh = replace(
+        mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=torch.from_numpy(uv_faces.astype(np.int32))
+    )
     face, barycentric, texel = texel_points(mesh, size)
     position = (mesh.vertices[mesh.faces[face].long()] * barycentric[..., None]).sum(1)
     smooth = (mesh.normals()[mesh.normal_index[face].long()] * barycentric[..., None]).sum(1)
@@ -99,7 +108,8 @@ def _true_mesh(scene: Scene) -> Mesh:
 
 
 def _gathered(vertices: Tensor, faces: Tensor, position: Tensor, normal: Tensor, scene: Scene) -> Tensor:
-    """Return the material (K, 8) at surface points, its normals in world axes, averaged over the photos that see it.
+    """Return the material (K, 8) at surface points, its normals in world axes, averaged over the photos that
+    see it.
 
     normal (K, 3) is the mesh's own, which stays where no photo tells.
     """
@@ -112,7 +122,9 @@ def _gathered(vertices: Tensor, faces: Tensor, position: Tensor, normal: Tensor,
         weights += weight
     seen = weights[:, 0] > 0
     if not seen.any():
-        raise InputError(f"No test photo of {scene.root} shows the object in mesh.obj; are they in one frame?")
+        raise InputError(
+            f"No test photo of {scene.root} shows the object in mesh.obj; are they in one frame?"
+        )
     total[seen] /= weights[seen]
     known = seen.nonzero()[:, 0]
     known = known[:: max(1, len(known) // _NEIGHBOURS)]
@@ -123,8 +135,11 @@ def _gathered(vertices: Tensor, faces: Tensor, position: Tensor, normal: Tensor,
     return total
 
 
-def _seen_by(photo: Photo, view: View, inverse: Tensor, position: Tensor, normal: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the photo's maps (K, 8) at surface points and the weight (K, 1) they deserve, 0 where a point is hidden.
+def _seen_by(
+    photo: Photo, view: View, inverse: Tensor, position: Tensor, normal: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return the photo's maps (K, 8) at surface points and the weight (K, 1) they deserve, 0 where a point is
+    hidden.
 
     At the edges of surfaces a map's pixels mix two of them: in depth, or in a normal that is not the mesh's.
     """
@@ -161,7 +176,9 @@ def _depth_range(inverse: Tensor) -> Tensor:
 
 
 def _to_tangent_space(mesh: Mesh, face: Tensor, barycentric: Tensor, n: Tensor, normal: Tensor) -> Tensor:
-    """Return world normals (K, 3) in the frame, about the mesh's n (K, 3), in which `shading_normals` reads them."""
+    """Return world normals (K, 3) in the frame, about the mesh's n (K, 3), in which `shading_normals` reads
+    them.
+    """
     t = (uv_tangents(mesh)[mesh.uv_faces[face].long()] * barycentric[..., None]).sum(1)
     t = functional.normalize(t - (t * n).sum(1, keepdim=True) * n, dim=1)
     b = torch.linalg.cross(n, t) * uv_handedness(mesh)[face][:, None]

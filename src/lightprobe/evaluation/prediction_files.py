@@ -11,7 +11,7 @@ from lightprobe.prediction import Prediction
 
 def write_prediction(
     prediction: Prediction, path: Path, height: int | None = None, sun: Sun = Sun.INSIDE
-) -> None:  # fmt: skip
+) -> None:
     """Write `path` (.exr or .hdr), and beside it the tone-mapped .png and the .confidence.exr.
 
     `height` and `sun` as in `Prediction.save`.

@@ -19,7 +19,9 @@ class _Render(Protocol):
     """Makes pictures of one asset."""
 
     def render(self, camera: Camera, light: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the image (H, W, 3) and coverage (H, W) from a normalised-frame camera under `light` (6, R, R, 3)."""
+        """Return the image (H, W, 3) and coverage (H, W) from a normalised-frame camera under `light` (6, R,
+        R, 3).
+        """
 
 
 class _Fast:
@@ -34,7 +36,9 @@ class _Fast:
 class Relighter:
     """An object for many pictures under given lights: what depends on the object alone is made once."""
 
-    def __init__(self, decomposition: Decomposition, device: torch.device, config: RenderConfig = FAST_PICTURES):
+    def __init__(
+        self, decomposition: Decomposition, device: torch.device, config: RenderConfig = FAST_PICTURES
+    ):
         """Set the object up; lights will be on `device`. Raises `ConfigError` where a path tracer is missing."""
         asset = decomposition.asset.to(device)
         path = config.renderer is Renderer.PATH
@@ -47,11 +51,14 @@ class Relighter:
 
 
 def relight(
-    decomposition: Decomposition, environment: Environment, camera: Camera, config: RenderConfig = FAST_PICTURES
+    decomposition: Decomposition,
+    environment: Environment,
+    camera: Camera,
+    config: RenderConfig = FAST_PICTURES,
 ) -> tuple[Tensor, Tensor]:
     """Return the object under `environment` seen by an input-frame camera.
 
-    The image (H, W, 3) is linear and premultiplied, the coverage (H, W) in [0, 1]; both on the environment's device.
-    Raises `ConfigError` where `config` asks for a path tracer that is not installed.
+    The image (H, W, 3) is linear and premultiplied, the coverage (H, W) in [0, 1]; both on the environment's
+    device. Raises `ConfigError` where `config` asks for a path tracer that is not installed.
     """
     return Relighter(decomposition, environment.device, config).picture(environment, camera)

@@ -1,10 +1,13 @@
-"""Photos of a reconstructed object, rendered under known lights: how well it tells of its light, without any truth.
+"""Photos of a reconstructed object, rendered under known lights: how well it tells of its light, without any
+truth.
 
-    a training camera, a generated light -> the object with errors of the usual size, exposure, noise, clipping, 8 bits
+    a training camera, a generated light -> the object with errors of the usual size, exposure, noise,
+    clipping, 8 bits
       -> the predictor -> the map against the light, the spheres, and the error that the confidence expected
 
-Every object gets the same lights, none of which a training has seen, so that its numbers compare it with others. What
-is wrong with this one object in particular they do not see: that is `models.object_verdict`'s part.
+Every object gets the same lights, none of which a training has seen, so that its numbers compare it with
+others. What is wrong with this one object in particular they do not see: that is `models.object_verdict`'s
+part.
 """
 
 import contextlib
@@ -51,7 +54,8 @@ class SimulatedPhoto:
 def simulated_photos(
     decomposition: Decomposition, cameras: Sequence[Camera], count: int, resolution: int, device: torch.device
 ) -> Iterator[SimulatedPhoto | None]:
-    """Yield `count` photos from input-frame `cameras`, evenly chosen, under lights (6, R, R, 3) of `resolution` R.
+    """Yield `count` photos from input-frame `cameras`, evenly chosen, under lights (6, R, R, 3) of
+    `resolution` R.
 
     None stands for a photo that would not show the object.
     """
@@ -60,7 +64,9 @@ def simulated_photos(
         camera = cameras[number * len(cameras) // count].within(_LARGEST_SIDE)
         # Turned with the camera, every light comes from where it comes from in the photo of any other object.
         turn = _azimuth(camera, up)
-        light = generated_light(resolution, seed=_SEED, step=number, up=up, turn=turn, tumbled=0.0, device=device)
+        light = generated_light(
+            resolution, seed=_SEED, step=number, up=up, turn=turn, tumbled=0.0, device=device
+        )
         yield _photo(decomposition, camera, light, Draw(generator(_SEED, "simulated-photo", number)))
 
 
@@ -70,7 +76,10 @@ def _photo(decomposition: Decomposition, camera: Camera, light: Tensor, draw: Dr
     if len(gbuffer.pixel) == 0:
         return None
     color, factor = rerender(gbuffer, light, draw)
-    image, alpha = np.zeros((camera.height * camera.width, 3), np.float32), np.zeros(camera.height * camera.width)
+    image, alpha = (
+        np.zeros((camera.height * camera.width, 3), np.float32),
+        np.zeros(camera.height * camera.width),
+    )
     at = gbuffer.pixel.cpu().numpy()
     image[at], alpha[at] = color.cpu().numpy(), 1
     shape = (camera.height, camera.width)
@@ -93,12 +102,21 @@ def directional_error(found: Tensor, light: Tensor) -> Tensor:
 
 
 def light_accuracy(
-    decomposition: Decomposition, model: ProbeModel, cameras: Sequence[Camera], config: PredictConfig,
-    device: torch.device, seed: int, on_photo: Callable[[int, int], None] | None = None, *, count: int,
-) -> LightAccuracy | None:  # fmt: skip
-    """Return what the maps predicted for `count` simulated photos come to; None where none of them shows the object.
+    decomposition: Decomposition,
+    model: ProbeModel,
+    cameras: Sequence[Camera],
+    config: PredictConfig,
+    device: torch.device,
+    seed: int,
+    on_photo: Callable[[int, int], None] | None = None,
+    *,
+    count: int,
+) -> LightAccuracy | None:
+    """Return what the maps predicted for `count` simulated photos come to; None where none of them shows the
+    object.
 
-    cameras: input-frame ones of the training photos. config: how the run predicts. on_photo: hears of (done, all).
+    cameras: input-frame ones of the training photos. config: how the run predicts. on_photo: hears of (done,
+    all).
     """
     config = replace(config, light_resolution=min(config.light_resolution, _LARGEST_MAP))
     plain = replace(decomposition, verdict=None)  # whose doubt the confidence adds by itself
@@ -120,9 +138,13 @@ def light_accuracy(
         return None
     diffuse, matte, mirror = (_mean([outcome.spheres[name] for outcome in found[shown]]) for name in SPHERES)
     return LightAccuracy(
-        shown.value, len(found[shown]), _mean([outcome.error for outcome in found[shown]]), (diffuse, matte, mirror),
-        _scale(found[fitted]), _scale(found[estimated]),
-    )  # fmt: skip
+        shown.value,
+        len(found[shown]),
+        _mean([outcome.error for outcome in found[shown]]),
+        (diffuse, matte, mirror),
+        _scale(found[fitted]),
+        _scale(found[estimated]),
+    )
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """How well a predicted light relights: a stand-in object under the predicted and under the true light.
 
-The stand-in is the true object where the scene brings it, else the reconstructed one, seen from up to five of the test
-cameras, never the photo's own. Both images come from our renderer, so only the light differs. This scores the
-*predictor*; how well the *asset* relights is scored against the scene's renders under novel lights
+The stand-in is the true object where the scene brings it, else the reconstructed one, seen from up to five of
+the test cameras, never the photo's own. Both images come from our renderer, so only the light differs. This
+scores the *predictor*; how well the *asset* relights is scored against the scene's renders under novel lights
 (`truth.relight_scores`).
 """
 

@@ -1,4 +1,6 @@
-"""A predicted light against the true one: by solid angle, by three spheres, and by bins of its own confidence."""
+"""A predicted light against the true one: by solid angle, by three spheres, and by bins of its own
+confidence.
+"""
 
 import itertools
 from dataclasses import dataclass
@@ -30,7 +32,9 @@ class TrueLight:
     discs: dict[str, Disc]  # the three spheres under it
 
     @staticmethod
-    def load(path: Path, camera: Camera, center: np.ndarray, resolution: int, device: torch.device) -> "TrueLight":
+    def load(
+        path: Path, camera: Camera, center: np.ndarray, resolution: int, device: torch.device
+    ) -> "TrueLight":
         """Read an environment file and light spheres with it at `center` (3,), seen by an input-frame camera."""
         environment = Environment.load(path, device, resolution)
         light = reduced(torch.from_numpy(np.ascontiguousarray(read_hdr(path)[..., :3], np.float32)), HEIGHT)
@@ -38,8 +42,12 @@ class TrueLight:
 
     @staticmethod
     def of(environment: Environment, camera: Camera, center: np.ndarray) -> "TrueLight":
-        """Return the same of a light known as a cubemap of the predictions' resolution; `center` (3,) as above."""
-        return TrueLight._shown(environment, equirect.from_cubemap(environment.texels.cpu(), HEIGHT), camera, center)
+        """Return the same of a light known as a cubemap of the predictions' resolution; `center` (3,) as
+        above.
+        """
+        return TrueLight._shown(
+            environment, equirect.from_cubemap(environment.texels.cpu(), HEIGHT), camera, center
+        )
 
     @staticmethod
     def _shown(environment: Environment, light: Tensor, camera: Camera, center: np.ndarray) -> "TrueLight":
@@ -48,7 +56,8 @@ class TrueLight:
         return TrueLight(environment, len(light), spheres, spheres.light(light))
 
     def scores(self, prediction: Prediction) -> Scores:
-        """Return the errors of ln radiance (raw, weighted by confidence, after one factor or three) and of spheres.
+        """Return the errors of ln radiance (raw, weighted by confidence, after one factor or three) and of
+        spheres.
 
         Those of the brightest percent of the true light alone are raw and after the whole map's one factor.
         """
@@ -69,10 +78,14 @@ class TrueLight:
 
 
 class ConfidenceBins:
-    """Gathers the errors of one method by confidence: five bins of equal solid angle over all photos together."""
+    """Gathers the errors of one method by confidence: five bins of equal solid angle over all photos
+    together.
+    """
 
     def __init__(self) -> None:
-        self._rows: list[Tensor] = []  # (T, 4): confidence, solid angle, squared error raw and after one factor
+        self._rows: list[
+            Tensor
+        ] = []  # (T, 4): confidence, solid angle, squared error raw and after one factor
 
     def add(self, prediction: Prediction, true: Environment) -> None:
         """Add a map with its truth."""

@@ -1,4 +1,5 @@
-"""Comparisons of the asset with ground truth, where a synthetic scene brings it: material, surface, relighting.
+"""Comparisons of the asset with ground truth, where a synthetic scene brings it: material, surface,
+relighting.
 
 Truth is only ever read here, never by training or prediction.
 """
@@ -80,7 +81,9 @@ def surface_scores(decomposition: Decomposition, mesh_file: Path) -> Scores:
     """
     true, mesh = read_true_mesh(mesh_file), decomposition.asset.mesh
     vertices = decomposition.similarity.invert(mesh.vertices.detach().cpu().numpy())
-    return {"chamfer": mesh_chamfer((vertices, mesh.faces.cpu().numpy()), (np.asarray(true.vertices), true.faces))}
+    return {
+        "chamfer": mesh_chamfer((vertices, mesh.faces.cpu().numpy()), (np.asarray(true.vertices), true.faces))
+    }
 
 
 class MaterialScores:
@@ -100,7 +103,8 @@ class MaterialScores:
         chosen = view.mask.reshape(-1)[view.gbuffer.pixel]
         pixel = view.gbuffer.pixel[chosen].cpu().numpy()
         color, orm, normal = (
-            None if values is None else values.reshape(-1, 3)[pixel] for values in material_maps(view.photo.truth, size)
+            None if values is None else values.reshape(-1, 3)[pixel]
+            for values in material_maps(view.photo.truth, size)
         )
         if color is not None:
             self._colors.append((view.gbuffer.base_color[chosen].cpu(), torch.from_numpy(color)))
@@ -114,7 +118,9 @@ class MaterialScores:
                 self._normals.append((view.gbuffer.normal[chosen].cpu().numpy()[known], normal[known]))
 
     def result(self) -> Scores:
-        """Return base colour PSNR (sRGB; raw, and with one linear factor per channel), ratio, errors, normal angle."""
+        """Return base colour PSNR (sRGB; raw, and with one linear factor per channel), ratio, errors, normal
+        angle.
+        """
         scores: Scores = {}
         if self._colors:
             mine, true = (torch.cat(parts) for parts in zip(*self._colors, strict=True))
@@ -133,7 +139,8 @@ class MaterialScores:
 def material_maps(
     truth: Truth, size: tuple[int, int]
 ) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
-    """Return linear base colour, ORM and world normals of a photo of `size` (H, W), (H, W, 3) float32 each, if known.
+    """Return linear base colour, ORM and world normals of a photo of `size` (H, W), (H, W, 3) float32 each,
+    if known.
 
     Raises `InputError` where one cannot be read, has another size or fewer than three channels.
     """
@@ -142,7 +149,9 @@ def material_maps(
         (truth.orm, lambda path: read_ldr(path, srgb=False)[0]),
         (truth.normal, read_hdr),
     )
-    base_color, orm, normal = (None if path is None else _in_colors(read(path), size, path) for path, read in files)
+    base_color, orm, normal = (
+        None if path is None else _in_colors(read(path), size, path) for path, read in files
+    )
     return base_color, orm, normal
 
 
@@ -153,7 +162,9 @@ def _in_colors(image: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarr
 
 
 def _sized(image: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarray:
-    """Return an image (H, W, C) of a `size` (H, W); raise `InputError` naming its file where it has another one."""
+    """Return an image (H, W, C) of a `size` (H, W); raise `InputError` naming its file where it has another
+    one.
+    """
     if image.shape[:2] != size:
         raise InputError(
             f"{path} has {image.shape[1]} x {image.shape[0]} pixels, but its photo {size[1]} x {size[0]}; truth is "
@@ -163,7 +174,9 @@ def _sized(image: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarray:
 
 
 def _mean_ratios(mine: Tensor, true: Tensor) -> Scores:
-    """Return the ratios of mean linear base colours (N, 3) to the true one: over all channels, and the worst one's."""
+    """Return the ratios of mean linear base colours (N, 3) to the true one: over all channels, and the worst
+    one's.
+    """
     means = [values.double().mean(0).clamp(min=_DARKEST) for values in (mine, true)]
     logs = (means[0] / means[1]).log()
     worst = logs[logs.abs().argmax()]
@@ -175,9 +188,9 @@ def relight_scores(
 ) -> Scores:
     """Return masked PSNR and SSIM of the object under the scene's novel lights against their linear renders.
 
-    Raw, and with one linear factor per channel over all photos, which takes the freedom between light and albedo out.
-    Raises `ConfigError` where `config` asks for a path tracer that is not installed, `InputError` for a render that is
-    not one of its photo's size with coverage.
+    Raw, and with one linear factor per channel over all photos, which takes the freedom between light and
+    albedo out. Raises `ConfigError` where `config` asks for a path tracer that is not installed, `InputError`
+    for a render that is not one of its photo's size with coverage.
     """
     pairs = list(_relit_pairs(Relighter(decomposition, device, config), scene.relight, device))
     if not pairs:

@@ -36,9 +36,11 @@ def surrounding(count: int, side: int, radius: float, distance: float = 4.0) -> 
 
 
 def turntable(photos: list[Camera], center: np.ndarray, frames: int, side: int) -> list[Camera]:
-    """Return cameras circling `center` (3,) at the photos' median distance, height and framing, up as in the photos.
+    """Return cameras circling `center` (3,) at the photos' median distance, height and framing, up as in the
+    photos.
 
-    The axis of the circle is the mean upward direction of the photos, so frames stand upright in any user's frame.
+    The axis of the circle is the mean upward direction of the photos, so frames stand upright in any user's
+    frame.
     """
     up = up_of(photos)
     offsets = np.array([camera.position - center for camera in photos])

@@ -1,6 +1,7 @@
 """A test photo beside the asset: everything an evaluation needs of it, read once.
 
-Photos are scored at their full size. What would take hundreds of bytes for each of their pixels is made in bands.
+Photos are scored at their full size. What would take hundreds of bytes for each of their pixels is made in
+bands.
 """
 
 import math
@@ -42,7 +43,9 @@ class TestView:
     mask: Tensor  # (H, W) bool
 
     @staticmethod
-    def load(photo: Photo, decomposition: Decomposition, light_resolution: int, device: torch.device) -> "TestView":
+    def load(
+        photo: Photo, decomposition: Decomposition, light_resolution: int, device: torch.device
+    ) -> "TestView":
         """Read the photo and make the asset's view ready for lights of 6 x R x R texels, R the resolution."""
         check_room(photo.image_path, (photo.camera.width, photo.camera.height), _PIXEL_BYTES)
         pixels, camera = load_pixels(photo)
@@ -72,14 +75,18 @@ class TestView:
 
 
 def _on_white(color: Tensor, alpha: Tensor) -> Tensor:
-    """Return the sRGB image on white of linear straight colour (H, W, 3) with alpha (H, W), made in strips of rows."""
+    """Return the sRGB image on white of linear straight colour (H, W, 3) with alpha (H, W), made in strips of
+    rows.
+    """
     step = max(1, _SMALL // alpha.shape[1])
     strips = zip(color.split(step), alpha.split(step), strict=True)
     return torch.cat([on_white(part * cover[..., None], cover) for part, cover in strips])
 
 
 def _material_camera(photo: Photo, camera: Camera) -> Camera:
-    """Return the camera of the G-buffer: true materials are compared pixel by pixel, pictures of them are small."""
+    """Return the camera of the G-buffer: true materials are compared pixel by pixel, pictures of them are
+    small.
+    """
     truth = photo.truth
     shrink = math.sqrt(min(1.0, _SMALL / (camera.width * camera.height)))
     if shrink == 1 or truth.base_color or truth.orm or truth.normal:
@@ -96,7 +103,9 @@ def halves(alpha: np.ndarray) -> list[np.ndarray]:
     inside = alpha > _OBJECT
     masks = []
     for axis in (1, 0):
-        place = np.broadcast_to(np.arange(alpha.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1)), alpha.shape)
+        place = np.broadcast_to(
+            np.arange(alpha.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1)), alpha.shape
+        )
         first = inside & (place < np.median(place[inside]))
         masks += [first, inside & ~first]
     return masks

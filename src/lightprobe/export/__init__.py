@@ -1,4 +1,6 @@
-"""A `Decomposition` in, files other programs read out: GLB, textures and environment maps in the user's own frame."""
+"""A `Decomposition` in, files other programs read out: GLB, textures and environment maps in the user's own
+frame.
+"""
 
 from lightprobe.export.bundle import SceneLight, export, write_mesh, write_run_outputs
 from lightprobe.export.pictures import write_picture

@@ -1,4 +1,6 @@
-"""A decomposition in files other programs read: GLB, USD, textures and environment maps, all in the user's frame."""
+"""A decomposition in files other programs read: GLB, USD, textures and environment maps, all in the user's
+frame.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +35,8 @@ class SceneLight:
 
 
 def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> tuple[GltfMesh, GltfPictures]:
-    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png beside it; return its parts.
+    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png beside it; return its
+    parts.
 
     Positions are in the user's frame and units, turned to glTF's y-up axes.
     """
@@ -51,19 +54,26 @@ def write_run_outputs(decomposition: Decomposition, run: RunFolder) -> None:
 
 
 def export(
-    decomposition: Decomposition, folder: Path, environments: dict[str, Environment], *,
-    light: SceneLight | None = None, height: int | None = None, usd: bool = False,
-) -> list[Path]:  # fmt: skip
+    decomposition: Decomposition,
+    folder: Path,
+    environments: dict[str, Environment],
+    *,
+    light: SceneLight | None = None,
+    height: int | None = None,
+    usd: bool = False,
+) -> list[Path]:
     """Write the object and its lights for other programs; return the files written, mesh.glb first.
 
-    mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a `light`, also
-    light.exr, light.hdr, its lamps in light.light.json, and scene.glb, the mesh with the lamps. usd: scene.usdc and
-    scene.usdz, the mesh with the light, if there is one. height: rows of all maps, by default their own.
-    Raises `ConfigError` when USD's library is missing, before anything is written.
+    mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a
+    `light`, also light.exr, light.hdr, its lamps in light.light.json, and scene.glb, the mesh with the lamps.
+    usd: scene.usdc and scene.usdz, the mesh with the light, if there is one. height: rows of all maps, by
+    default their own. Raises `ConfigError` when USD's library is missing, before anything is written.
     """
     if usd:
         check_usd()
-    maps = {named_file(folder / "env", name, suffix): name for name in environments for suffix in (".exr", ".hdr")}
+    maps = {
+        named_file(folder / "env", name, suffix): name for name in environments for suffix in (".exr", ".hdr")
+    }
     mesh, pictures = write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
     written = [folder / name for name in ("mesh.glb", *(f"{name}.png" for name in NAMES))]
     for path, photo in maps.items():
@@ -75,7 +85,9 @@ def export(
         for name in ("light.exr", "light.hdr"):
             write_map(folder / name, image)
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
-        write_sources(folder / "light.exr", len(image), light.lamps or light.inside, sun, copies=["light.hdr"])
+        write_sources(
+            folder / "light.exr", len(image), light.lamps or light.inside, sun, copies=["light.hdr"]
+        )
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
         written += [folder / name for name in ("light.exr", "light.hdr", "light.light.json", "scene.glb")]
     if usd:

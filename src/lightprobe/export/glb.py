@@ -1,7 +1,8 @@
-"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual) where there are some.
+"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual) where there
+are some.
 
-Layout: a 12-byte header, a JSON chunk padded with spaces and a binary chunk padded with zeros, each to four bytes;
-every array and picture starts at a multiple of four (glTF 2.0, sections 3.6 and 4.4).
+Layout: a 12-byte header, a JSON chunk padded with spaces and a binary chunk padded with zeros, each to four
+bytes; every array and picture starts at a multiple of four (glTF 2.0, sections 3.6 and 4.4).
 """
 
 import json
@@ -51,7 +52,10 @@ class _Binary:
     def array(self, values: np.ndarray, kind: str, *, bounds: bool = False) -> int:
         """Append float vertex attributes (N, C) and return the index of their accessor."""
         little = np.ascontiguousarray(values, "<f4")
-        entry: dict[str, Any] = {"bufferView": self.view(little.tobytes(), _ARRAY_BUFFER), "componentType": _FLOAT}
+        entry: dict[str, Any] = {
+            "bufferView": self.view(little.tobytes(), _ARRAY_BUFFER),
+            "componentType": _FLOAT,
+        }
         entry |= {"count": len(little), "type": kind}
         if bounds:
             entry |= {"min": little.min(0).tolist(), "max": little.max(0).tolist()}
@@ -61,14 +65,20 @@ class _Binary:
     def indices(self, faces: np.ndarray) -> int:
         """Append triangle corners (F, 3) and return the index of their accessor."""
         view = self.view(np.ascontiguousarray(faces, "<u4").tobytes(), _ELEMENT_ARRAY_BUFFER)
-        self.accessors.append({"bufferView": view, "componentType": _UINT, "count": faces.size, "type": "SCALAR"})
+        self.accessors.append(
+            {"bufferView": view, "componentType": _UINT, "count": faces.size, "type": "SCALAR"}
+        )
         return len(self.accessors) - 1
 
 
 def write_glb(
-    path: Path, mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object",
+    path: Path,
+    mesh: GltfMesh,
+    pictures: GltfPictures,
+    *,
+    name: str = "object",
     lights: Sequence[DirectionalLight] = (),
-) -> None:  # fmt: skip
+) -> None:
     """Write the object as a GLB file, atomically; raise `ResourceError` when the disk refuses."""
     write_bytes(path, encode_glb(mesh, pictures, name=name, lights=lights))
 
@@ -76,7 +86,9 @@ def write_glb(
 def encode_glb(
     mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object", lights: Sequence[DirectionalLight] = ()
 ) -> bytes:
-    """Return the bytes of a GLB file with one mesh of one metallic-roughness material, and a node for each light."""
+    """Return the bytes of a GLB file with one mesh of one metallic-roughness material, and a node for each
+    light.
+    """
     binary = _Binary()
     attributes = {
         "POSITION": binary.array(mesh.positions, "VEC3", bounds=True),
@@ -86,7 +98,9 @@ def encode_glb(
     }
     primitive = {"attributes": attributes, "indices": binary.indices(mesh.faces), "material": 0, "mode": 4}
     named = {"base_color": pictures.base_color, "orm": pictures.orm, "normal": pictures.normal}
-    images = [{"bufferView": binary.view(png), "mimeType": "image/png", "name": key} for key, png in named.items()]
+    images = [
+        {"bufferView": binary.view(png), "mimeType": "image/png", "name": key} for key, png in named.items()
+    ]
     binary.data.extend(bytes(-len(binary.data) % 4))
     document = {
         "asset": {"version": "2.0", "generator": "lightprobe"},
@@ -138,5 +152,7 @@ def _material(name: str) -> dict[str, Any]:
 def _container(document: dict[str, Any], binary: bytes) -> bytes:
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    chunks = (
+        struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    )
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

@@ -1,7 +1,7 @@
 """Suns and lamps as other programs' directional lights: a rotation, a colour and an intensity.
 
-glTF's directional light shines along its node's -z (KHR_lights_punctual), USD's distant light along its own -z, both in
-y-up frames: the node's +z points to the source.
+glTF's directional light shines along its node's -z (KHR_lights_punctual), USD's distant light along its own
+-z, both in y-up frames: the node's +z points to the source.
 """
 
 import math

@@ -38,28 +38,35 @@ class PhotoFacts:
 
 
 def write_light_file(
-    map_path: Path, prediction: Prediction, photo: PhotoFacts, sun: Sun, map_height: int | None = None,
+    map_path: Path,
+    prediction: Prediction,
+    photo: PhotoFacts,
+    sun: Sun,
+    map_height: int | None = None,
     copies: Sequence[str] = (),
-) -> None:  # fmt: skip
+) -> None:
     """Write the JSON beside the map at `map_path`, which has `map_height` rows or its own, atomically.
 
     copies: names of files beside it that hold the same map in another format.
     """
     light, calibration = prediction.environment, prediction.calibration
     sources = () if prediction.split is None else prediction.split.sources
-    write_json(light_file(map_path), {
-        **_map_and_sources(map_path, map_height or 2 * light.resolution, sources, sun, copies),
-        "sources_sought": prediction.split is not None,
-        "spherical_harmonics": _harmonics(light),
-        "white_balance": _white_balance(light),
-        "exposure": {"ev100": photo.ev100, "source": None if photo.ev100 is None else "EXIF"},
-        "photometry": _photometry(photo.ev100, calibration),
-        "calibration": None if calibration is None else calibration.to_json(),
-        "confidence": _confidence(prediction),
-        "photo": {"file": photo.name, "camera": photo.camera.to_json()},
-        "verdict": prediction.verdict.to_json(),
-        "background": prediction.background.value,
-    })  # fmt: skip
+    write_json(
+        light_file(map_path),
+        {
+            **_map_and_sources(map_path, map_height or 2 * light.resolution, sources, sun, copies),
+            "sources_sought": prediction.split is not None,
+            "spherical_harmonics": _harmonics(light),
+            "white_balance": _white_balance(light),
+            "exposure": {"ev100": photo.ev100, "source": None if photo.ev100 is None else "EXIF"},
+            "photometry": _photometry(photo.ev100, calibration),
+            "calibration": None if calibration is None else calibration.to_json(),
+            "confidence": _confidence(prediction),
+            "photo": {"file": photo.name, "camera": photo.camera.to_json()},
+            "verdict": prediction.verdict.to_json(),
+            "background": prediction.background.value,
+        },
+    )
 
 
 def write_sources(
@@ -78,7 +85,13 @@ def _map_and_sources(
     return {
         "format": FORMAT,
         "version": VERSION,
-        "map": {"file": map_path.name, "copies": [*copies], "width": 2 * rows, "height": rows, "sun": sun.value},
+        "map": {
+            "file": map_path.name,
+            "copies": [*copies],
+            "width": 2 * rows,
+            "height": rows,
+            "sun": sun.value,
+        },
         "units": "linear radiance; 1 is the white of the photo; irradiance is radiance times steradian",
         "color_space": "linear, primaries of sRGB (Rec. 709), white D65",
         "axes": "right-handed, z up, those of the user's cameras; u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi",
@@ -88,7 +101,8 @@ def _map_and_sources(
 
 
 def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
-    """Return the sources in the JSON beside a map and whether the map has them; None where there is no such file.
+    """Return the sources in the JSON beside a map and whether the map has them; None where there is no such
+    file.
 
     Nor where it is that of the other format's map of the same name.
     Raises `InputError` for a file that is not of this format and version, or says what no source can be.
@@ -98,7 +112,9 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
         return None
     value = read_json(path)
     if not isinstance(value, dict) or value.get("format") != FORMAT or value.get("version") != VERSION:
-        raise InputError(f"{path} is no light file of version {VERSION}; remove it, and sources are found in the map.")
+        raise InputError(
+            f"{path} is no light file of version {VERSION}; remove it, and sources are found in the map."
+        )
     try:
         given = value["sources"]
         if not isinstance(given, list) or len(given) > MOST:
@@ -113,7 +129,8 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
 
 
 def is_calibrated(map_path: Path) -> bool | None:
-    """Return whether a predicted map has been through a calibration; None where no JSON tells of a prediction.
+    """Return whether a predicted map has been through a calibration; None where no JSON tells of a
+    prediction.
 
     One that cannot be read tells nothing here; `read_sources` refuses it.
     """
@@ -157,7 +174,9 @@ def _temperature(color: list[float]) -> float | None:
 
 
 def _photometry(ev100: float | None, calibration: Calibration | None) -> dict[str, Any]:
-    """Return how many cd/m^2 a unit of radiance is; the gauge between light and albedo is in it unless calibrated."""
+    """Return how many cd/m^2 a unit of radiance is; the gauge between light and albedo is in it unless
+    calibrated.
+    """
     return {
         "cd_per_m2_per_unit": candela_per_unit(ev100),
         "source": None if ev100 is None else "EXIF: saturation-based, 1.2 * 2^EV100",
@@ -168,7 +187,8 @@ def _photometry(ev100: float | None, calibration: Calibration | None) -> dict[st
 def candela_per_unit(ev100: float | None) -> float | None:
     """Return the luminance in cd/m^2 of a photo's linear white, or None without an exposure value.
 
-    Saturation-based speed (ISO 12232): 1.2 times 2^EV100. Cameras differ by up to a stop, by their tone curves.
+    Saturation-based speed (ISO 12232): 1.2 times 2^EV100. Cameras differ by up to a stop, by their tone
+    curves.
     """
     return None if ev100 is None else _SATURATION * 2.0**ev100
 
@@ -178,6 +198,8 @@ def _confidence(prediction: Prediction) -> dict[str, float]:
     angle = cubemap.solid_angles(trust.shape[1], trust.device)
     share = float((angle * (trust >= 0.5)).sum() / (4 * math.pi))
     return {
-        "mean": float(cubemap.sphere_mean(trust)), "least": float(trust.min()), "most": float(trust.max()),
+        "mean": float(cubemap.sphere_mean(trust)),
+        "least": float(trust.min()),
+        "most": float(trust.max()),
         "share_within_factor_two": share,
-    }  # fmt: skip
+    }

@@ -1,14 +1,15 @@
 """The object and its light as a USD stage, and the same as one USDZ package.
 
-The stage is y-up, in the user's units, with a mesh of one UsdPreviewSurface material, a dome light with the map, and a
-distant light for each sun or lamp.
+The stage is y-up, in the user's units, with a mesh of one UsdPreviewSurface material, a dome light with the
+map, and a distant light for each sun or lamp.
 
-The map. A dome of format `latlong` has its pole at local +y, the middle of the picture at local +z and its left quarter
-at local +x (OpenEXR's latitude-longitude map). A map of this project has z on top, +x in the middle and +y at the left
-quarter; turned y-up by (x, y, z) -> (x, z, -y) these are +y, +x and -z. So the dome is turned by 90 degrees about y,
-which takes z to x and x to -z.
+The map. A dome of format `latlong` has its pole at local +y, the middle of the picture at local +z and its
+left quarter at local +x (OpenEXR's latitude-longitude map). A map of this project has z on top, +x in the
+middle and +y at the left quarter; turned y-up by (x, y, z) -> (x, z, -y) these are +y, +x and -z. So the dome
+is turned by 90 degrees about y, which takes z to x and x to -z.
 
-Intensities. `normalize` makes a distant light's intensity the irradiance of a surface that faces it, at any angle.
+Intensities. `normalize` makes a distant light's intensity the irradiance of a surface that faces it, at any
+angle.
 """
 
 from collections.abc import Sequence
@@ -33,13 +34,18 @@ def check_usd() -> None:
 
 
 def write_usd(
-    folder: Path, mesh: GltfMesh, environment: Path | None, lights: Sequence[DirectionalLight], *, name: str = "object"
-) -> list[Path]:  # fmt: skip
+    folder: Path,
+    mesh: GltfMesh,
+    environment: Path | None,
+    lights: Sequence[DirectionalLight],
+    *,
+    name: str = "object",
+) -> list[Path]:
     """Write scene.usdc and scene.usdz into `folder`; return both.
 
-    base_color.png, orm.png, normal.png and the map `environment` (.exr) have to stand in the folder already: the stage
-    names them, the package holds them. Raises `ConfigError` without the extra `usd`, and `ResourceError` where a file
-    cannot be written.
+    base_color.png, orm.png, normal.png and the map `environment` (.exr) have to stand in the folder already:
+    the stage names them, the package holds them. Raises `ConfigError` without the extra `usd`, and
+    `ResourceError` where a file cannot be written.
     """
     stage_file, package = folder / "scene.usdc", folder / "scene.usdz"
     usd, geometry, utils = _pxr("Usd"), _pxr("UsdGeom"), _pxr("UsdUtils")
@@ -61,7 +67,9 @@ def write_usd(
     except _pxr("Tf").ErrorException:
         written = False
     if not written:
-        raise ResourceError(f"USD could not write {stage_file} and {package.name}; is there room on the disk?")
+        raise ResourceError(
+            f"USD could not write {stage_file} and {package.name}; is there room on the disk?"
+        )
     return [stage_file, package]
 
 

@@ -26,7 +26,9 @@ class Needs:
     def __post_init__(self) -> None:
         """Refuse what no machine could give."""
         if not self.cpus > 0 or not self.gpus >= 0 or not self.memory > 0:
-            raise ConfigError("A task needs --needs.cpus and --needs.memory above 0, and --needs.gpus of at least 0.")
+            raise ConfigError(
+                "A task needs --needs.cpus and --needs.memory above 0, and --needs.gpus of at least 0."
+            )
         if self.gpus > 1 and self.gpus != int(self.gpus):
             raise ConfigError(f"--needs.gpus {self.gpus:g}: above one GPU only whole ones can be had.")
         if self.retries < 0:
@@ -49,7 +51,9 @@ class Outcome(Generic[Task, Result]):
 
     task: Task
     result: Result | None
-    lost: str | None = None  # why there is no result: its process or machine died more often than it may be tried
+    lost: str | None = (
+        None  # why there is no result: its process or machine died more often than it may be tried
+    )
 
 
 class Executor(Protocol):
@@ -58,5 +62,7 @@ class Executor(Protocol):
     def run(
         self, function: Callable[[Task], Result], tasks: Iterable[Task], needs: Needs
     ) -> Iterator[Outcome[Task, Result]]:
-        """Yield the outcome of `function` on each task as they finish, in any order; tasks are drawn as needed."""
+        """Yield the outcome of `function` on each task as they finish, in any order; tasks are drawn as
+        needed.
+        """
         ...

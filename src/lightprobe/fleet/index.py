@@ -1,8 +1,9 @@
 """What became of every photo and every scene: Parquet, readable while it grows.
 
-The index of predictions is a folder of parts, `index/part-000000.parquet` and so on, as Parquet readers take it for one
-table. A part is written once, whole, when enough rows have come or time has passed; a row is in one part only. What is
-in no part was not finished, and is done again by the next call. The index of trainings is one small file.
+The index of predictions is a folder of parts, `index/part-000000.parquet` and so on, as Parquet readers take
+it for one table. A part is written once, whole, when enough rows have come or time has passed; a row is in
+one part only. What is in no part was not finished, and is done again by the next call. The index of trainings
+is one small file.
 """
 
 import io
@@ -80,7 +81,9 @@ def encode(rows: Iterable[Row], kind: type[Row]) -> bytes:
     return written.getvalue()
 
 
-def decode(data: bytes, place: Place, kind: type[Row], columns: list[str] | None = None) -> dict[str, list[Any]]:
+def decode(
+    data: bytes, place: Place, kind: type[Row], columns: list[str] | None = None
+) -> dict[str, list[Any]]:
     """Return the columns of an index file, or raise `InputError` naming it where it cannot be used."""
     parquet = extra_library("pyarrow.parquet", "An index", "cluster")
     names = columns or [field.name for field in fields(kind)]
@@ -89,15 +92,19 @@ def decode(data: bytes, place: Place, kind: type[Row], columns: list[str] | None
         return table.to_pydict()
     except Exception as error:  # Arrow has many kinds for damage
         said = str(error).strip().split("\n")[0].rstrip(".")
-        raise InputError(f"{place} is damaged or no index ({said}); remove it, and its rows are made again.") from error
+        raise InputError(
+            f"{place} is damaged or no index ({said}); remove it, and its rows are made again."
+        ) from error
 
 
 def _schema(kind: type[Row]) -> Any:
     arrow = extra_library("pyarrow", "An index", "cluster")
     types = {int: arrow.int64(), float: arrow.float32(), str: arrow.string()}
     hints = get_type_hints(kind)
-    plain = {name: next(each for each in types if each is hint or each in getattr(hint, "__args__", ()))
-             for name, hint in hints.items()}  # fmt: skip
+    plain = {
+        name: next(each for each in types if each is hint or each in getattr(hint, "__args__", ()))
+        for name, hint in hints.items()
+    }
     return arrow.schema([(name, types[found]) for name, found in plain.items()])
 
 
@@ -117,7 +124,9 @@ class PhotoIndex:
             self._next = max(self._next, int(part.name[len(_PART) : -len(".parquet")]) + 1)
 
     def _parts(self) -> list[Place]:
-        names = [name for name in self._folder.names() if name.startswith(_PART) and name.endswith(".parquet")]
+        names = [
+            name for name in self._folder.names() if name.startswith(_PART) and name.endswith(".parquet")
+        ]
         odd = next((name for name in names if not name[len(_PART) : -len(".parquet")].isdecimal()), None)
         if odd is not None:
             raise InputError(f"{self._folder}/{odd} is no part of the index; remove it.")
@@ -125,7 +134,9 @@ class PhotoIndex:
 
     def _note(self, part: Place, rows: np.ndarray) -> None:
         if len(rows) and not 0 <= rows.min() <= rows.max() < len(self.done):
-            raise InputError(f"{part} has rows that the file of jobs does not have; choose another folder with -o.")
+            raise InputError(
+                f"{part} has rows that the file of jobs does not have; choose another folder with -o."
+            )
         self.done[rows] = True
 
     @property
@@ -138,7 +149,8 @@ class PhotoIndex:
         for part in self._parts():
             columns = decode(part.read(), part, PhotoRow)
             rows = [
-                PhotoRow(**dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)
+                PhotoRow(**dict(zip(columns, values, strict=True)))
+                for values in zip(*columns.values(), strict=True)
             ]
             kept = [row for row in rows if row.state != State.FAILED]
             if len(kept) == len(rows):
@@ -178,7 +190,9 @@ class SceneIndex:
         self.rows: dict[str, SceneRow] = {}
         if self._file.exists():
             columns = decode(self._file.read(), self._file, SceneRow)
-            found = (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
+            found = (
+                dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
+            )
             self.rows = {row["scene"]: SceneRow(**row) for row in found}
 
     def put(self, row: SceneRow) -> None:

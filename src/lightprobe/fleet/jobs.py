@@ -8,8 +8,8 @@
     method   no       how the light is found; else as the command says
     id       no       carried over to the index, for whoever made the file
 
-All are text; what is not needed may be absent or null. Relative paths start at the folder of the file. Rows of one run
-should stand together: neighbours of one run become one task, which loads the object once.
+All are text; what is not needed may be absent or null. Relative paths start at the folder of the file. Rows
+of one run should stand together: neighbours of one run become one task, which loads the object once.
 """
 
 import hashlib
@@ -24,7 +24,9 @@ from lightprobe.fleet.storage import Place
 NEEDED, OPTIONAL = ("run", "photo"), ("camera", "mask", "method", "id")
 _AT_ONCE = 16_384  # rows that are read and grouped together
 _LARGEST_GROUP = 2**31  # bytes of a row group, unpacked: what a reader has to hold
-_FOOTER = 2**20  # bytes at the end of the file that tell it from others: sizes, counts and ranges of all columns
+_FOOTER = (
+    2**20
+)  # bytes at the end of the file that tell it from others: sizes, counts and ranges of all columns
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,9 @@ class JobFile:
         except Exception as error:  # Arrow has many kinds for damage
             raise InputError(f"{place} cannot be read as Parquet: {_first_line(error)}.") from error
         if max(groups, default=0) > _LARGEST_GROUP:
-            raise InputError(f"{place} has a row group of {max(groups) / 1e9:.1f} GB; write it with smaller ones.")
+            raise InputError(
+                f"{place} has a row group of {max(groups) / 1e9:.1f} GB; write it with smaller ones."
+            )
         self.rows = int(metadata.num_rows)
         self._columns = self._checked_columns()
 
@@ -64,7 +68,9 @@ class JobFile:
         schema, known = self._file.schema_arrow, (*NEEDED, *OPTIONAL)
         for name in NEEDED:
             if name not in schema.names:
-                raise InputError(f"{self.place} has no column '{name}'; it needs the columns {', '.join(NEEDED)}.")
+                raise InputError(
+                    f"{self.place} has no column '{name}'; it needs the columns {', '.join(NEEDED)}."
+                )
         for field in schema:
             if field.name not in known:
                 raise InputError(
@@ -88,7 +94,9 @@ class JobFile:
         return {"rows": self.rows, "footer": hashlib.blake2b(tail, digest_size=16).hexdigest()}
 
     def parts(self, wanted: Callable[[int], bool]) -> Iterator[list[Job]]:
-        """Yield the jobs whose row is `wanted`, some thousands at a time; raise `InputError` for damaged pages."""
+        """Yield the jobs whose row is `wanted`, some thousands at a time; raise `InputError` for damaged
+        pages.
+        """
         first = 0
         batches = self._file.iter_batches(batch_size=_AT_ONCE, columns=self._columns)
         while True:
@@ -96,7 +104,9 @@ class JobFile:
                 batch = next(batches, None)
                 values = None if batch is None else batch.to_pydict()
             except Exception as error:
-                raise InputError(f"{self.place} is damaged after row {first}: {_first_line(error)}.") from error
+                raise InputError(
+                    f"{self.place} is damaged after row {first}: {_first_line(error)}."
+                ) from error
             if batch is None or values is None:
                 return
             yield [

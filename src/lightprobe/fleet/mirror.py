@@ -1,9 +1,10 @@
 """A run in an object store: brought here to be trained, and what changes sent back while it is.
 
-A training writes each file whole, checkpoints before what marks a phase as finished. Files are sent in the order in
-which they were written, and removed ones go last, so that whatever has arrived when a machine dies is a state that the
-training had, but for a checkpoint of which only a part came: that one is passed over for the one before it. One that
-took another's place, as at the beginning of a pass, first loses the file that it cannot be read without.
+A training writes each file whole, checkpoints before what marks a phase as finished. Files are sent in the
+order in which they were written, and removed ones go last, so that whatever has arrived when a machine dies
+is a state that the training had, but for a checkpoint of which only a part came: that one is passed over for
+the one before it. One that took another's place, as at the beginning of a pass, first loses the file that it
+cannot be read without.
 """
 
 import os
@@ -42,7 +43,9 @@ class Mirror:
         return update
 
     def send(self) -> None:
-        """Send all files that are new or have changed, in the order of their writing; then remove what is gone."""
+        """Send all files that are new or have changed, in the order of their writing; then remove what is
+        gone.
+        """
         now = self._stamps()
         changed = [name for name in now if self._sent.get(name) != now[name]]
         for name in changed:

@@ -34,18 +34,24 @@ class PhotoSummary:
 
 
 def predict_fleet(
-    jobs: Path | str, output: Path | str, executor: Executor, *, options: PhotoOptions | None = None,
-    settings: PredictionOptions = UNCHANGED, needs: Needs | None = None, chunk: int = CHUNK, retry_failed: bool = False,
+    jobs: Path | str,
+    output: Path | str,
+    executor: Executor,
+    *,
+    options: PhotoOptions | None = None,
+    settings: PredictionOptions = UNCHANGED,
+    needs: Needs | None = None,
+    chunk: int = CHUNK,
+    retry_failed: bool = False,
     on_progress: OnProgress = silent,
-) -> PhotoSummary:  # fmt: skip
+) -> PhotoSummary:
     """Predict from every photo of the Parquet file `jobs` (`jobs`) and write maps and index into `output`.
 
     The same call goes on where an interrupted one stopped: what has a row is not done again. settings: what
-    changes of how the runs predict. needs: what a task takes. chunk: photos of a task at most. retry_failed: try those
-    photos again that have failed.
-    A photo whose process dies, in a chunk and then alone, gets a row that says so. Raises `InputError` for jobs or an
-    index that cannot be used, `ConfigError` for options that cannot, or for an `output` of other jobs or options, and
-    `BusyError` when another process writes it.
+    changes of how the runs predict. needs: what a task takes. chunk: photos of a task at most. retry_failed:
+    try those photos again that have failed. A photo whose process dies, in a chunk and then alone, gets a row
+    that says so. Raises `InputError` for jobs or an index that cannot be used, `ConfigError` for options that
+    cannot, or for an `output` of other jobs or options, and `BusyError` when another process writes it.
     """
     chosen, wanted = options or PhotoOptions(), needs or Needs()
     if chunk < 1:
@@ -69,10 +75,17 @@ def predict_fleet(
 
 
 def _predict(
-    file: JobFile, index: PhotoIndex, executor: Executor, whole: Chunk, needs: Needs, size: int,
+    file: JobFile,
+    index: PhotoIndex,
+    executor: Executor,
+    whole: Chunk,
+    needs: Needs,
+    size: int,
     on_progress: OnProgress,
-) -> None:  # fmt: skip
-    """Run all tasks; then the photos of those that were lost one by one, so that one photo cannot cost the others."""
+) -> None:
+    """Run all tasks; then the photos of those that were lost one by one, so that one photo cannot cost the
+    others.
+    """
     lost: list[Job] = []
     on_progress("photos", index.count, file.rows)
 

@@ -1,4 +1,6 @@
-"""Some photos of one object to their maps: what a worker of a fleet does. Every photo gets a row, whatever happens."""
+"""Some photos of one object to their maps: what a worker of a fleet does. Every photo gets a row, whatever
+happens.
+"""
 
 import contextlib
 import os
@@ -29,7 +31,16 @@ from lightprobe.runs.predictions import PredictedPhoto, PredictionFiles, predict
 MAPS = "maps"
 IN_A_FOLDER = 1000  # maps of a folder: file systems and object stores list folders of a million slowly
 # What predictions need nothing of, in a run that has to be fetched
-_LEFT_OUT = ("checkpoints/", "model/checkpoints/", "predictions/", "report/", "oracle/", "env/", "scene/", "export/")
+_LEFT_OUT = (
+    "checkpoints/",
+    "model/checkpoints/",
+    "predictions/",
+    "report/",
+    "oracle/",
+    "env/",
+    "scene/",
+    "export/",
+)
 
 
 @dataclass(frozen=True)
@@ -103,15 +114,29 @@ def _predicted(job: Job, chunk: Chunk) -> PhotoRow:
         files = PredictionFiles(
             _fetched(job.camera, "camera", chunk.beside, scratch, LARGEST_TEXT),
             _fetched(job.mask, "mask", chunk.beside, scratch, LARGEST_PICTURE),
-            where / f"{stem}.exr", where / f"{stem}.confidence.exr" if options.confidence else None,
-            LocationFiles(where / f"{stem}.camera.json", where / f"{stem}.mask.png", where / f"{stem}.overlay.png"),
-            None if options.size is None else map_height(options.size), options.sun, options.sources,
-        )  # fmt: skip
+            where / f"{stem}.exr",
+            where / f"{stem}.confidence.exr" if options.confidence else None,
+            LocationFiles(
+                where / f"{stem}.camera.json", where / f"{stem}.mask.png", where / f"{stem}.overlay.png"
+            ),
+            None if options.size is None else map_height(options.size),
+            options.sun,
+            options.sources,
+        )
         photo = image.fetch(scratch / "in" / image.name, LARGEST_PICTURE)
-        found = next(iter(predict_photos(
-            loaded.run.path, [photo], files, method=method, background=options.background, device=chunk.device,
-            loaded=loaded,
-        )))  # fmt: skip
+        found = next(
+            iter(
+                predict_photos(
+                    loaded.run.path,
+                    [photo],
+                    files,
+                    method=method,
+                    background=options.background,
+                    device=chunk.device,
+                    loaded=loaded,
+                )
+            )
+        )
         if target.local is None:
             for path in sorted(where.iterdir(), key=os.path.getmtime):
                 target.child(path.name).write(path.read_bytes())
@@ -124,10 +149,17 @@ def _told(job: Job, found: PredictedPhoto, name: str) -> PhotoRow:
     if found.location is not None:
         sentences = [*found.location.located.verdict.sentences, *sentences]
     return replace(
-        failed(job, " ".join(sentences)), state=State.DONE.value, reason=" ".join(sentences) or None, map=name,
-        method=found.method.value, verdict=verdict.status.value, explained=verdict.explained, overlap=verdict.overlap,
-        confidence=float(cubemap.sphere_mean(prediction.confidence)), seconds=prediction.seconds["total"],
-    )  # fmt: skip
+        failed(job, " ".join(sentences)),
+        state=State.DONE.value,
+        reason=" ".join(sentences) or None,
+        map=name,
+        method=found.method.value,
+        verdict=verdict.status.value,
+        explained=verdict.explained,
+        overlap=verdict.overlap,
+        confidence=float(cubemap.sphere_mean(prediction.confidence)),
+        seconds=prediction.seconds["total"],
+    )
 
 
 def _method(job: Job) -> Method | None:

@@ -1,9 +1,9 @@
 """Tasks on a Ray cluster: one on this machine, started for the call, or one that runs already.
 
-Ray decides where a task runs, and starts it again where a process or machine has died. It pickles between its own
-nodes, so whoever reaches a cluster's ports can run code there: a cluster must be private. The one that is started here
-listens on the loopback address only and takes a token that no one else has. Nothing is reported anywhere, and there is
-no dashboard.
+Ray decides where a task runs, and starts it again where a process or machine has died. It pickles between its
+own nodes, so whoever reaches a cluster's ports can run code there: a cluster must be private. The one that is
+started here listens on the loopback address only and takes a token that no one else has. Nothing is reported
+anywhere, and there is no dashboard.
 """
 
 import contextlib
@@ -26,21 +26,28 @@ _SIZE_SECONDS = 5.0  # between two looks at how large the cluster is
 
 @contextlib.contextmanager
 def cluster(address: str | None = None) -> Iterator["RayExecutor"]:
-    """Yield the executor of a Ray cluster: of the one at `address`, HOST:PORT or `auto`, else of one made here.
+    """Yield the executor of a Ray cluster: of the one at `address`, HOST:PORT or `auto`, else of one made
+    here.
 
     Raises `ConfigError` without Ray, `ResourceError` when no cluster answers or none can be started.
     """
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # these are read when Ray starts
     os.environ.setdefault("RAY_task_oom_retries", _MEMORY_RETRIES)
-    logging.getLogger("ray").setLevel(logging.ERROR)  # what it says of itself is not for whoever runs a command
+    logging.getLogger("ray").setLevel(
+        logging.ERROR
+    )  # what it says of itself is not for whoever runs a command
     ray = extra_library("ray", "A fleet", "cluster")
     try:
         if address is None:
             os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
             ray.init(
-                address="local", include_dashboard=False, log_to_driver=False, configure_logging=False,
-                object_store_memory=_OBJECT_STORE, _node_ip_address="127.0.0.1",
-            )  # fmt: skip
+                address="local",
+                include_dashboard=False,
+                log_to_driver=False,
+                configure_logging=False,
+                object_store_memory=_OBJECT_STORE,
+                _node_ip_address="127.0.0.1",
+            )
         else:
             ray.init(address=address, log_to_driver=False, configure_logging=False)
     except Exception as error:  # of many kinds, by what is wrong
@@ -66,12 +73,15 @@ class RayExecutor:
     ) -> Iterator[Outcome[Task, Result]]:
         """Yield the outcome of `function` on each task as they finish.
 
-        Only a few tasks more than can run are handed over at a time, so that there may be any number of them. Raises
-        `ResourceError` when no machine of the cluster has what a task needs.
+        Only a few tasks more than can run are handed over at a time, so that there may be any number of them.
+        Raises `ResourceError` when no machine of the cluster has what a task needs.
         """
         self._check(needs)
         remote = self._ray.remote(
-            num_cpus=needs.cpus, num_gpus=needs.gpus, memory=int(needs.memory * 2**30), max_retries=needs.retries
+            num_cpus=needs.cpus,
+            num_gpus=needs.gpus,
+            memory=int(needs.memory * 2**30),
+            max_retries=needs.retries,
         )(function)
         waiting: dict[Any, Task] = {}
         coming, more = iter(tasks), True
@@ -95,7 +105,9 @@ class RayExecutor:
     def _check(self, needs: Needs) -> None:
         nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
         if not any(_tasks_on(node, needs) for node in nodes):
-            most = max((node.get("CPU", 0.0), node.get("GPU", 0.0), node.get("memory", 0.0)) for node in nodes)
+            most = max(
+                (node.get("CPU", 0.0), node.get("GPU", 0.0), node.get("memory", 0.0)) for node in nodes
+            )
             raise ResourceError(
                 f"No machine has what a task needs, {needs.cpus:g} CPUs, {needs.gpus:g} GPUs and {needs.memory:g} GiB; "
                 f"the largest has {most[0]:g}, {most[1]:g} and {most[2] / 2**30:.1f}: change --needs."
@@ -105,7 +117,10 @@ class RayExecutor:
         """Return how many tasks can run at once, at least one; machines may come and go meanwhile."""
         if time.monotonic() - self._looked >= _SIZE_SECONDS:
             nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
-            self._looked, self._slots = time.monotonic(), max(1, sum(_tasks_on(node, needs) for node in nodes))
+            self._looked, self._slots = (
+                time.monotonic(),
+                max(1, sum(_tasks_on(node, needs) for node in nodes)),
+            )
         return self._slots
 
 

@@ -26,7 +26,9 @@ def held(output: Place) -> Iterator[None]:
         return
     with disk_errors(output.local):
         output.local.mkdir(parents=True, exist_ok=True)
-    with locked_file(output.local / ".fleet.lock", f"{output} is being written by another fleet; wait for it to end."):
+    with locked_file(
+        output.local / ".fleet.lock", f"{output} is being written by another fleet; wait for it to end."
+    ):
         yield
 
 
@@ -51,4 +53,6 @@ def check_record(output: Place, record: dict[str, Any], *, alone: bool) -> None:
     difference = first_difference(stored, given, "fleet")
     if difference:
         key, old, new = difference
-        raise ConfigError(f"{output} was started with {key} = {old}, not {new}; choose another folder with -o.")
+        raise ConfigError(
+            f"{output} was started with {key} = {old}, not {new}; choose another folder with -o."
+        )

@@ -1,7 +1,7 @@
 """Files and folders by path or by URL: of this machine, or of an object store through fsspec.
 
-A file appears whole or not at all: on this machine by a rename, in an object store because a put is atomic there. The
-kinds of URL are few on purpose: fsspec also knows some that run commands or unpack archives.
+A file appears whole or not at all: on this machine by a rename, in an object store because a put is atomic
+there. The kinds of URL are few on purpose: fsspec also knows some that run commands or unpack archives.
 """
 
 import contextlib
@@ -31,13 +31,16 @@ class Place:
 
     @staticmethod
     def of(text: str | Path, beside: "Place | None" = None) -> "Place":
-        """Return the place of a path or URL; relative paths start at the folder `beside`, by default the current one.
+        """Return the place of a path or URL; relative paths start at the folder `beside`, by default the
+        current one.
 
         Raises `InputError` for what can be neither, and for kinds of URL that are not read.
         """
         given = str(text)
         if not given or len(given) > _LONGEST or "\0" in given:
-            raise InputError(f"'{shown(given)}' is no path or URL; give one of at most {_LONGEST} characters.")
+            raise InputError(
+                f"'{shown(given)}' is no path or URL; give one of at most {_LONGEST} characters."
+            )
         protocol, found, path = given.partition("://")
         if not found:
             return _relative(given, beside)
@@ -72,7 +75,9 @@ class Place:
         """Return a place below; raise `InputError` unless every name is a plain one."""
         for name in names:
             if not is_file_name(name):
-                raise InputError(f"{name[:200]!a} cannot be the name of a file in {self}: it must be a plain name.")
+                raise InputError(
+                    f"{name[:200]!a} cannot be the name of a file in {self}: it must be a plain name."
+                )
         return Place(self.protocol, "/".join([self.path.rstrip("/"), *names]))
 
     def exists(self) -> bool:
@@ -91,7 +96,9 @@ class Place:
             store = self._store()
             size = store.info(self.path).get("size") or 0
             if size > largest:
-                raise InputError(f"{self} has {size / 1e9:.1f} GB, more than the {largest / 1e9:.1f} GB that are read.")
+                raise InputError(
+                    f"{self} has {size / 1e9:.1f} GB, more than the {largest / 1e9:.1f} GB that are read."
+                )
             return store.cat_file(self.path)
 
     def write(self, data: bytes) -> None:
@@ -150,7 +157,8 @@ class Place:
     def fetch_folder(self, to: Path, leave_out: tuple[str, ...] = ()) -> Path:
         """Return the path of a folder on this machine: its own, or `to` after copying its files there.
 
-        leave_out: beginnings of relative paths that are not needed. Raises `InputError` when there is no file.
+        leave_out: beginnings of relative paths that are not needed. Raises `InputError` when there is no
+        file.
         """
         if self.local is not None:
             return self.local
@@ -158,7 +166,9 @@ class Place:
         if not names:
             raise InputError(f"{self} does not exist or is empty.")
         for name in names:
-            write_bytes(inside(to, name, source=Path(str(self))), Place(self.protocol, f"{self.path}/{name}").read())
+            write_bytes(
+                inside(to, name, source=Path(str(self))), Place(self.protocol, f"{self.path}/{name}").read()
+            )
         return to
 
     def parquet(self) -> Any:
@@ -184,7 +194,9 @@ class Place:
             raise InputError(f"{self} does not exist.") from error
         except ImportError as error:
             package = _STORES[self.protocol]
-            raise ConfigError(f"{self} needs a library that is not installed: pip install {package}.") from error
+            raise ConfigError(
+                f"{self} needs a library that is not installed: pip install {package}."
+            ) from error
         except Exception as error:  # each store has errors of its own, from wrong keys to broken networks
             said = str(error).strip().split("\n")[0] or type(error).__name__
             raise ResourceError(f"{self} cannot be reached: {said.rstrip('.')}.") from error

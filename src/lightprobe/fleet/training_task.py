@@ -28,8 +28,8 @@ from lightprobe.runs.preparing import SCENE
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.runs.training import train_run
 
-# A lock dies with its process; a file server may take some minutes to notice that a machine is gone, and a machine
-# that only the cluster has lost may still be at work.
+# A lock dies with its process; a file server may take some minutes to notice that a machine is gone, and a
+# machine that only the cluster has lost may still be at work.
 _PATIENCE = 900.0  # seconds
 _PAUSE = 2.0  # seconds between two tries
 
@@ -98,9 +98,16 @@ def _folders(task: SceneTask) -> Iterator[tuple[Path, Path, Mirror | None]]:
 def _train(task: SceneTask, scene: Path, run: Path, on_progress: OnProgress) -> None:
     options = task.options
     train_run(
-        scene, run, decompose=options.decompose, distill=options.distill, predict=options.predict, device=task.device,
-        seed=options.seed, hdri=options.hdri, on_progress=on_progress,
-    )  # fmt: skip
+        scene,
+        run,
+        decompose=options.decompose,
+        distill=options.distill,
+        predict=options.predict,
+        device=task.device,
+        seed=options.seed,
+        hdri=options.hdri,
+        on_progress=on_progress,
+    )
 
 
 def _evaluate(task: SceneTask, scene: Path, run: Path, on_progress: OnProgress) -> None:
@@ -110,7 +117,9 @@ def _evaluate(task: SceneTask, scene: Path, run: Path, on_progress: OnProgress) 
     method = methods_for(ProbeModel.load(folder.model_folder), recorded_config(folder))[0]
     prepared = run / SCENE  # of plain photos
     where = prepared if prepared.is_dir() else scene
-    evaluate_run(run, EvaluationOptions((method,)), scene_folder=where, device=task.device, on_progress=on_progress)
+    evaluate_run(
+        run, EvaluationOptions((method,)), scene_folder=where, device=task.device, on_progress=on_progress
+    )
 
 
 def _patiently(work: Callable[[], None], patience: float) -> None:
@@ -132,10 +141,17 @@ def _told(run: RunFolder, row: SceneRow) -> SceneRow:
     first, second = (timings.get(phase, PhaseTiming()) for phase in ("decompose", "distill"))
     memory = [phase.memory for phase in (first, second) if phase.memory is not None]
     means = (
-        read_object(run.metrics_file, "evaluate the run again").get("mean", {}) if run.metrics_file.is_file() else {}
+        read_object(run.metrics_file, "evaluate the run again").get("mean", {})
+        if run.metrics_file.is_file()
+        else {}
     )
     return replace(
-        row, state=State.DONE.value, phase1_seconds=first.seconds, phase2_seconds=second.seconds,
-        memory=max(memory, default=None), photos=len(run.scene().get("photos", {}).get("train", {})),
-        relit=means.get("relit_psnr"), object=means.get("psnr_masked"),
-    )  # fmt: skip
+        row,
+        state=State.DONE.value,
+        phase1_seconds=first.seconds,
+        phase2_seconds=second.seconds,
+        memory=max(memory, default=None),
+        photos=len(run.scene().get("photos", {}).get("train", {})),
+        relit=means.get("relit_psnr"),
+        object=means.get("psnr_masked"),
+    )

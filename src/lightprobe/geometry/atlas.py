@@ -1,4 +1,6 @@
-"""Texture coordinates for a mesh: charts by xatlas under a time limit, or a simple atlas that always succeeds."""
+"""Texture coordinates for a mesh: charts by xatlas under a time limit, or a simple atlas that always
+succeeds.
+"""
 
 import io
 import math
@@ -15,10 +17,12 @@ _FEWEST_TEXELS = 6  # along an edge of the square that two triangles share, marg
 
 
 def unwrap(vertices: np.ndarray, faces: np.ndarray, texture_size: int, time_limit: float) -> tuple[Mesh, int]:
-    """Return the mesh with texture coordinates, vertices (V, 3), faces (F, 3), and the texture size that it needs.
+    """Return the mesh with texture coordinates, vertices (V, 3), faces (F, 3), and the texture size that it
+    needs.
 
     The unwrapper runs in a process of its own, because on difficult meshes it can take unbounded time; after
-    `time_limit` seconds (or a crash) `triangle_atlas` takes over, which may need more than `texture_size` texels.
+    `time_limit` seconds (or a crash) `triangle_atlas` takes over, which may need more than `texture_size`
+    texels.
     """
     result = _run_xatlas(vertices, faces, texture_size, time_limit)
     if result is None:
@@ -42,7 +46,9 @@ def _run_xatlas(
     np.savez(request, vertices=vertices, faces=faces, texture_size=texture_size)
     command = [sys.executable, "-m", "lightprobe.geometry.xatlas_process"]
     try:
-        done = subprocess.run(command, input=request.getvalue(), capture_output=True, timeout=time_limit, check=True)
+        done = subprocess.run(
+            command, input=request.getvalue(), capture_output=True, timeout=time_limit, check=True
+        )
         answer = np.load(io.BytesIO(done.stdout), allow_pickle=False)
         return answer["uvs"], answer["uv_faces"]
     except (subprocess.SubprocessError, OSError, ValueError, zipfile.BadZipFile):
@@ -50,12 +56,16 @@ def _run_xatlas(
 
 
 def triangle_atlas_size(count: int, texels: int) -> int:
-    """Return the texture size, a multiple of 256, that gives each pair of `count` triangles a square of `texels`²."""
+    """Return the texture size, a multiple of 256, that gives each pair of `count` triangles a square of
+    `texels`².
+    """
     return 256 * math.ceil((texels * math.sqrt(count / 2) + 64) / 256)
 
 
 def triangle_atlas(count: int, texture_size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return uvs (3 * count, 2) and uv_faces (count, 3): each pair of triangles fills one square of a regular grid."""
+    """Return uvs (3 * count, 2) and uv_faces (count, 3): each pair of triangles fills one square of a regular
+    grid.
+    """
     squares = (count + 1) // 2
     side = int(np.ceil(np.sqrt(squares)))
     margin = min(0.45, side / texture_size)  # one texel, in units of a square

@@ -1,8 +1,8 @@
 """Differentiable marching tetrahedra: signed distances on a lattice to triangles.
 
-The surface crosses an edge whose ends have different signs at the zero of the linear interpolation, so vertex positions
-are differentiable in the distances and in the lattice positions; the connectivity is not, and changes only when a sign
-does. Inside is negative. Triangles are counter-clockwise seen from outside.
+The surface crosses an edge whose ends have different signs at the zero of the linear interpolation, so vertex
+positions are differentiable in the distances and in the lattice positions; the connectivity is not, and
+changes only when a sign does. Inside is negative. Triangles are counter-clockwise seen from outside.
 """
 
 from dataclasses import dataclass
@@ -66,12 +66,15 @@ class Crossing:
 
 
 def _mixed_tetrahedra(lattice: TetLattice, inside: Tensor) -> Tensor:
-    """Return the tetrahedra (A,) int64 of the cells whose corners are not all inside (V,) bool or all outside.
+    """Return the tetrahedra (A,) int64 of the cells whose corners are not all inside (V,) bool or all
+    outside.
 
     Looking at cells takes a third of looking at every tetrahedron.
     """
     flags = inside.to(torch.uint8)
-    corners = torch.stack([flags.index_select(0, corner) for corner in lattice.cells]).sum(0, dtype=torch.uint8)
+    corners = torch.stack([flags.index_select(0, corner) for corner in lattice.cells]).sum(
+        0, dtype=torch.uint8
+    )
     mixed = ((corners > 0) & (corners < len(lattice.cells))).nonzero()[:, 0]
     return (6 * mixed[:, None] + torch.arange(6, device=mixed.device)).reshape(-1)
 
@@ -81,8 +84,8 @@ def marching_tetrahedra(
 ) -> tuple[Tensor, Tensor]:
     """Return surface vertices (N, 3) float32 and faces (F, 3) int32.
 
-    `positions` (V, 3) are the displaced lattice vertices, `distance` (V,) the signed distances (inside < 0) that
-    `crossing` was found for. Gradients flow to both. N = 0 when the distances have one sign only.
+    `positions` (V, 3) are the displaced lattice vertices, `distance` (V,) the signed distances (inside < 0)
+    that `crossing` was found for. Gradients flow to both. N = 0 when the distances have one sign only.
     """
     number = torch.empty(len(lattice.edges), dtype=torch.long, device=distance.device)
     number[crossing.edges] = torch.arange(len(crossing.edges), device=distance.device)
@@ -94,7 +97,9 @@ def marching_tetrahedra(
     bits = torch.tensor([1, 2, 4, 8], device=distance.device)
     corners = lattice.tets.index_select(0, crossing.tets)
     code = (values_at(crossing.inside, corners) * bits).sum(1)
-    triangles = CASES.to(distance.device).index_select(0, code)  # (A, 2, 3) edge numbers within the tetrahedron
+    triangles = CASES.to(distance.device).index_select(
+        0, code
+    )  # (A, 2, 3) edge numbers within the tetrahedron
     edges = lattice.tet_edges.index_select(0, crossing.tets)[:, None, :].expand(-1, 2, -1)
     faces = values_at(number, torch.gather(edges, 2, triangles.clamp(min=0)))
     real = (triangles[..., 0] >= 0).reshape(-1).nonzero()[:, 0]
@@ -104,8 +109,8 @@ def marching_tetrahedra(
 def sign_change_loss(lattice: TetLattice, crossing: Crossing, distance: Tensor) -> Tensor:
     """Return the mean cross-entropy between the two ends of every crossed edge, a scalar.
 
-    It pulls the distances (V,) of a crossed edge towards one common sign and so removes floaters and inner shells
-    (Munkberg et al. 2022, section 3.1). Distances enter in units of a lattice cell.
+    It pulls the distances (V,) of a crossed edge towards one common sign and so removes floaters and inner
+    shells (Munkberg et al. 2022, section 3.1). Distances enter in units of a lattice cell.
     """
     pairs = lattice.edges.index_select(0, crossing.edges)
     ends = gather_rows(distance[:, None], pairs)[..., 0] / lattice.cell  # (N, 2)

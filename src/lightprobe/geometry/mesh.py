@@ -1,7 +1,7 @@
 """Triangle meshes with texture coordinates, and the derived quantities shading needs.
 
-Notation: V positions, F faces, U texture vertices. Positions and texture coordinates have their own face arrays, so a
-vertex on a UV seam keeps one position and one smooth normal.
+Notation: V positions, F faces, U texture vertices. Positions and texture coordinates have their own face
+arrays, so a vertex on a UV seam keeps one position and one smooth normal.
 """
 
 import math
@@ -22,12 +22,16 @@ class Mesh:
     faces: Tensor  # (F, 3) int32
     uvs: Tensor  # (U, 2) float32 in [0, 1], v downwards in the image (row = v * height)
     uv_faces: Tensor  # (F, 3) int32 into uvs
-    normal_faces: Tensor | None = None  # (F, 3) int32 into `normals()`, split at creases; None: smooth everywhere
+    normal_faces: Tensor | None = (
+        None  # (F, 3) int32 into `normals()`, split at creases; None: smooth everywhere
+    )
 
     def to(self, device: torch.device) -> "Mesh":
         """Return the mesh on another device."""
         index = None if self.normal_faces is None else self.normal_faces.to(device)
-        vertices, faces, uvs, uv_faces = (t.to(device) for t in (self.vertices, self.faces, self.uvs, self.uv_faces))
+        vertices, faces, uvs, uv_faces = (
+            t.to(device) for t in (self.vertices, self.faces, self.uvs, self.uv_faces)
+        )
         return Mesh(vertices, faces, uvs, uv_faces, index)
 
     @property
@@ -63,7 +67,8 @@ def _to_corners(values: Tensor) -> Tensor:
 
 
 def uv_tangents(mesh: Mesh) -> Tensor:
-    """Return the unit tangents (U, 3) along +u of the texture vertices, area-weighted, not yet orthogonal to normals.
+    """Return the unit tangents (U, 3) along +u of the texture vertices, area-weighted, not yet orthogonal to
+    normals.
 
     A texture vertex whose faces have no UV area gets the x axis.
     """
@@ -106,11 +111,15 @@ def edge_faces(faces: Tensor, chosen: Tensor | None = None) -> EdgeFaces:
     starts[1:] = key[1:] != key[:-1]
     first = starts.nonzero()[:, 0]
     last = torch.cat([first[1:], first.new_tensor([len(key)])]) - 1
-    return EdgeFaces(torch.stack([key[first] // size, key[first] % size], 1), torch.stack([face[first], face[last]], 1))
+    return EdgeFaces(
+        torch.stack([key[first] // size, key[first] % size], 1), torch.stack([face[first], face[last]], 1)
+    )
 
 
 def is_closed(vertices: Tensor, faces: Tensor) -> bool:
-    """Return whether `faces` (F, 3) bound a solid and look outwards: each edge is run through once either way."""
+    """Return whether `faces` (F, 3) bound a solid and look outwards: each edge is run through once either
+    way.
+    """
     f = faces.long()
     first, second = f.reshape(-1), f[:, [1, 2, 0]].reshape(-1)
     count = len(vertices)
@@ -122,7 +131,8 @@ def is_closed(vertices: Tensor, faces: Tensor) -> bool:
 def crease_normals(vertices: Tensor, faces: Tensor, degrees: float) -> Tensor:
     """Return `normal_faces` (F, 3) int32 that keep faces apart where they meet at more than `degrees`.
 
-    Corners share a normal when a fan of faces that turn by less leads from one to the other around their vertex.
+    Corners share a normal when a fan of faces that turn by less leads from one to the other around their
+    vertex.
     """
     import scipy.sparse as sp
 
@@ -145,11 +155,15 @@ def _corner(faces: Tensor, face: Tensor, vertex: Tensor) -> Tensor:
     return 3 * face + (faces[face].long() == vertex[:, None]).int().argmax(1)
 
 
-def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """Drop degenerate faces, unused vertices, small connected parts, and those that bound a void inside the object.
+def clean(
+    vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01
+) -> tuple[np.ndarray, np.ndarray]:
+    """Drop degenerate faces, unused vertices, small connected parts, and those that bound a void inside the
+    object.
 
-    Small is less than `smallest_share` of the area. Takes and returns vertices (V, 3) float and faces (F, 3) int32,
-    counter-clockwise seen from outside: so a void's bound encloses a negative volume, and nothing can see it.
+    Small is less than `smallest_share` of the area. Takes and returns vertices (V, 3) float and faces (F, 3)
+    int32, counter-clockwise seen from outside: so a void's bound encloses a negative volume, and nothing can
+    see it.
     """
     import scipy.sparse as sp
 
@@ -164,7 +178,9 @@ def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01)
     p = vertices[faces].astype(np.float64)
     area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
     share = np.bincount(part, area) / max(area.sum(), 1e-30)
-    corner = p - p.mean((0, 1))  # a closed part's volume is the same from anywhere; near it, rounding is least
+    corner = p - p.mean(
+        (0, 1)
+    )  # a closed part's volume is the same from anywhere; near it, rounding is least
     volume = np.bincount(part, (corner[:, 0] * np.cross(corner[:, 1], corner[:, 2])).sum(1))
     faces = faces[((share >= smallest_share) & (volume >= 0))[part]]
     used, renumbered = np.unique(faces, return_inverse=True)
@@ -172,7 +188,8 @@ def clean(vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01)
 
 
 def decimate(vertices: np.ndarray, faces: np.ndarray, max_faces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mesh reduced to about `max_faces` triangles by quadric edge collapse; a smaller mesh is unchanged.
+    """Return the mesh reduced to about `max_faces` triangles by quadric edge collapse; a smaller mesh is
+    unchanged.
 
     Takes and returns vertices (V, 3) and faces (F, 3); of a reduced mesh they are float32 and int32.
     """
@@ -181,16 +198,20 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, max_faces: int) -> tuple[n
     import fast_simplification
 
     v, f = fast_simplification.simplify(
-        np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32), target_count=max_faces
+        np.ascontiguousarray(vertices, np.float32),
+        np.ascontiguousarray(faces, np.int32),
+        target_count=max_faces,
     )
     return np.asarray(v, np.float32), np.asarray(f, np.int32)
 
 
 def smooth(vertices: np.ndarray, faces: np.ndarray, rounds: int) -> np.ndarray:
-    """Return the vertices (V, 3) float32 of a closed mesh without ripples of a few edges' length, after Taubin (1995).
+    """Return the vertices (V, 3) float32 of a closed mesh without ripples of a few edges' length, after
+    Taubin (1995).
 
-    Each of the `rounds` takes every vertex half way to the mean of its neighbours, and then all of them a little
-    farther back, so that what is longer than the ripples neither fades nor shrinks. Faces (F, 3) stay as they are.
+    Each of the `rounds` takes every vertex half way to the mean of its neighbours, and then all of them a
+    little farther back, so that what is longer than the ripples neither fades nor shrinks. Faces (F, 3) stay
+    as they are.
     """
     import trimesh
 

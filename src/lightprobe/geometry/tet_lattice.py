@@ -1,7 +1,8 @@
 """The tetrahedral lattice that carries the signed distance.
 
-Every cell of a cubic grid is cut into the six tetrahedra that share its main diagonal (Kuhn's subdivision), which
-match across cell faces. Only cells near or inside the start shape are kept, so that the cost follows the object.
+Every cell of a cubic grid is cut into the six tetrahedra that share its main diagonal (Kuhn's subdivision),
+which match across cell faces. Only cells near or inside the start shape are kept, so that the cost follows
+the object.
 
 Notation: V lattice vertices, T tetrahedra, E edges; `cell` is the grid spacing in normalised units.
 """
@@ -39,7 +40,9 @@ TET_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))  # as pairs of a te
 
 
 def kuhn_tetrahedra() -> np.ndarray:
-    """Return the six tetrahedra of the unit cube as corner numbers x + 2y + 4z, (6, 4) int64, positively oriented."""
+    """Return the six tetrahedra of the unit cube as corner numbers x + 2y + 4z, (6, 4) int64, positively
+    oriented.
+    """
     tets = []
     for order in itertools.permutations((1, 2, 4)):
         path = [0, order[0], order[0] + order[1], 7]
@@ -51,7 +54,9 @@ def kuhn_tetrahedra() -> np.ndarray:
 
 
 def build_lattice(keep: np.ndarray, lower: np.ndarray, cell: float) -> TetLattice:
-    """Return the lattice of the cells marked in `keep` (N, N, N) bool, x first; cell (0,0,0) starts at `lower` (3,)."""
+    """Return the lattice of the cells marked in `keep` (N, N, N) bool, x first; cell (0,0,0) starts at
+    `lower` (3,).
+    """
     cells = np.argwhere(keep)
     size = np.array(keep.shape) + 1
     strides = np.array([size[1] * size[2], size[2], 1])

@@ -1,6 +1,8 @@
-"""The UV unwrapper as a process of its own, started by `atlas.unwrap`: a mesh on standard input, charts on output.
+"""The UV unwrapper as a process of its own, started by `atlas.unwrap`: a mesh on standard input, charts on
+output.
 
-Both are NumPy archives. A process can be stopped when it takes too long, and a crash of native code stays in it.
+Both are NumPy archives. A process can be stopped when it takes too long, and a crash of native code stays in
+it.
 """
 
 import io

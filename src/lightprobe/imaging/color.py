@@ -1,7 +1,7 @@
 """The sRGB transfer curve (IEC 61966-2-1), for NumPy arrays and torch tensors alike.
 
-Values below zero follow the curve's straight part and values above one its power part, so both functions are inverse
-to each other everywhere and have a finite derivative.
+Values below zero follow the curve's straight part and values above one its power part, so both functions are
+inverse to each other everywhere and have a finite derivative.
 """
 
 from typing import TypeVar

@@ -19,8 +19,8 @@ _HDR_SAMPLES = 16.0  # bytes of a pixel that are kept: four floats
 def read_header(path: Path) -> Header:
     """Return what stands beside the pixels of an image file; nothing is decoded.
 
-    Raises `InputError` naming the file when it is missing, too large, damaged, of a kind that is not read, or needs a
-    library that is not installed.
+    Raises `InputError` naming the file when it is missing, too large, damaged, of a kind that is not read, or
+    needs a library that is not installed.
     """
     kind = file_kind(path)
     if kind in PILLOW_KINDS:
@@ -34,7 +34,8 @@ def read_header(path: Path) -> Header:
 
 
 def foreign_encoding(path: Path) -> str | None:
-    """Return the name of the colour encoding that an image file declares, or None when that is sRGB or not declared.
+    """Return the name of the colour encoding that an image file declares, or None when that is sRGB or not
+    declared.
 
     It is converted to sRGB while it is read, unless it is `profiles.UNREADABLE`. Read from the header; raises
     `InputError` as `read_header`.
@@ -43,7 +44,8 @@ def foreign_encoding(path: Path) -> str | None:
 
 
 def decode(path: Path) -> Samples:
-    """Return the samples of an image file as they are stored, or reduced where the limit of memory asks for it.
+    """Return the samples of an image file as they are stored, or reduced where the limit of memory asks for
+    it.
 
     Raises `InputError` as `read_header`, and where the limit leaves no room for it.
     """
@@ -69,7 +71,8 @@ def _is_raw(path: Path, kind: FileKind) -> bool:
 
 
 def affordable_shrink(path: Path) -> int:
-    """Return what both sides of a photo are divided by while it is decoded: 1, or what the limit of memory asks for.
+    """Return what both sides of a photo are divided by while it is decoded: 1, or what the limit of memory
+    asks for.
 
     Raises `InputError` where it is too large however it is decoded; a warning says when it is reduced.
     """

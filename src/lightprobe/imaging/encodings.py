@@ -1,10 +1,12 @@
 """From encoded samples to linear sRGB: transfer curves and primaries, by the code points of ITU-T H.273.
 
-Notation: E encoded value in [0, 1] -> L linear light, 1.0 the reference white; M (3, 3) takes linear values of the
-file's primaries to those of sRGB, white to white. Sources: IEC 61966-2-1 (sRGB), SMPTE ST 2084 (PQ), ITU-R BT.2100
-(HLG), BT.2408 (reference white at 203 cd/m2, or E = .75 of HLG), RP 177 (M from chromaticities).
+Notation: E encoded value in [0, 1] -> L linear light, 1.0 the reference white; M (3, 3) takes linear values
+of the file's primaries to those of sRGB, white to white. Sources: IEC 61966-2-1 (sRGB), SMPTE ST 2084 (PQ),
+ITU-R BT.2100 (HLG), BT.2408 (reference white at 203 cd/m2, or E = .75 of HLG), RP 177 (M from
+chromaticities).
 
-Values outside sRGB's gamut are negative in M's result; they are cut at 0, as no surface here reflects less than none.
+Values outside sRGB's gamut are negative in M's result; they are cut at 0, as no surface here reflects less
+than none.
 """
 
 from collections.abc import Callable
@@ -39,8 +41,12 @@ class Encoding:
 
     name: str | None = None  # None: sRGB, declared or not
     curves: tuple[Curve, ...] = (srgb_decode,)  # of all channels, or one for each
-    matrix: np.ndarray | None = field(default=None, compare=False)  # (3, 3) float64 M, None: sRGB's own primaries
-    profile: bytes | None = None  # ICC profile of look-up tables, which only a colour management module can apply
+    matrix: np.ndarray | None = field(
+        default=None, compare=False
+    )  # (3, 3) float64 M, None: sRGB's own primaries
+    profile: bytes | None = (
+        None  # ICC profile of look-up tables, which only a colour management module can apply
+    )
 
 
 def linear(encoded: np.ndarray) -> np.ndarray:
@@ -74,18 +80,32 @@ def hlg(encoded: np.ndarray) -> np.ndarray:
     return inverse(np.asarray(encoded)) / inverse(np.asarray(_HLG_WHITE))
 
 
-# Curves by H.273's number of transfer characteristics. Television's 1, 6, 14 and 15 are for pictures graded on a
-# display, which undoes them by about the curve of sRGB.
+# Curves by H.273's number of transfer characteristics. Television's 1, 6, 14 and 15 are for pictures graded
+# on a display, which undoes them by about the curve of sRGB.
 _TRANSFERS: dict[int, Curve] = {
-    1: srgb_decode, 4: power(2.2), 5: power(2.8), 6: srgb_decode, 8: linear, 13: srgb_decode, 14: srgb_decode,
-    15: srgb_decode, 16: pq, 18: hlg,
-}  # fmt: skip
+    1: srgb_decode,
+    4: power(2.2),
+    5: power(2.8),
+    6: srgb_decode,
+    8: linear,
+    13: srgb_decode,
+    14: srgb_decode,
+    15: srgb_decode,
+    16: pq,
+    18: hlg,
+}
 _TRANSFER_NAMES = {4: "gamma 2.2", 5: "gamma 2.8", 8: "linear", 16: "PQ", 18: "HLG"}
 
 
 def coded(primaries: int, transfer: int) -> Encoding:
-    """Return the encoding of two code points of H.273; unknown ones (2) and those of no camera count as sRGB's."""
-    names = [table[code] for table, code in ((_PRIMARY_NAMES, primaries), (_TRANSFER_NAMES, transfer)) if code in table]
+    """Return the encoding of two code points of H.273; unknown ones (2) and those of no camera count as
+    sRGB's.
+    """
+    names = [
+        table[code]
+        for table, code in ((_PRIMARY_NAMES, primaries), (_TRANSFER_NAMES, transfer))
+        if code in table
+    ]
     if not names:
         return SRGB
     curve = _TRANSFERS.get(transfer, srgb_decode)
@@ -99,7 +119,9 @@ def primaries_matrix(red: tuple, green: tuple, blue: tuple, white: tuple) -> np.
 
 
 def from_d50(to_d50: np.ndarray) -> np.ndarray:
-    """Return M (3, 3) for `to_d50` (3, 3), which takes linear values to XYZ adapted to D50, as ICC profiles store."""
+    """Return M (3, 3) for `to_d50` (3, 3), which takes linear values to XYZ adapted to D50, as ICC profiles
+    store.
+    """
     return np.linalg.solve(_to_d50(_D65) @ _to_xyz(*SRGB_XY), to_d50)
 
 
@@ -130,4 +152,6 @@ def _to_d50(white: tuple) -> np.ndarray:
 
 
 # Adobe RGB (1998), as cameras declare it by EXIF alone
-ADOBE_RGB = Encoding("Adobe RGB", (power(563 / 256),), primaries_matrix((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), _D65))
+ADOBE_RGB = Encoding(
+    "Adobe RGB", (power(563 / 256),), primaries_matrix((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), _D65)
+)

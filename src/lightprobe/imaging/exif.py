@@ -2,9 +2,9 @@
 
 EV100 = log2(N^2 / t) - log2(ISO / 100), with f-number N and exposure time t in seconds (ISO 2720).
 
-Focal length: an equivalent of 35 mm film stands for the same angle over the *diagonal*, 43.27 mm of 36 x 24 mm film
-(CIPA DCG-001), whatever the shape of the sensor; over the longer side this is f / 36 for 3:2 and f / 34.6 for 4:3.
-COLMAP's f / 35 lies between the two.
+Focal length: an equivalent of 35 mm film stands for the same angle over the *diagonal*, 43.27 mm of 36 x 24
+mm film (CIPA DCG-001), whatever the shape of the sensor; over the longer side this is f / 36 for 3:2 and f /
+34.6 for 4:3. COLMAP's f / 35 lies between the two.
 """
 
 import math
@@ -22,17 +22,20 @@ _LEAST, _GREATEST = 1e-9, 1e9  # of seconds, f-numbers and ISO: beyond, the file
 _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
 # mm, mm of 35 mm film
 _FOCAL_LENGTH, _FOCAL_LENGTH_35 = 0x920A, 0xA405
-# Pixels along the sensor's width for each unit of length, that unit, and the size in pixels that this is meant for
+# Pixels along the sensor's width for each unit of length, that unit, and the size in pixels that this is
+# meant for
 _PLANE_RESOLUTION, _PLANE_UNIT, _PIXELS_X, _PIXELS_Y = 0xA20E, 0xA210, 0xA002, 0xA003
 _UNITS = {2: 25.4, 3: 10.0, 4: 1.0}  # mm of an inch, a centimetre and a millimetre
 _FILM_DIAGONAL = math.hypot(36, 24)  # mm
 _PLAUSIBLE_FOCAL = 0.2, 30.0  # of the longer side: fisheye lenses and telescopes lie beyond
-# Programs that scale a photo down write its new size, but keep the pitch: the size is the sensor's only where it is a
-# camera's, in pixels, and makes one of the usual widths of sensors, in mm.
+# Programs that scale a photo down write its new size, but keep the pitch: the size is the sensor's only where
+# it is a camera's, in pixels, and makes one of the usual widths of sensors, in mm.
 _LEAST_PIXELS = 2000
 # The usual widths in mm, and by how much one may differ
 _SENSORS, _SENSOR_STEP = (53.4, 43.8, 36.0, 23.5, 22.3, 17.3, 13.2, 8.8, 7.5, 6.17), 0.03
-_AGREE = 0.1  # relative difference of two statements of one focal length, of which the second is rounded to mm
+_AGREE = (
+    0.1  # relative difference of two statements of one focal length, of which the second is rounded to mm
+)
 _MAKER_NOTE, _LENS_MODEL = 0x927C, 0xA434  # numbers of EXIF tags
 _APPLE, _APPLE_ENTRIES = b"Apple iOS\0\0\x01MM", 14  # start of Apple's note, and where its entries begin
 _ACCELERATION, _SIGNED_RATIONAL = 8, 10  # number of the entry, and type of its three values
@@ -45,7 +48,9 @@ def read_exif(path: Path) -> Image.Exif:
 
 
 def read_exif_ev100(path: Path) -> float | None:
-    """Return the exposure value at ISO 100, or None when time, f-number or ISO are missing or beyond all bounds."""
+    """Return the exposure value at ISO 100, or None when time, f-number or ISO are missing or beyond all
+    bounds.
+    """
     tags = read_exif(path).get_ifd(EXIF_FOLDER)
     values = [_number(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO)]
     if any(value is None for value in values):
@@ -55,9 +60,11 @@ def read_exif_ev100(path: Path) -> float | None:
 
 
 def upright_exposure(path: Path) -> Image.Exif:
-    """Return new EXIF entries for an upright copy of an image file: how it was exposed, as far as the file tells.
+    """Return new EXIF entries for an upright copy of an image file: how it was exposed, as far as the file
+    tells.
 
-    All else stays behind: places and notes may have been left in the file, or be of a kind that cannot be written.
+    All else stays behind: places and notes may have been left in the file, or be of a kind that cannot be
+    written.
     """
     exif, tags = upright_exif(), read_exif(path).get_ifd(EXIF_FOLDER)
     told = {tag: _number(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO)}
@@ -74,10 +81,12 @@ def read_orientation(path: Path) -> int | None:
 
 
 def focal_ratio(path: Path) -> float | None:
-    """Return the focal length over the longer side of the whole picture, or None when the camera did not tell.
+    """Return the focal length over the longer side of the whole picture, or None when the camera did not
+    tell.
 
-    From the sensor's pitch and the focal length in mm, where these are a camera's own, or from the equivalent of 35 mm
-    film, by the diagonal (above); the latter alone where the two disagree. Neither knows of later cropping.
+    From the sensor's pitch and the focal length in mm, where these are a camera's own, or from the equivalent
+    of 35 mm film, by the diagonal (above); the latter alone where the two disagree. Neither knows of later
+    cropping.
     """
     header = read_header(Path(path))
     tags = header.exif.get_ifd(EXIF_FOLDER)
@@ -88,12 +97,14 @@ def focal_ratio(path: Path) -> float | None:
 
 
 def gravity(path: Path) -> np.ndarray | None:
-    """Return the direction up, against gravity, (3,) float64 of length 1, or None when the camera did not tell it.
+    """Return the direction up, against gravity, (3,) float64 of length 1, or None when the camera did not
+    tell it.
 
-    In OpenGL's camera axes (x right, y up, looking along -z) of the picture turned upright. From the acceleration that
-    Apple's cameras note (entry 8 in ExifTool's table of Apple tags): as seen from the screen, x points to the left, y
-    to the bottom and z into the device, and at rest the value points up. A picture that is not turned has the device's
-    right side on top; cameras on the side of the screen are mirrored and are left out.
+    In OpenGL's camera axes (x right, y up, looking along -z) of the picture turned upright. From the
+    acceleration that Apple's cameras note (entry 8 in ExifTool's table of Apple tags): as seen from the
+    screen, x points to the left, y to the bottom and z into the device, and at rest the value points up. A
+    picture that is not turned has the device's right side on top; cameras on the side of the screen are
+    mirrored and are left out.
     """
     exif = read_header(Path(path)).exif
     tags = exif.get_ifd(EXIF_FOLDER)
@@ -153,7 +164,9 @@ def _acceleration(note: object) -> np.ndarray | None:
         return None
     try:
         (count,) = struct.unpack_from(">H", note, _APPLE_ENTRIES)
-        entries = [struct.unpack_from(">HHII", note, _APPLE_ENTRIES + 2 + 12 * index) for index in range(count)]
+        entries = [
+            struct.unpack_from(">HHII", note, _APPLE_ENTRIES + 2 + 12 * index) for index in range(count)
+        ]
         at = next(e[3] for e in entries if e[:3] == (_ACCELERATION, _SIGNED_RATIONAL, 3))
         above, below = np.array(struct.unpack_from(">6i", note, at), np.float64).reshape(3, 2).T
     except (struct.error, StopIteration):

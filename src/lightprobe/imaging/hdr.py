@@ -27,10 +27,10 @@ _LARGEST_HALF = 65504.0  # largest finite 16-bit float
 def read_hdr(path: Path) -> np.ndarray:
     """Read an OpenEXR or Radiance file, told apart by content.
 
-    Returns (H, W, C) float32, linear: C = 3 for channels R, G, B or X, Y, Z (in that order), 4 with A (values as
-    stored, by convention premultiplied), 1 for a single Y. Colour of an OpenEXR file that names other primaries than
-    sRGB's (`chromaticities`) is converted, and cut at 0. Raises `InputError` naming the file when it is missing, too
-    large, damaged, or holds other channels.
+    Returns (H, W, C) float32, linear: C = 3 for channels R, G, B or X, Y, Z (in that order), 4 with A (values
+    as stored, by convention premultiplied), 1 for a single Y. Colour of an OpenEXR file that names other
+    primaries than sRGB's (`chromaticities`) is converted, and cut at 0. Raises `InputError` naming the file
+    when it is missing, too large, damaged, or holds other channels.
     """
     path = Path(path)
     start = signature(path)
@@ -42,7 +42,8 @@ def read_hdr(path: Path) -> np.ndarray:
 
 
 def stored_bytes(path: Path) -> float:
-    """Return what an OpenEXR or Radiance file holds for each pixel, in bytes; raises `InputError` as `read_hdr`.
+    """Return what an OpenEXR or Radiance file holds for each pixel, in bytes; raises `InputError` as
+    `read_hdr`.
 
     Of OpenEXR all channels of all parts are decoded, whichever are read.
     """
@@ -55,7 +56,9 @@ def stored_bytes(path: Path) -> float:
 
 
 def hdr_size(path: Path) -> tuple[int, int]:
-    """Return (width, height) of an OpenEXR or Radiance file from its header; raises `InputError` as `read_hdr`."""
+    """Return (width, height) of an OpenEXR or Radiance file from its header; raises `InputError` as
+    `read_hdr`.
+    """
     path = Path(path)
     if not signature(path).startswith(_EXR_MAGIC):
         return radiance_size(path)
@@ -63,7 +66,8 @@ def hdr_size(path: Path) -> tuple[int, int]:
 
 
 def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
-    """Write `array` (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) as ZIP-compressed EXR (Y, RGB or RGBA), atomically.
+    """Write `array` (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) as ZIP-compressed EXR (Y, RGB or RGBA),
+    atomically.
 
     `half` stores 16-bit floats, with values clipped to their range instead of becoming infinite.
     """
@@ -81,7 +85,9 @@ def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
 
 
 def _read_exr(path: Path) -> np.ndarray:
-    """Read the first part of an OpenEXR file; its headers are checked first, because decoding trusts any size."""
+    """Read the first part of an OpenEXR file; its headers are checked first, because decoding trusts any
+    size.
+    """
     try:
         header = _exr_headers(path)[0]
         names = _check_header(path, header)
@@ -128,7 +134,9 @@ def _extent(header: dict) -> tuple[int, int]:
 
 
 def _to_srgb(header: dict) -> np.ndarray | None:
-    """Return the matrix (3, 3) to sRGB's primaries, None where the file has these or names none that are colours."""
+    """Return the matrix (3, 3) to sRGB's primaries, None where the file has these or names none that are
+    colours.
+    """
     named = np.ravel(header.get("chromaticities", ())).astype(np.float64)
     if named.size != 8 or not np.isfinite(named).all() or np.abs(named - np.ravel(SRGB_XY)).max() < _SAME:
         return None
@@ -141,11 +149,15 @@ def _to_srgb(header: dict) -> np.ndarray | None:
 
 
 def _check_header(path: Path, header: dict) -> str:
-    """Return the names of the channels to read; raise `InputError` on a size, crop or channels we do not read."""
+    """Return the names of the channels to read; raise `InputError` on a size, crop or channels we do not
+    read.
+    """
     check_pixels(path, *_extent(header))
     windows = zip(header["dataWindow"], header["displayWindow"], strict=True)
     if any((np.asarray(a) != np.asarray(b)).any() for a, b in windows):
-        raise InputError(f"{path} is a cropped EXR (data window and display window differ); save the whole image.")
+        raise InputError(
+            f"{path} is a cropped EXR (data window and display window differ); save the whole image."
+        )
     if header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage):
         raise InputError(f"{path} is a deep EXR; save a flat image.")
     full = {channel.name for channel in header["channels"] if channel.xSampling == channel.ySampling == 1}

@@ -14,10 +14,14 @@ class Room:
 
     samples: float  # that are kept
     decoding: float  # at most while they are made, themselves included
-    coefficients: float | None = None  # what a decoder that can reduce while it decodes takes at any size; None: cannot
+    coefficients: float | None = (
+        None  # what a decoder that can reduce while it decodes takes at any size; None: cannot
+    )
 
     def bytes(self, pixels: int, shrink: int = 1, *, turned: bool = False) -> int:
-        """Return what so many pixels take, both sides divided by `shrink`; turned: whether they are copied upright."""
+        """Return what so many pixels take, both sides divided by `shrink`; turned: whether they are copied
+        upright.
+        """
         reduced = max(self.decoding, 2 * self.samples if turned else 0.0) / shrink**2
         return int(pixels * (reduced + (self.coefficients or 0.0)))
 

@@ -1,7 +1,8 @@
 """HEIF files, such as phones' HEIC, with 8, 10 or 12 bits per sample, by libheif.
 
-The format turns pictures by itself (ISO 23008-12, irot and imir), which libheif follows: stored pixels are upright, and
-the EXIF orientation, which says the same once more, is left aside. A gain map for brighter screens is left aside, too.
+The format turns pictures by itself (ISO 23008-12, irot and imir), which libheif follows: stored pixels are
+upright, and the EXIF orientation, which says the same once more, is left aside. A gain map for brighter
+screens is left aside, too.
 """
 
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""ICC profiles of curves and a matrix (ICC.1:2022, annex F): what they say in numbers, to compute with in floats.
+"""ICC profiles of curves and a matrix (ICC.1:2022, annex F): what they say in numbers, to compute with in
+floats.
 
 Profiles with look-up tables instead are left to a colour management module.
 """
@@ -15,7 +16,8 @@ _PARAMETERS = (1, 3, 4, 5, 7)  # how many a parametric curve of each kind has (1
 
 
 def matrix_encoding(data: bytes, name: str) -> Encoding | None:
-    """Return the encoding that an ICC profile for RGB or grey states by curves, or None when it has tables instead.
+    """Return the encoding that an ICC profile for RGB or grey states by curves, or None when it has tables
+    instead.
 
     Raises `ValueError`, `KeyError` or `struct.error` on a damaged profile.
     """

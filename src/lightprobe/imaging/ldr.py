@@ -1,4 +1,6 @@
-"""Whole photos, masks and maps: encoded samples of image files of any kind, linear float32 in memory; and PNG out."""
+"""Whole photos, masks and maps: encoded samples of image files of any kind, linear float32 in memory; and PNG
+out.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,21 +29,24 @@ def read_ldr(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Read a photo or a map: PNG, JPEG, WebP, TIFF, HEIC, AVIF, camera raw, OpenEXR or Radiance HDR.
 
-    Returns float32 rgb (H, W, 3), linear sRGB and straight (not premultiplied), and float32 alpha (H, W) or None; 1.0
-    is the file's white, floats may be above. `srgb=False` is for maps stored linearly, such as roughness: samples are
-    only scaled to [0, 1]. `orient=False` leaves the rows as stored instead of following the EXIF orientation. `size`
-    (height, width): what it is area-averaged to, colour and alpha each for itself, without being held whole. Raises
-    `InputError` naming the file when it is missing, too large, damaged, of another kind, or needs a library of the
-    extra `photos` that is not installed.
+    Returns float32 rgb (H, W, 3), linear sRGB and straight (not premultiplied), and float32 alpha (H, W) or
+    None; 1.0 is the file's white, floats may be above. `srgb=False` is for maps stored linearly, such as
+    roughness: samples are only scaled to [0, 1]. `orient=False` leaves the rows as stored instead of
+    following the EXIF orientation. `size` (height, width): what it is area-averaged to, colour and alpha each
+    for itself, without being held whole. Raises `InputError` naming the file when it is missing, too large,
+    damaged, of another kind, or needs a library of the extra `photos` that is not installed.
     """
     return _colors(PhotoFile(path, srgb=srgb, turn=None if orient else 1), size)
 
 
-def read_photo(path: Path, *, size: tuple[int, int] | None = None) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-    """Return colour and alpha as `read_ldr`, and where the file's white hides how bright it was, (H, W, 3) bool.
+def read_photo(
+    path: Path, *, size: tuple[int, int] | None = None
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+    """Return colour and alpha as `read_ldr`, and where the file's white hides how bright it was, (H, W, 3)
+    bool.
 
-    That is told of what the file stores, before its primaries are converted. Of reduced photos a pixel with any source
-    pixel at white counts.
+    That is told of what the file stores, before its primaries are converted. Of reduced photos a pixel with
+    any source pixel at white counts.
     """
     image = PhotoFile(path)
     color, alpha = _colors(image, size)
@@ -51,7 +56,10 @@ def read_photo(path: Path, *, size: tuple[int, int] | None = None) -> tuple[np.n
             clipped[first:last] = image.clipped_rows(first, last)
     else:
         whole = (image.height, image.width, 3)
-        clipped = resize_rows(lambda *rows: image.clipped_rows(*rows).astype(np.float32), whole, *color.shape[:2]) > 0
+        clipped = (
+            resize_rows(lambda *rows: image.clipped_rows(*rows).astype(np.float32), whole, *color.shape[:2])
+            > 0
+        )
     return color, alpha, clipped
 
 
@@ -65,7 +73,9 @@ def _colors(image: PhotoFile, size: tuple[int, int] | None) -> tuple[np.ndarray,
             return color if alpha is None else np.dstack([color, alpha])
 
         small = resize_rows(planes, (image.height, image.width, count), *size)
-        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(small[..., 3]) if count == 4 else None
+        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(
+            small[..., 3]
+        ) if count == 4 else None
     color = np.empty((image.height, image.width, 3), np.float32)
     alpha = np.empty((image.height, image.width), np.float32) if image.has_alpha else None
     for first, last in image.strips():
@@ -96,15 +106,19 @@ def alpha_range(path: Path) -> tuple[float, float]:
 def read_mask(path: Path, *, turn: int | None = None, size: tuple[int, int] | None = None) -> np.ndarray:
     """Read a mask as coverage: (H, W) float32 in [0, 1], no sRGB decoding.
 
-    An alpha channel that is not opaque everywhere is the mask; otherwise the largest colour channel is. turn: EXIF
-    orientation 1..8 it is turned by, by default its own. `size` as in `read_ldr`.
+    An alpha channel that is not opaque everywhere is the mask; otherwise the largest colour channel is. turn:
+    EXIF orientation 1..8 it is turned by, by default its own. `size` as in `read_ldr`.
     """
     image = PhotoFile(path, turn=turn)
     return _gathered(image.mask_rows, image, size)
 
 
-def _gathered(rows: Callable[[int, int], np.ndarray], image: PhotoFile, size: tuple[int, int] | None) -> np.ndarray:
-    """Return all rows (H, W) float32 of what `rows` returns strips of, area-averaged to `size` if it is given."""
+def _gathered(
+    rows: Callable[[int, int], np.ndarray], image: PhotoFile, size: tuple[int, int] | None
+) -> np.ndarray:
+    """Return all rows (H, W) float32 of what `rows` returns strips of, area-averaged to `size` if it is
+    given.
+    """
     if size is not None and size != (image.height, image.width):
         return resize_rows(rows, (image.height, image.width), *size)
     whole = np.empty((image.height, image.width), np.float32)
@@ -118,7 +132,8 @@ def write_png(
 ) -> None:
     """Write linear straight `color` (H, W, 3) and optional `alpha` (H, W) as PNG, atomically.
 
-    Values are clipped to [0, 1] and NaN becomes 0; `srgb=False` stores them without the sRGB curve; `bits` is 8 or 16.
+    Values are clipped to [0, 1] and NaN becomes 0; `srgb=False` stores them without the sRGB curve; `bits` is
+    8 or 16.
     """
     height, width = color.shape[:2]
     levels, channels = (255 if bits == 8 else 65535), 3 if alpha is None else 4
@@ -127,15 +142,21 @@ def write_png(
     for top in range(0, height, step):  # in strips: the floats on the way take many times what is written
         rows = color[top : top + step]
         rows = srgb_encode(np.clip(np.nan_to_num(rows), 0, 1)) if srgb else rows
-        planes = rows if alpha is None else np.concatenate([rows, np.asarray(alpha)[top : top + step, :, None]], axis=2)
+        planes = (
+            rows
+            if alpha is None
+            else np.concatenate([rows, np.asarray(alpha)[top : top + step, :, None]], axis=2)
+        )
         samples[top : top + step] = np.clip(np.nan_to_num(planes) * levels + 0.5, 0, levels)
     write_encoded(path, samples)
 
 
 def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
-    """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically; `size` (height, width): enlarged to.
+    """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically; `size` (height, width):
+    enlarged to.
 
-    Enlarging is bilinear. The file says that it is upright: a mask that does not is turned along with its photo.
+    Enlarging is bilinear. The file says that it is upright: a mask that does not is turned along with its
+    photo.
     """
     grey = np.empty(mask.shape, np.uint8)
     step = max(1, STRIP // max(mask.shape[1], 1))

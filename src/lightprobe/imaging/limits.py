@@ -1,4 +1,6 @@
-"""The size an image header may announce before anything is decoded, and the size that photos are worked on at."""
+"""The size an image header may announce before anything is decoded, and the size that photos are worked on
+at.
+"""
 
 import math
 import warnings
@@ -9,7 +11,9 @@ from lightprobe.core.memory_limit import current_limit, in_gigabytes, memory_lef
 
 MAX_PIXELS = 134_217_728  # 2^27, a 16384 x 8192 environment: 1.6 GB as float32 RGB
 
-WORKED_PIXELS = 2**24  # of a new photo that are held as floats at once: larger ones are area-averaged while read
+WORKED_PIXELS = (
+    2**24
+)  # of a new photo that are held as floats at once: larger ones are area-averaged while read
 _WORKED_BYTES = 96  # for each of these, at most, that locating and predicting take
 _LATER = 300 * 10**6  # bytes that locating and predicting take by themselves, once the photo is read
 _FEWEST_WORKED = 2**18  # pixels: smaller pictures show too little of an object
@@ -29,10 +33,11 @@ def check_pixels(path: Path, width: int, height: int) -> None:
 
 
 def worked_size(path: Path, size: tuple[int, int], wanted: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Return the (height, width) that a new photo of `size` is worked on at: `wanted`, by default `size`, or less.
+    """Return the (height, width) that a new photo of `size` is worked on at: `wanted`, by default `size`, or
+    less.
 
-    Less is `WORKED_PIXELS`, or what the limit of memory leaves room for; a warning says the latter. Raises `InputError`
-    where it leaves too little.
+    Less is `WORKED_PIXELS`, or what the limit of memory leaves room for; a warning says the latter. Raises
+    `InputError` where it leaves too little.
     """
     height, width = wanted or size
     left = None if (free := memory_left()) is None else max(free - _LATER, 0)
@@ -60,7 +65,9 @@ def check_room(path: Path, size: tuple[int, int], pixel_bytes: float) -> None:
 
 
 def say_reduced(path: Path, size: tuple[int, int], reduced: tuple[int, int], needed: float) -> None:
-    """Warn, once for each photo, that one of `size` (width, height) is reduced, as it would take `needed` bytes."""
+    """Warn, once for each photo, that one of `size` (width, height) is reduced, as it would take `needed`
+    bytes.
+    """
     if (path, reduced) in _said:
         return
     _said.add((path, reduced))

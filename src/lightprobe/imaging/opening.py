@@ -1,4 +1,6 @@
-"""What kind of image a file is, told by its content, and Pillow's formats opened with the header checked first."""
+"""What kind of image a file is, told by its content, and Pillow's formats opened with the header checked
+first.
+"""
 
 import contextlib
 import enum
@@ -14,8 +16,19 @@ from lightprobe.core.reading import LARGEST_PICTURE, BoundedFile, check_file
 from lightprobe.imaging.limits import check_pixels
 
 # Decoders report damage with whatever their parsers run into.
-_DAMAGE = (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError, RuntimeError, OverflowError,
-           struct.error, zlib.error)  # fmt: skip
+_DAMAGE = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    EOFError,
+    IndexError,
+    KeyError,
+    TypeError,
+    RuntimeError,
+    OverflowError,
+    struct.error,
+    zlib.error,
+)
 _START = 64  # bytes of a file that tell its kind: a file type box of ISO 14496-12 with a few brands fits
 
 
@@ -36,16 +49,30 @@ class FileKind(enum.Enum):
 
 
 _MAGIC = {
-    b"\x89PNG\r\n\x1a\n": FileKind.PNG, b"\xff\xd8\xff": FileKind.JPEG, b"RIFF": FileKind.WEBP,
-    b"\x76\x2f\x31\x01": FileKind.EXR, b"#?": FileKind.RADIANCE,
-    b"II*\0": FileKind.TIFF, b"MM\0*": FileKind.TIFF, b"II+\0": FileKind.TIFF, b"MM\0+": FileKind.TIFF,
-    b"FUJIFILMCCD-RAW": FileKind.RAW, b"IIRO": FileKind.RAW, b"IIRS": FileKind.RAW, b"MMOR": FileKind.RAW,
-    b"IIU\0": FileKind.RAW, b"II\x1a\0\0\0HEAPCCDR": FileKind.RAW, b"FOVb": FileKind.RAW, b"\0MRM": FileKind.RAW,
-}  # fmt: skip
+    b"\x89PNG\r\n\x1a\n": FileKind.PNG,
+    b"\xff\xd8\xff": FileKind.JPEG,
+    b"RIFF": FileKind.WEBP,
+    b"\x76\x2f\x31\x01": FileKind.EXR,
+    b"#?": FileKind.RADIANCE,
+    b"II*\0": FileKind.TIFF,
+    b"MM\0*": FileKind.TIFF,
+    b"II+\0": FileKind.TIFF,
+    b"MM\0+": FileKind.TIFF,
+    b"FUJIFILMCCD-RAW": FileKind.RAW,
+    b"IIRO": FileKind.RAW,
+    b"IIRS": FileKind.RAW,
+    b"MMOR": FileKind.RAW,
+    b"IIU\0": FileKind.RAW,
+    b"II\x1a\0\0\0HEAPCCDR": FileKind.RAW,
+    b"FOVb": FileKind.RAW,
+    b"\0MRM": FileKind.RAW,
+}
 _BRANDS = {
-    b"avif": FileKind.AVIF, b"avis": FileKind.AVIF, b"crx ": FileKind.RAW,
+    b"avif": FileKind.AVIF,
+    b"avis": FileKind.AVIF,
+    b"crx ": FileKind.RAW,
     **dict.fromkeys((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), FileKind.HEIF),
-}  # fmt: skip
+}
 STILL_BRANDS = frozenset(_BRANDS)  # file type boxes of pictures, which videos begin with too
 # The readers are called directly because `Image.open` warns and raises at its own, process-wide size limit.
 _READERS: dict[FileKind, Callable[..., Image.Image]] = {
@@ -68,7 +95,9 @@ def decode_errors(path: Path) -> Iterator[None]:
 
 
 def signature(path: Path) -> bytes:
-    """Return the first 64 bytes of a picture; raise `InputError` when it is missing, unreadable, no file or empty."""
+    """Return the first 64 bytes of a picture; raise `InputError` when it is missing, unreadable, no file or
+    empty.
+    """
     check_file(path, LARGEST_PICTURE)
     try:
         with open(path, "rb") as file:
@@ -81,10 +110,14 @@ def signature(path: Path) -> bytes:
 
 
 def file_kind(path: Path) -> FileKind:
-    """Return the kind of an image file; raise `InputError` when it is none that is read, or as `signature` does."""
+    """Return the kind of an image file; raise `InputError` when it is none that is read, or as `signature`
+    does.
+    """
     start = signature(path)
     kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
-    if kind is None and start[4:8] == b"ftyp":  # the major brand first, then the compatible ones (ISO 14496-12)
+    if (
+        kind is None and start[4:8] == b"ftyp"
+    ):  # the major brand first, then the compatible ones (ISO 14496-12)
         length = min(int.from_bytes(start[:4], "big"), len(start))
         brands = [start[8:12], *(start[i : i + 4] for i in range(16, length - 3, 4))]
         kinds = [_BRANDS[brand] for brand in brands if brand in _BRANDS]
@@ -98,7 +131,9 @@ def file_kind(path: Path) -> FileKind:
 
 @contextlib.contextmanager
 def open_image(path: Path) -> Iterator[Image.Image]:
-    """Yield the Pillow image of a PNG, JPEG, WebP or AVIF file: header read and size checked, nothing decoded."""
+    """Yield the Pillow image of a PNG, JPEG, WebP or AVIF file: header read and size checked, nothing
+    decoded.
+    """
     reader = _READERS.get(file_kind(path))
     if reader is None:
         raise InputError(f"{path} is not a PNG, JPEG, WebP or AVIF image.")
@@ -123,5 +158,7 @@ def _webp_size(start: bytes) -> tuple[int, int] | None:
         bits = int.from_bytes(start[21:25], "little")
         return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
     if start[12:16] == b"VP8 ":
-        return int.from_bytes(start[26:28], "little") & 0x3FFF, int.from_bytes(start[28:30], "little") & 0x3FFF
+        return int.from_bytes(start[26:28], "little") & 0x3FFF, int.from_bytes(
+            start[28:30], "little"
+        ) & 0x3FFF
     return None

@@ -1,7 +1,7 @@
 """An image file of any kind: decoded once, and made into linear floats a few rows at a time.
 
-Colours become linear sRGB in which 1.0 is the file's white. Files of floats (OpenEXR, Radiance, TIFF) are linear
-already and have no white to clip at.
+Colours become linear sRGB in which 1.0 is the file's white. Files of floats (OpenEXR, Radiance, TIFF) are
+linear already and have no white to clip at.
 """
 
 import functools
@@ -16,22 +16,29 @@ from lightprobe.imaging.encodings import LINEAR, Curve, Encoding, linear
 from lightprobe.imaging.exif import read_orientation, upright
 from lightprobe.imaging.resize import STRIP
 
-CLIPPED = 0.98  # linear value from which a photo is taken as saturated; half a code below 255 of 8 bits is .989
+CLIPPED = (
+    0.98  # linear value from which a photo is taken as saturated; half a code below 255 of 8 bits is .989
+)
 _ABOVE = 1.001  # linear, of a greatest code that stands for more than white
 _BRIGHTEST = 1e9  # of floats, which may be infinite: sums over a photo stay numbers
 
 # Pillow's name of what EXIF orientations 2 to 8 ask for
 _TURNS = {
-    2: Image.Transpose.FLIP_LEFT_RIGHT, 3: Image.Transpose.ROTATE_180, 4: Image.Transpose.FLIP_TOP_BOTTOM,
-    5: Image.Transpose.TRANSPOSE, 6: Image.Transpose.ROTATE_270, 7: Image.Transpose.TRANSVERSE,
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
-}  # fmt: skip
+}
 
 
 class PhotoFile:
     """The samples of an image file, decoded once, and made into floats a few rows at a time.
 
-    Of a large photo the floats take four times the memory of its samples, and what is computed from them many times.
+    Of a large photo the floats take four times the memory of its samples, and what is computed from them many
+    times.
     """
 
     def __init__(self, path: Path, *, srgb: bool = True, turn: int | None = None):
@@ -57,8 +64,12 @@ class PhotoFile:
 
     @property
     def shows_more_than_white(self) -> bool:
-        """Whether it tells how bright things above reference white are: floats do, and the codes of HLG and PQ."""
-        return not self.has_white or any(_table(self._levels, curve)[-1] > _ABOVE for curve in self._encoding.curves)
+        """Whether it tells how bright things above reference white are: floats do, and the codes of HLG and
+        PQ.
+        """
+        return not self.has_white or any(
+            _table(self._levels, curve)[-1] > _ABOVE for curve in self._encoding.curves
+        )
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return float32 rgb (h, W, 3) and alpha (h, W) or None of the rows first..last - 1, as `read_ldr`."""
@@ -73,9 +84,11 @@ class PhotoFile:
         return alpha
 
     def clipped_rows(self, first: int, last: int) -> np.ndarray:
-        """Return where the rows first..last - 1 reach the file's white, (h, W, 3) bool, per channel as stored.
+        """Return where the rows first..last - 1 reach the file's white, (h, W, 3) bool, per channel as
+        stored.
 
-        What the file's own primaries clip is told before they are converted, which would move it away from white.
+        What the file's own primaries clip is told before they are converted, which would move it away from
+        white.
         """
         colors, _ = self._split(first, last)
         if not self.has_white:
@@ -112,7 +125,9 @@ class PhotoFile:
         return stored[..., :-1], self._plain(stored[..., -1])
 
     def _stored(self, first: int, last: int) -> np.ndarray:
-        """Return samples (h, W, 1 | 2 | 3 | 4) uint8, uint16 or float32; of a reduced photo each stands for several."""
+        """Return samples (h, W, 1 | 2 | 3 | 4) uint8, uint16 or float32; of a reduced photo each stands for
+        several.
+        """
         if self._repeated is None:
             return self._kept(first, last)
         rows, columns = self._repeated[0][first:last], self._repeated[1]
@@ -133,7 +148,8 @@ class PhotoFile:
 
 
 def repeated(size: tuple[int, int], shrink: int, turn: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return which row and column of a photo that was reduced and then turned each one of the whole photo lies in.
+    """Return which row and column of a photo that was reduced and then turned each one of the whole photo
+    lies in.
 
     size: (width, height) of the whole as stored. (H,) and (W,) int64 of the whole turned upright.
     """
@@ -148,7 +164,9 @@ def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarr
 
     Integers from 0 to `levels`, of which each has one value; floats are linear already.
     """
-    if colors.shape[2] == 1 and len(encoding.curves) == 3:  # a grey picture keeps the profile of its colour one
+    if (
+        colors.shape[2] == 1 and len(encoding.curves) == 3
+    ):  # a grey picture keeps the profile of its colour one
         colors = np.repeat(colors, 3, axis=2)
     if colors.dtype.kind == "f":
         rgb = np.clip(np.nan_to_num(colors), 0, _BRIGHTEST).astype(np.float32, copy=False)

@@ -1,4 +1,6 @@
-"""PNG, JPEG, WebP and AVIF, as Pillow reads them; PNG with 16 bits per sample, which Pillow reduces, by `png16`."""
+"""PNG, JPEG, WebP and AVIF, as Pillow reads them; PNG with 16 bits per sample, which Pillow reduces, by
+`png16`.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +25,10 @@ _FEW_BITS = {"L;2": 3, "L;4": 15}  # how Pillow names grey of few bits -> larges
 
 _CODE_POINTS = 4  # bytes of a cICP chunk: primaries, transfer function, matrix and range
 
-_SPACES = {b"CMYK": "CMYK", b"Lab ": "LAB"}  # colour space of a profile -> Pillow's mode of it, that is not RGB or grey
+_SPACES = {
+    b"CMYK": "CMYK",
+    b"Lab ": "LAB",
+}  # colour space of a profile -> Pillow's mode of it, that is not RGB or grey
 
 
 def read_header(path: Path) -> Header:
@@ -36,7 +41,9 @@ def read_header(path: Path) -> Header:
 
 
 def _room(path: Path, image: Image.Image) -> Room:
-    """Return what decoding takes: what Pillow keeps, what its decoders hold beside it, and a copy in another mode."""
+    """Return what decoding takes: what Pillow keeps, what its decoders hold beside it, and a copy in another
+    mode.
+    """
     if image.format == "PNG" and png16.is_sixteen_bit(path):
         samples = 2.0 * len(image.getbands())
         return Room(samples, 3 * samples + 2)
@@ -47,7 +54,9 @@ def _room(path: Path, image: Image.Image) -> Room:
         return room
     sampling = [(horizontal, vertical) for _, horizontal, vertical, _ in image.layer]
     whole = max(pair[0] for pair in sampling) * max(pair[1] for pair in sampling)
-    coefficients = 2.0 * sum(pair[0] * pair[1] for pair in sampling) / whole  # 16 bits each, which several scans share
+    coefficients = (
+        2.0 * sum(pair[0] * pair[1] for pair in sampling) / whole
+    )  # 16 bits each, which several scans share
     return replace(room, coefficients=coefficients if "progressive" in image.info else 0.0)
 
 
@@ -84,7 +93,9 @@ def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
 
 
 def _spread_key(image: Image.Image) -> None:
-    """Multiply the transparent value of a grey PNG as Pillow multiplies its samples: those of 2 and 4 bits up to 8."""
+    """Multiply the transparent value of a grey PNG as Pillow multiplies its samples: those of 2 and 4 bits up
+    to 8.
+    """
     key, tiles = image.info.get("transparency"), getattr(image, "tile", ())
     largest = _FEW_BITS.get(tiles[0].args) if tiles and isinstance(tiles[0].args, str) else None
     if largest is not None and isinstance(key, int):

@@ -1,7 +1,7 @@
 """Colour encodings that a file declares: ICC profiles, PNG's gamma and chromaticities, code points of H.273.
 
-They are converted to sRGB's primaries, relative colorimetric. A profile is judged by what it does, not by its name: one
-that leads a few colours to where sRGB leads them is sRGB, whoever wrote it, and is not converted.
+They are converted to sRGB's primaries, relative colorimetric. A profile is judged by what it does, not by its
+name: one that leads a few colours to where sRGB leads them is sRGB, whoever wrote it, and is not converted.
 """
 
 import functools
@@ -17,9 +17,19 @@ from lightprobe.imaging.icc import matrix_encoding
 from lightprobe.imaging.resize import STRIP
 
 _USUAL_GAMMA, _GAMMA_STEP = 1 / 2.2, 0.005  # what PNG asks sRGB files to write
-_LARGEST_ERROR = 6  # of 255, in a sample: profiles store rounded curves, and a plain 2.2 is off by more in the darks
+_LARGEST_ERROR = (
+    6  # of 255, in a sample: profiles store rounded curves, and a plain 2.2 is off by more in the darks
+)
 UNREADABLE = "ICC profile that cannot be read"
-_PROFILE_ERRORS = (ImageCms.PyCMSError, OSError, ValueError, TypeError, KeyError, struct.error, np.linalg.LinAlgError)
+_PROFILE_ERRORS = (
+    ImageCms.PyCMSError,
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    struct.error,
+    np.linalg.LinAlgError,
+)
 
 
 @functools.lru_cache(maxsize=64)
@@ -44,7 +54,9 @@ def icc_encoding(data: bytes) -> Encoding:
 def to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
     """Return an image of 8 bits converted from an ICC profile to sRGB, relative colorimetric, as RGB."""
     source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
-    shown = ImageCms.profileToProfile(image, source, target, ImageCms.Intent.RELATIVE_COLORIMETRIC, outputMode="RGB")
+    shown = ImageCms.profileToProfile(
+        image, source, target, ImageCms.Intent.RELATIVE_COLORIMETRIC, outputMode="RGB"
+    )
     if shown is None:
         raise ValueError("no image")
     return shown
@@ -53,8 +65,8 @@ def to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
 def png_encoding(info: dict, code_points: bytes | None) -> Encoding:
     """Return the encoding of a PNG without an ICC profile, or with code points.
 
-    `info`: Pillow's, with `gamma`, `srgb` and `chromaticity`; `code_points`: the four bytes of its cICP chunk,
-    which count before the others (PNG, third edition, 4.3).
+    `info`: Pillow's, with `gamma`, `srgb` and `chromaticity`; `code_points`: the four bytes of its cICP
+    chunk, which count before the others (PNG, third edition, 4.3).
     """
     if code_points is not None:
         return coded(code_points[0], code_points[1])
@@ -71,7 +83,9 @@ def png_encoding(info: dict, code_points: bytes | None) -> Encoding:
 
 
 def _chromaticities(values: tuple | None) -> np.ndarray | None:
-    """Return M (3, 3) of PNG's white, red, green and blue x, y; None where they are sRGB's, absent or no colours."""
+    """Return M (3, 3) of PNG's white, red, green and blue x, y; None where they are sRGB's, absent or no
+    colours.
+    """
     if values is None or len(values) != 8 or not all(0 < value < 1 for value in values[1::2]):
         return None
     white, red, green, blue = zip(values[::2], values[1::2], strict=True)
@@ -83,7 +97,9 @@ def _chromaticities(values: tuple | None) -> np.ndarray | None:
 
 
 def _patches(*, grey: bool) -> np.ndarray:
-    """Return colours that tell encodings apart, (1, N) or (1, N, 3) uint8: a ramp, and soft tints within any gamut."""
+    """Return colours that tell encodings apart, (1, N) or (1, N, 3) uint8: a ramp, and soft tints within any
+    gamut.
+    """
     ramp = np.arange(0, 256, 17, dtype=np.uint8)
     if grey:
         return ramp[None]
@@ -92,7 +108,9 @@ def _patches(*, grey: bool) -> np.ndarray:
 
 
 def samples_to_srgb(values: np.ndarray, levels: int, encoding: Encoding) -> Samples:
-    """Return samples (H, W, 1 | 2 | 3 | 4) of a profile of look-up tables in sRGB, with 8 bits, as the module has."""
+    """Return samples (H, W, 1 | 2 | 3 | 4) of a profile of look-up tables in sRGB, with 8 bits, as the module
+    has.
+    """
     colors = values.shape[2] - (values.shape[2] in (2, 4))
     if encoding.profile is None or {b"RGB ": 3, b"GRAY": 1}.get(encoding.profile[16:20]) != colors:
         return Samples(values, encoding, levels)
@@ -103,6 +121,8 @@ def samples_to_srgb(values: np.ndarray, levels: int, encoding: Encoding) -> Samp
         part = values[top : top + step].astype(np.uint32)
         eight = ((part * 255 + levels // 2) // levels).astype(np.uint8)
         picture = eight[..., 0] if colors == 1 else eight[..., :3]
-        shown[top : top + step, :, :3] = to_srgb(Image.fromarray(np.ascontiguousarray(picture)), encoding.profile)
+        shown[top : top + step, :, :3] = to_srgb(
+            Image.fromarray(np.ascontiguousarray(picture)), encoding.profile
+        )
         shown[top : top + step, :, 3:] = eight[..., colors:]
     return Samples(shown, SRGB)

@@ -1,8 +1,8 @@
 """Radiance HDR (.hdr): shared-exponent pixels in run-length coded rows.
 
-A pixel is four bytes (r, g, b, e) meaning (r, g, b) * 2^(e - 136), and 0 when e = 0. Rows of 8..32767 pixels are stored
-as four planes of runs; narrower and wider ones, and old files, pixel by pixel (Ward, "Real Pixels", Graphics Gems II).
-The compiled loops stand here for the reason given in `png16`.
+A pixel is four bytes (r, g, b, e) meaning (r, g, b) * 2^(e - 136), and 0 when e = 0. Rows of 8..32767 pixels
+are stored as four planes of runs; narrower and wider ones, and old files, pixel by pixel (Ward, "Real
+Pixels", Graphics Gems II). The compiled loops stand here for the reason given in `png16`.
 """
 
 import re
@@ -22,7 +22,9 @@ _HEADER_LIMIT = 1 << 16  # bytes; real headers have hundreds
 
 
 def read_radiance(path: Path) -> np.ndarray:
-    """Read a Radiance file: (H, W, 3) float32 linear RGB, divided by the file's EXPOSURE. `InputError` when damaged."""
+    """Read a Radiance file: (H, W, 3) float32 linear RGB, divided by the file's EXPOSURE. `InputError` when
+    damaged.
+    """
     try:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
@@ -58,8 +60,8 @@ def radiance_size(path: Path) -> tuple[int, int]:
 def write_radiance(path: Path, array: np.ndarray) -> None:
     """Write linear RGB `array` (H, W, 3) as run-length coded Radiance HDR, atomically.
 
-    A value is off by at most 1/256 (0.4 %) of its pixel's largest channel, half a step of its eight bits; negative
-    values and NaN become 0.
+    A value is off by at most 1/256 (0.4 %) of its pixel's largest channel, half a step of its eight bits;
+    negative values and NaN become 0.
     """
     height, width = array.shape[:2]
     header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode()
@@ -85,7 +87,9 @@ def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
     """Return (width, height, exposure, offset of the pixels)."""
     found = re.search(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n", text)
     if found is None:
-        raise InputError(f"{path} is not a Radiance HDR stored from top left, row by row (-Y height +X width).")
+        raise InputError(
+            f"{path} is not a Radiance HDR stored from top left, row by row (-Y height +X width)."
+        )
     lines = [line.strip() for line in text[: found.start()].split(b"\n")]
     if b"FORMAT=32-bit_rle_xyze" in lines:
         raise InputError(f"{path} is a Radiance HDR in XYZ colour; convert it to RGB.")
@@ -103,10 +107,17 @@ def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
 
 @compiled()
 def _decode(data: np.ndarray, position: int, pixels: np.ndarray) -> bool:
-    """Decode `data` from `position` into `pixels` (H, W, 4); return False when the data are damaged or too short."""
+    """Decode `data` from `position` into `pixels` (H, W, 4); return False when the data are damaged or too
+    short.
+    """
     height, width = pixels.shape[:2]
     for y in range(height):
-        planes = 8 <= width < 32768 and position + 4 <= data.size and data[position] == 2 and data[position + 1] == 2
+        planes = (
+            8 <= width < 32768
+            and position + 4 <= data.size
+            and data[position] == 2
+            and data[position + 1] == 2
+        )
         if planes and (data[position + 2] << 8) + data[position + 3] == width:
             position = _decode_planes(data, position + 4, pixels[y])
         else:
@@ -139,7 +150,9 @@ def _decode_planes(data: np.ndarray, position: int, row: np.ndarray) -> int:
 
 @compiled()
 def _decode_pixels(data: np.ndarray, position: int, row: np.ndarray) -> int:
-    """Decode one row stored pixel by pixel, (1, 1, 1, n) repeating the last one; return the next position or -1."""
+    """Decode one row stored pixel by pixel, (1, 1, 1, n) repeating the last one; return the next position or
+    -1.
+    """
     x, shift = 0, 0
     while x < row.shape[0]:
         if position + 4 > data.size:
@@ -162,7 +175,9 @@ def _decode_pixels(data: np.ndarray, position: int, row: np.ndarray) -> int:
 
 @compiled()
 def _encode(pixels: np.ndarray) -> np.ndarray:
-    """Return the bytes of `pixels` (H, W, 4) uint8 as run-length coded rows, or plain where the format has no runs."""
+    """Return the bytes of `pixels` (H, W, 4) uint8 as run-length coded rows, or plain where the format has no
+    runs.
+    """
     height, width = pixels.shape[:2]
     if width < 8 or width > 32767:
         return pixels.copy().reshape(-1)

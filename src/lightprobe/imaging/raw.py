@@ -1,7 +1,7 @@
 """Camera raw (DNG, CR2, CR3, NEF, ARW, ...) by LibRaw: demosaiced, linear, in the camera's own white balance.
 
-Brightness is not stretched and highlights are not reconstructed: white is where the camera's green saturates, and all
-that is brighter is cut there, so that clipped pixels can be told before primaries are converted.
+Brightness is not stretched and highlights are not reconstructed: white is where the camera's green saturates,
+and all that is brighter is cut there, so that clipped pixels can be told before primaries are converted.
 """
 
 from pathlib import Path
@@ -40,10 +40,15 @@ def decode(path: Path) -> Samples:
         try:
             encoding = _encoding(raw)
             values = raw.postprocess(
-                output_color=library.ColorSpace.raw, output_bps=16, gamma=(1, 1), user_flip=0, use_camera_wb=True,
-                no_auto_bright=True, highlight_mode=library.HighlightMode.Clip,
+                output_color=library.ColorSpace.raw,
+                output_bps=16,
+                gamma=(1, 1),
+                user_flip=0,
+                use_camera_wb=True,
+                no_auto_bright=True,
+                highlight_mode=library.HighlightMode.Clip,
                 adjust_maximum_thr=0.0,  # white is the sensor's, not the brightest pixel of this photo
-            )  # fmt: skip
+            )
         except library.LibRawError as error:
             raise ValueError(_reason(error)) from error
     return Samples(values, encoding, 65535)
@@ -75,7 +80,11 @@ def _exif(path: Path, raw: Any) -> Image.Exif:
     if file_kind(path) is FileKind.TIFF:
         return tiff_exif(path)
     exif, other = loaded_exif(None), raw.other
-    told = {_EXPOSURE_TIME: other.shutter_speed, _F_NUMBER: other.aperture, _ISO: other.iso_speed,
-            _FOCAL_LENGTH: other.focal_length}  # fmt: skip
+    told = {
+        _EXPOSURE_TIME: other.shutter_speed,
+        _F_NUMBER: other.aperture,
+        _ISO: other.iso_speed,
+        _FOCAL_LENGTH: other.focal_length,
+    }
     exif.get_ifd(EXIF_FOLDER).update({tag: float(value) for tag, value in told.items() if value > 0})
     return exif

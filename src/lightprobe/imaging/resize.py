@@ -11,17 +11,19 @@ STRIP = 2**19  # pixels of an image that are worked on at once
 def resize_area(array: np.ndarray, height: int, width: int) -> np.ndarray:
     """Return `array` (H, W) or (H, W, C), any float dtype, area-averaged to `height` x `width` as float32.
 
-    Exact for any ratio: pixels cut by an output edge count by their fraction. Means are preserved, so average linear
-    light, and colour with alpha premultiplied.
+    Exact for any ratio: pixels cut by an output edge count by their fraction. Means are preserved, so average
+    linear light, and colour with alpha premultiplied.
     """
     return resize_rows(lambda first, last: array[first:last], array.shape, height, width)
 
 
-def resize_rows(read: Callable[[int, int], np.ndarray], shape: tuple[int, ...], height: int, width: int) -> np.ndarray:
+def resize_rows(
+    read: Callable[[int, int], np.ndarray], shape: tuple[int, ...], height: int, width: int
+) -> np.ndarray:
     """Return `resize_area` of an image (H, W) or (H, W, C) = `shape` that is never held as a whole.
 
-    `read(first, last)` returns the image's rows first..last - 1. The result has the same bits, as the rows that an
-    output row averages are always summed from the top.
+    `read(first, last)` returns the image's rows first..last - 1. The result has the same bits, as the rows
+    that an output row averages are always summed from the top.
     """
     rows, columns = shape[:2]
     down, across = _overlap(rows, height), _overlap(columns, width)

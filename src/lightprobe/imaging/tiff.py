@@ -2,8 +2,8 @@
 
 Camera raw often is a TIFF inside; `is_raw` tells.
 
-Both libraries turn a TIFF's pixels by its orientation, unlike those of other files, and not in all versions. So where
-there is one, they are given the file with an orientation that turns nothing.
+Both libraries turn a TIFF's pixels by its orientation, unlike those of other files, and not in all versions.
+So where there is one, they are given the file with an orientation that turns nothing.
 """
 
 import io
@@ -67,7 +67,8 @@ def read_header(path: Path) -> Header:
 
 
 def _room(page: Any) -> Room:
-    """Return what decoding takes: of 8 bits what Pillow keeps, else the file's bytes, OpenCV's and those in order.
+    """Return what decoding takes: of 8 bits what Pillow keeps, else the file's bytes, OpenCV's and those in
+    order.
 
     Of a file with an orientation also its bytes, as it is read whole.
     """
@@ -81,14 +82,22 @@ def _room(page: Any) -> Room:
 
 
 def decode(path: Path) -> Samples:
-    """Return the samples of the first page as stored: a Pillow image of 8 bits, or (H, W, 1..4) uint16 or float32."""
+    """Return the samples of the first page as stored: a Pillow image of 8 bits, or (H, W, 1..4) uint16 or
+    float32.
+    """
     with _opened(path) as tiff, decode_errors(path):
         page = tiff.pages[0]
         check_pixels(path, int(page.imagewidth), int(page.imagelength))
         _check_samples(path, page)
-        bits, kind, encoding = int(page.bitspersample), page.dtype.kind if page.dtype else "u", _encoding(page)
+        bits, kind, encoding = (
+            int(page.bitspersample),
+            page.dtype.kind if page.dtype else "u",
+            _encoding(page),
+        )
         if bits > 8 and (kind not in "uf" or (kind == "u" and bits > 16)):
-            raise InputError(f"{path} has samples of type {page.dtype}, which are not read; save it with 16 bits.")
+            raise InputError(
+                f"{path} has samples of type {page.dtype}, which are not read; save it with 16 bits."
+            )
         values = _rare(path, page) if bits > 8 and _is_rare(page, bits, kind) else None
         is_inverted = bits > 8 and kind == "u" and _tag(page, _PHOTOMETRIC) == _WHITE_IS_ZERO
         premultiplied = _ASSOCIATED in tuple(int(extra) for extra in page.extrasamples)
@@ -115,7 +124,9 @@ def _check_samples(path: Path, page: Any) -> None:
     samples, depth = int(page.samplesperpixel), int(page.imagedepth)
     if samples > _MOST_SAMPLES or depth > 1:
         layers = f"{samples} samples per pixel" if depth == 1 else f"{depth} layers"
-        raise InputError(f"{path} is a TIFF with {layers}; save a flat picture of grey or RGB, with alpha or without.")
+        raise InputError(
+            f"{path} is a TIFF with {layers}; save a flat picture of grey or RGB, with alpha or without."
+        )
 
 
 def _opened(path: Path) -> Any:
@@ -156,7 +167,9 @@ def _rare(path: Path, page: Any) -> np.ndarray:
     except ValueError as error:
         if "imagecodecs" not in str(error):
             raise
-        raise InputError(f"{path} is a TIFF of a rare kind, and compressed; save it without compression.") from error
+        raise InputError(
+            f"{path} is a TIFF of a rare kind, and compressed; save it without compression."
+        ) from error
     if values.ndim == 2:
         values = values[..., None]
     elif int(page.planarconfig) == _PLANES:

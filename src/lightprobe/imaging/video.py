@@ -1,7 +1,8 @@
 """Frames out of a video file, upright and in linear light, and the choice of those that are worth a photo.
 
-Only the containers that cameras write are opened, by their content, and each by its own parser, so that nothing in a
-file can lead to another file. Ten-bit video in PQ or HLG becomes linear as such photos do: 1.0 is its reference white.
+Only the containers that cameras write are opened, by their content, and each by its own parser, so that
+nothing in a file can lead to another file. Ten-bit video in PQ or HLG becomes linear as such photos do: 1.0
+is its reference white.
 """
 
 import warnings
@@ -27,10 +28,16 @@ from lightprobe.imaging.photo_file import linear_srgb
 
 _START = 16  # bytes of a file that tell its container
 _PACKET = 188  # bytes of a packet of an MPEG transport stream
-_SHARPNESS_SIDE = 640  # pixels of the longer side that sharpness is measured on; finer noise would pass for it
+_SHARPNESS_SIDE = (
+    640  # pixels of the longer side that sharpness is measured on; finer noise would pass for it
+)
 _THUMBNAIL_SIDE = 48  # pixels of the longer side that frames are compared on
-_SAME = 0.04  # mean difference of two frames, in the standard deviation of one, below which they show the same
-_BLURRED = 0.4  # of the median sharpness of the chosen frames around: below, a frame is blurred by motion or focus
+_SAME = (
+    0.04  # mean difference of two frames, in the standard deviation of one, below which they show the same
+)
+_BLURRED = (
+    0.4  # of the median sharpness of the chosen frames around: below, a frame is blurred by motion or focus
+)
 _AROUND = 4  # chosen frames to each side that a frame's sharpness is compared with
 _ODDEST = 4.0  # times as wide as high, or as high as wide: pixels beyond are damage
 _QUALITY = 95  # of JPEG files: what a video's own compression left is more than this takes
@@ -81,8 +88,8 @@ def is_video(path: Path) -> bool:
 def frames(path: Path, every: int = 1) -> Iterator[VideoFrame]:
     """Yield every `every`-th frame of a video.
 
-    Raises `InputError` naming the file when it is missing, damaged before its first frame, no video, or needs a
-    library that is not installed; a video that is damaged later ends there, with a warning.
+    Raises `InputError` naming the file when it is missing, damaged before its first frame, no video, or needs
+    a library that is not installed; a video that is damaged later ends there, with a warning.
     """
     for index, frame, aspect in _decoded(Path(path)):
         if index % every == 0:
@@ -104,12 +111,14 @@ def measure_frames(path: Path) -> list[FrameMeasure]:
 def choose_frames(measured: list[FrameMeasure], count: int) -> FrameChoice:
     """Return about `count` sharp frames, well spread over a video's time.
 
-    The video is cut into `count` stretches, each of which gives its sharpest frame; of these the blurred are dropped,
-    and those that show the same as the one kept before.
+    The video is cut into `count` stretches, each of which gives its sharpest frame; of these the blurred are
+    dropped, and those that show the same as the one kept before.
     """
     edges = np.linspace(0, len(measured), min(count, len(measured)) + 1).round().astype(int)
     best = [max(measured[first:last], key=lambda frame: frame.sharpness) for first, last in pairwise(edges)]
-    sharp = [frame for place, frame in enumerate(best) if frame.sharpness >= _BLURRED * _median_around(best, place)]
+    sharp = [
+        frame for place, frame in enumerate(best) if frame.sharpness >= _BLURRED * _median_around(best, place)
+    ]
     kept: list[FrameMeasure] = []
     for frame in sharp:
         if not kept or difference(kept[-1].thumbnail, frame.thumbnail) >= _SAME:
@@ -118,7 +127,8 @@ def choose_frames(measured: list[FrameMeasure], count: int) -> FrameChoice:
 
 
 def difference(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the mean difference of two grey thumbnails (h, w) uint8 in standard deviations, whatever their brightness.
+    """Return the mean difference of two grey thumbnails (h, w) uint8 in standard deviations, whatever their
+    brightness.
 
     0 for the same picture, about 1 for two that have nothing in common; infinite for two of different size.
     """
@@ -130,10 +140,11 @@ def difference(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def extract_frames(path: Path, folder: Path, count: int) -> FrameChoice:
-    """Write about `count` sharp, well-spread frames of a video as JPEG into `folder`, all at once; return the choice.
+    """Write about `count` sharp, well-spread frames of a video as JPEG into `folder`, all at once; return the
+    choice.
 
-    Files are called `frame_000123.jpg` by the frame's number; the folder may exist. Raises `InputError` as `frames`,
-    and for a video that gives fewer than two different frames.
+    Files are called `frame_000123.jpg` by the frame's number; the folder may exist. Raises `InputError` as
+    `frames`, and for a video that gives fewer than two different frames.
     """
     path = Path(path)
     choice = choose_frames(measure_frames(path), count)
@@ -147,7 +158,9 @@ def extract_frames(path: Path, folder: Path, count: int) -> FrameChoice:
         for index, frame, aspect in _decoded(path):
             if index in wanted:
                 picture = np.clip(srgb_encode(_color(frame, aspect)) * 255 + 0.5, 0, 255).astype(np.uint8)
-                Image.fromarray(picture).save(temporary / f"frame_{index:06d}.jpg", quality=_QUALITY, subsampling=0)
+                Image.fromarray(picture).save(
+                    temporary / f"frame_{index:06d}.jpg", quality=_QUALITY, subsampling=0
+                )
     return choice
 
 
@@ -165,14 +178,17 @@ def _container(path: Path) -> str | None:
         return None if start[4:8] == b"ftyp" and start[8:12] in STILL_BRANDS else "mov"
     if start[:4] == b"RIFF":
         return "avi" if start[8:12] == b"AVI " else None
-    # Packets of 188 bytes that begin with G; cameras put a time of four bytes before each, so that they take 192.
+    # Packets of 188 bytes that begin with G; cameras put a time of four bytes before each, so that they take
+    # 192.
     if (start[:1] == later[:1] == b"G") or (start[4:5] == later[8:9] == b"G"):
         return "mpegts"
     return {b"\x1a\x45\xdf\xa3": "matroska", b"\0\0\1\xba": "mpeg"}.get(start[:4])
 
 
 def _decoded(path: Path) -> Iterator[tuple[int, Any, float]]:
-    """Yield number and decoded frame, as PyAV has it, and its pixels' width over height, up to the end or damage."""
+    """Yield number and decoded frame, as PyAV has it, and its pixels' width over height, up to the end or
+    damage.
+    """
     container = _container(path)
     if container is None:
         raise InputError(f"{path} is not a video (MP4, MOV, MKV, WebM, AVI or MPEG).")
@@ -184,14 +200,18 @@ def _decoded(path: Path) -> Iterator[tuple[int, Any, float]]:
                 raise InputError(f"{path} holds no pictures, only sound or data; give a video of the object.")
             stream = video.streams.video[0]
             if stream.codec_context is None:
-                raise InputError(f"{path} is coded in a way that is not read, or damaged; convert it to H.264.")
+                raise InputError(
+                    f"{path} is coded in a way that is not read, or damaged; convert it to H.264."
+                )
             check_pixels(path, stream.codec_context.width, stream.codec_context.height)
             for index, frame in enumerate(video.decode(stream)):
                 yield index, frame, _aspect(stream)
     except library.error.FFmpegError as error:
         if index < 0:
             reason = str(error.strerror or error).rstrip(".")
-            raise InputError(f"{path} cannot be decoded ({reason}); the file is damaged or cut short.") from error
+            raise InputError(
+                f"{path} cannot be decoded ({reason}); the file is damaged or cut short."
+            ) from error
         sentence = f"{path} is damaged behind its frame {index}; only the frames up to it are used."
         warnings.warn(sentence, LightprobeWarning, stacklevel=3)
     if index < 0:
@@ -199,7 +219,9 @@ def _decoded(path: Path) -> Iterator[tuple[int, Any, float]]:
 
 
 def _opened(library: Any, file: BinaryIO, container: str) -> Any:
-    """Return a file opened by the parser of its container; what is no text in its notes is replaced, not read."""
+    """Return a file opened by the parser of its container; what is no text in its notes is replaced, not
+    read.
+    """
     return library.open(file, format=container, metadata_errors="replace")
 
 
@@ -211,13 +233,17 @@ def _small(frame: Any, side: int) -> np.ndarray:
 
 
 def _aspect(stream: Any) -> float:
-    """Return the width of a pixel over its height: DV, HDV and DVDs keep pictures narrower than they are shown."""
+    """Return the width of a pixel over its height: DV, HDV and DVDs keep pictures narrower than they are
+    shown.
+    """
     told = stream.sample_aspect_ratio
     return float(told) if told and 1 / _ODDEST <= told <= _ODDEST else 1.0
 
 
 def _color(frame: Any, aspect: float) -> np.ndarray:
-    """Return linear sRGB (H, W, 3) float32 of a frame of pixels `aspect` times as wide as high, square and upright."""
+    """Return linear sRGB (H, W, 3) float32 of a frame of pixels `aspect` times as wide as high, square and
+    upright.
+    """
     deep = frame.format.components[0].bits > 8
     matrix = _MATRICES.get(int(frame.colorspace), 1 if frame.height >= _HIGH_DEFINITION else 5)
     width = max(1, round(frame.width * aspect))

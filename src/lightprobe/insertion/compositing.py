@@ -1,11 +1,13 @@
 """Differential rendering: the photo, changed by what the thing adds to it and takes from it.
 
-After Debevec (Rendering Synthetic Objects into Real Scenes, 1998). Ground and known object are in the photo already;
-what the thing changes is rendered with and without it, and the photo is multiplied by the ratio of both, per channel.
-The ratio needs no albedo: that of the ground is in the photo's own pixels, texture and noise included.
+After Debevec (Rendering Synthetic Objects into Real Scenes, 1998). Ground and known object are in the photo
+already; what the thing changes is rendered with and without it, and the photo is multiplied by the ratio of
+both, per channel. The ratio needs no albedo: that of the ground is in the photo's own pixels, texture and
+noise included.
 
-Which of thing and known object is before the other is told by their depths. The photo's mask is the known object's
-outline, rather than that of its mesh: where the mask reaches beyond the mesh, the nearest depth of the mesh counts.
+Which of thing and known object is before the other is told by their depths. The photo's mask is the known
+object's outline, rather than that of its mesh: where the mask reaches beyond the mesh, the nearest depth of
+the mesh counts.
 """
 
 from dataclasses import dataclass
@@ -46,12 +48,18 @@ class PhotoView:
 
 @torch.no_grad()
 def insert(
-    decomposition: Decomposition, environment: Environment, photo: PhotoView, thing: Thing, wish: Wish, *, seed: int = 0
+    decomposition: Decomposition,
+    environment: Environment,
+    photo: PhotoView,
+    thing: Thing,
+    wish: Wish,
+    *,
+    seed: int = 0,
 ) -> Insertion:
     """Return the photo with the thing beside the known object, lit by `environment` in the photo's exposure.
 
-    Computed on the environment's device; `seed` draws the grain. Raises `ConfigError` for a place or height that cannot
-    be meant.
+    Computed on the environment's device; `seed` draws the grain. Raises `ConfigError` for a place or height
+    that cannot be meant.
     """
     device = environment.device
     asset = decomposition.asset.to(device)
@@ -78,7 +86,9 @@ def insert(
 
 
 def _shadow(ground: Tensor, change: KnownChange, mask: np.ndarray) -> np.ndarray:
-    """Return what the photo is multiplied by, (H, W, 3): the ground's factor, and the object's where the mask is."""
+    """Return what the photo is multiplied by, (H, W, 3): the ground's factor, and the object's where the mask
+    is.
+    """
     own = _resized(_spread(change.factor.cpu().numpy(), change.covered.cpu().numpy()), mask.shape)
     cover = mask[..., None]
     factor = (1 - cover) * ground.cpu().numpy() + cover * own
@@ -86,7 +96,9 @@ def _shadow(ground: Tensor, change: KnownChange, mask: np.ndarray) -> np.ndarray
 
 
 def _spread(values: np.ndarray, covered: np.ndarray) -> np.ndarray:
-    """Return values (h, w) or (h, w, C) with those that are not covered (h, w) taken from the nearest that are."""
+    """Return values (h, w) or (h, w, C) with those that are not covered (h, w) taken from the nearest that
+    are.
+    """
     if not covered.any():
         return np.ones_like(values)
     row, column = scipy.ndimage.distance_transform_edt(~covered, return_distances=False, return_indices=True)
@@ -94,7 +106,8 @@ def _spread(values: np.ndarray, covered: np.ndarray) -> np.ndarray:
 
 
 def _edge_from_beside(factor: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Return the factor (H, W, 3) with that at the thing's edge taken from the nearest pixel `beside` it (H, W) bool.
+    """Return the factor (H, W, 3) with that at the thing's edge taken from the nearest pixel `beside` it (H,
+    W) bool.
 
     Further in it stays: there one may look through a thing onto the ground below it.
     """
@@ -105,13 +118,21 @@ def _edge_from_beside(factor: np.ndarray, beside: np.ndarray) -> np.ndarray:
 def _resized(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return (h, w, C) bilinearly at a photo's size (H, W)."""
     planes = torch.from_numpy(np.ascontiguousarray(values)).permute(2, 0, 1)[None]
-    return functional.interpolate(planes, shape[:2], mode="bilinear", align_corners=False)[0].permute(1, 2, 0).numpy()
+    return (
+        functional.interpolate(planes, shape[:2], mode="bilinear", align_corners=False)[0]
+        .permute(1, 2, 0)
+        .numpy()
+    )
 
 
-def _behind(drawn: Drawn, change: KnownChange, mask: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
+def _behind(
+    drawn: Drawn, change: KnownChange, mask: np.ndarray, window: Window
+) -> tuple[np.ndarray, np.ndarray]:
     """Return radiance (h, w, 3) and coverage (h, w) of the thing in its window without what stands before it."""
     covered = change.covered.cpu().numpy()
-    depth = _resized(_spread(change.depth.cpu().numpy(), covered)[..., None], mask.shape)[window.slices][..., 0]
+    depth = _resized(_spread(change.depth.cpu().numpy(), covered)[..., None], mask.shape)[window.slices][
+        ..., 0
+    ]
     own = drawn.depth.cpu().numpy()
     solid = drawn.cover.cpu().numpy() >= _SOLID
     hidden = _spread(own, solid) > depth if solid.any() else own > depth
@@ -138,9 +159,13 @@ def _composed(
 
 
 def _grained(picture: np.ndarray, grain: Grain, mask: np.ndarray, seed: int) -> np.ndarray:
-    """Return the linear picture (H, W, 3) with the photo's grain where the thing is; brighter than white stays so."""
+    """Return the linear picture (H, W, 3) with the photo's grain where the thing is; brighter than white
+    stays so.
+    """
     shown = srgb_encode(picture.clip(0, 1))
-    return (picture + srgb_decode(grain.add(shown, mask, seed).clip(0, 1)) - srgb_decode(shown)).astype(np.float32)
+    return (picture + srgb_decode(grain.add(shown, mask, seed).clip(0, 1)) - srgb_decode(shown)).astype(
+        np.float32
+    )
 
 
 def _exposure_warnings(change: KnownChange, photo: PhotoView) -> list[str]:

@@ -46,7 +46,9 @@ class Window:
 
     def cut(self, camera: Camera) -> Camera:
         """Return the camera that takes this part."""
-        return replace(camera, cx=camera.cx - self.left, cy=camera.cy - self.top, width=self.width, height=self.height)
+        return replace(
+            camera, cx=camera.cx - self.left, cy=camera.cy - self.top, width=self.width, height=self.height
+        )
 
 
 def window_of(vertices: Tensor, camera: Camera) -> Window | None:
@@ -74,7 +76,9 @@ def draw_thing(thing: Thing, stage: Stage, camera: Camera) -> Drawn:
     """Return the picture (H, W) that a normalised-frame camera, cut to the thing's window, takes of it."""
     device = thing.vertices.device
     mesh = Mesh(thing.vertices, thing.faces, thing.uvs[:, :2].contiguous(), thing.faces)
-    edges = edge_faces(thing.faces, outline_vertices(View.of(camera, device).project(thing.vertices), thing.faces))
+    edges = edge_faces(
+        thing.faces, outline_vertices(View.of(camera, device).project(thing.vertices), thing.faces)
+    )
     tangents = uv_tangents(mesh)
     bands = [_draw_band(thing, mesh, edges, tangents, stage, *band) for band in _bands(camera)]
     planes = torch.cat(bands, 1)
@@ -119,15 +123,18 @@ def _draw_band(
 
 
 def _facing(surface: Surface, thing: Thing) -> Surface:
-    """Return the surface with the other side of two-sided faces where that is the one that looks at the camera."""
+    """Return the surface with the other side of two-sided faces where that is the one that looks at the
+    camera.
+    """
     outward = face_normals(thing.vertices, thing.faces[surface.face])
     twin = thing.twin[surface.face]
     turned = ((outward * surface.view).sum(1) < 0) & (twin >= 0)
     swapped = surface.barycentric[:, [0, 2, 1]]
     return replace(
-        surface, face=torch.where(turned, twin, surface.face),
+        surface,
+        face=torch.where(turned, twin, surface.face),
         barycentric=torch.where(turned[:, None], swapped, surface.barycentric),
-    )  # fmt: skip
+    )
 
 
 def _gbuffer(
@@ -142,17 +149,27 @@ def _gbuffer(
     index, weight = stage.points.taps(surface.face, surface.barycentric)
     visibility = PointVisibility(stage.thing_visibility, index, weight)
     gbuffer = GBuffer(
-        view.height, view.width, surface.pixel, surface.face, surface.position, normal, surface.view,
-        material.base_color, material.roughness, material.metallic, visibility,
-    )  # fmt: skip
+        view.height,
+        view.width,
+        surface.pixel,
+        surface.face,
+        surface.position,
+        normal,
+        surface.view,
+        material.base_color,
+        material.roughness,
+        material.metallic,
+        visibility,
+    )
     return gbuffer, material
 
 
 def _seen_from_behind(thing: Thing, face: Tensor, mapped: Tensor) -> Tensor:
-    """Return the tangent-space normals (P, 3) of a normal map at visible points, those on the back of sheets mirrored.
+    """Return the tangent-space normals (P, 3) of a normal map at visible points, those on the back of sheets
+    mirrored.
 
-    What is bent on the front is bent the other way on the back (glTF: the normal is reversed there as a whole). The
-    copy of a face that is its back has the same tangents, and its normal alone reversed.
+    What is bent on the front is bent the other way on the back (glTF: the normal is reversed there as a
+    whole). The copy of a face that is its back has the same tangents, and its normal alone reversed.
     """
     twin = thing.twin[face]
     back = (twin >= 0) & (twin < face)  # copies follow the faces that they are copies of
@@ -181,7 +198,9 @@ def _area(corners: Tensor) -> Tensor:
 
 
 def shaded(gbuffer: GBuffer, stage: Stage, mesh: Mesh, others: list[tuple[Tensor, Tensor]]) -> Tensor:
-    """Return the radiance (P, 3) of a G-buffer with visibility; `others` cast suns' shadows besides its own mesh."""
+    """Return the radiance (P, 3) of a G-buffer with visibility; `others` cast suns' shadows besides its own
+    mesh.
+    """
     shading = Shading.of(gbuffer, stage.light.operator)
     radiance = shading.apply(stage.light.levels)
     if len(stage.light.suns.block):

@@ -1,7 +1,8 @@
-"""The container of a stranger's GLB file: its JSON document, and arrays and pictures out of its one binary chunk.
+"""The container of a stranger's GLB file: its JSON document, and arrays and pictures out of its one binary
+chunk.
 
-glTF 2.0, sections 3.6 and 4.4. Nothing outside of the file is read, and what it announces is checked against what it
-holds before memory is taken for it.
+glTF 2.0, sections 3.6 and 4.4. Nothing outside of the file is read, and what it announces is checked against
+what it holds before memory is taken for it.
 """
 
 import contextlib
@@ -23,7 +24,16 @@ _LARGEST_JSON = 2**26  # bytes
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError, struct.error)
+_DAMAGE = (
+    KeyError,
+    TypeError,
+    ValueError,
+    IndexError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+    struct.error,
+)
 
 
 @contextlib.contextmanager
@@ -48,7 +58,9 @@ class GlbFile:
 
     @staticmethod
     def read(path: Path) -> "GlbFile":
-        """Read a file; raise `InputError` when it is missing, too large, no binary glTF 2.0, or refers to others."""
+        """Read a file; raise `InputError` when it is missing, too large, no binary glTF 2.0, or refers to
+        others.
+        """
         check_file(path, LARGEST_FILE)
         try:
             data = path.read_bytes()
@@ -68,7 +80,9 @@ class GlbFile:
         return value
 
     def entry(self, key: str, index: object) -> dict[str, Any]:
-        """Return an entry of such a list; raise `ValueError` for an index that is none, or for what is no object."""
+        """Return an entry of such a list; raise `ValueError` for an index that is none, or for what is no
+        object.
+        """
         values = self.entries(key)  # checked one by one: all of them at each look-up would take minutes
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
             raise ValueError(f"{key}[{shown(index)}] does not exist")
@@ -86,7 +100,8 @@ class GlbFile:
     def array(self, accessor: object, kinds: tuple[str, ...]) -> np.ndarray:
         """Return an accessor's elements (N, C): float32, or the integers of a scalar one (N, 1).
 
-        kinds: types that are allowed. Raises `ValueError` for what does not lie within the file, `InputError` for NaN.
+        kinds: types that are allowed. Raises `ValueError` for what does not lie within the file, `InputError`
+        for NaN.
         """
         entry = self.entry("accessors", accessor)
         if entry["type"] not in kinds or "sparse" in entry:
@@ -94,7 +109,9 @@ class GlbFile:
         count, width = self.count(accessor), _COMPONENTS[entry["type"]]
         dtype = np.dtype(_TYPES[entry["componentType"]])
         view = self._view(entry["bufferView"])
-        stride = _whole(self.entry("bufferViews", entry["bufferView"]).get("byteStride", width * dtype.itemsize))
+        stride = _whole(
+            self.entry("bufferViews", entry["bufferView"]).get("byteStride", width * dtype.itemsize)
+        )
         start = _whole(entry.get("byteOffset", 0))
         used = start + (stride * (count - 1) + width * dtype.itemsize if count else 0)
         if stride < width * dtype.itemsize or used > len(view):

@@ -4,9 +4,9 @@ A point x of the ground has the irradiance
 
     E(x) = sum over patches k of  E_k where k is free,  a_k B where a surface of radiance B blocks it
 
-with the notation of `sky_patches`. The shadow of a triangle on a plane is a triangle, also as a camera sees it: all
-triangles are slid along the patch's direction onto the ground and rasterised, the lower before the higher, so that a
-pixel knows the first surface on its way to the sky.
+with the notation of `sky_patches`. The shadow of a triangle on a plane is a triangle, also as a camera sees
+it: all triangles are slid along the patch's direction onto the ground and rasterised, the lower before the
+higher, so that a pixel knows the first surface on its way to the sky.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,9 @@ _FINER = 2.0  # times the photo's resolution, at most
 _DIM = 1e-6  # share of the irradiance below which a patch is left out
 _BEHIND = -1.0  # depth of what the rasteriser leaves out
 
-Projection = Callable[[Tensor], tuple[Tensor, Tensor]]  # ground points (N, 3) -> pixels (N, 2), whether they are seen
+Projection = Callable[
+    [Tensor], tuple[Tensor, Tensor]
+]  # ground points (N, 3) -> pixels (N, 2), whether they are seen
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,9 @@ def camera_ground_light(
             planes = part.permute(2, 0, 1)[None]
             size = (camera.height, camera.width)
             if planes.shape[2:] != size:
-                planes = functional.interpolate(planes, size, mode="bilinear", align_corners=False, antialias=True)
+                planes = functional.interpolate(
+                    planes, size, mode="bilinear", align_corners=False, antialias=True
+                )
             image += planes[0].permute(1, 2, 0)
     return GroundLight(without.clamp(min=0), added)
 
@@ -77,10 +81,14 @@ def camera_ground_light(
 def plan_ground_light(
     patches: SkyPatches, known: Caster, thing: Caster, ground: float, corner: Tensor, cell: float, side: int
 ) -> GroundLight:
-    """Return the light on a square of ground, (side, side): columns along x and rows along y from `corner` (2,)."""
+    """Return the light on a square of ground, (side, side): columns along x and rows along y from `corner`
+    (2,).
+    """
 
     def project(points: Tensor) -> tuple[Tensor, Tensor]:
-        return (points[:, :2] - corner) / cell, torch.ones(len(points), dtype=torch.bool, device=points.device)
+        return (points[:, :2] - corner) / cell, torch.ones(
+            len(points), dtype=torch.bool, device=points.device
+        )
 
     without, added = _lost(patches, known, thing, project, side, side, ground)
     return GroundLight((without + patches.total()).clamp(min=0), added)
@@ -97,9 +105,17 @@ def _seen_by(camera: Camera, device: torch.device) -> Projection:
 
 
 def _lost(
-    patches: SkyPatches, known: Caster, thing: Caster, project: Projection, height: int, width: int, ground: float
+    patches: SkyPatches,
+    known: Caster,
+    thing: Caster,
+    project: Projection,
+    height: int,
+    width: int,
+    ground: float,
 ) -> tuple[Tensor, Tensor]:
-    """Return what the known object takes of the irradiance, and what the thing changes beyond it, (H, W, 3) each."""
+    """Return what the known object takes of the irradiance, and what the thing changes beyond it, (H, W, 3)
+    each.
+    """
     without = known.vertices.new_zeros(height, width, 3)
     added = torch.zeros_like(without)
     least = _DIM * float(patches.irradiance.sum()) if len(patches.angle) else 0.0
@@ -137,19 +153,24 @@ class _Shadow:
         if other is None:
             return change
         rows, columns = (
-            slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(self.window, other.window, strict=True)
+            slice(max(a.start, b.start), min(a.stop, b.stop))
+            for a, b in zip(self.window, other.window, strict=True)
         )
         if rows.start >= rows.stop or columns.start >= columns.stop:
             return change
         mine, theirs = (
-            (slice(rows.start - w[0].start, rows.stop - w[0].start),
-             slice(columns.start - w[1].start, columns.stop - w[1].start))
+            (
+                slice(rows.start - w[0].start, rows.stop - w[0].start),
+                slice(columns.start - w[1].start, columns.stop - w[1].start),
+            )
             for w in (self.window, other.window)
-        )  # fmt: skip
+        )
         both = (self.face[mine] >= 0) & (other.face[theirs] >= 0)
         before = other.change(irradiance, angle)[theirs]
         nearer = (self.nearness[mine] > other.nearness[theirs])[..., None]
-        change[mine] = torch.where(both[..., None], torch.where(nearer, change[mine] - before, 0.0), change[mine])
+        change[mine] = torch.where(
+            both[..., None], torch.where(nearer, change[mine] - before, 0.0), change[mine]
+        )
         return change
 
 

@@ -2,8 +2,8 @@
 
     picture = photo x shadow x (1 - mask) + beauty
 
-in linear light, before grain. `shadow` is what the thing multiplies the light of ground and known object by: below 1
-where it takes light away, above where it throws some. `beauty` is premultiplied with `mask`.
+in linear light, before grain. `shadow` is what the thing multiplies the light of ground and known object by:
+below 1 where it takes light away, above where it throws some. `beauty` is premultiplied with `mask`.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,9 @@ class Insertion:
     """A photo with a thing in it; (H, W) are the photo's."""
 
     color: np.ndarray  # (H, W, 3) float32 linear, straight, with grain
-    alpha: np.ndarray | None  # (H, W) of a cut-out photo, with the thing and its shadow; None: the photo is opaque
+    alpha: (
+        np.ndarray | None
+    )  # (H, W) of a cut-out photo, with the thing and its shadow; None: the photo is opaque
     beauty: np.ndarray  # (H, W, 3) float32 linear, premultiplied
     shadow: np.ndarray  # (H, W, 3) float32
     mask: np.ndarray  # (H, W) float32, coverage of the thing where nothing stands before it

@@ -1,8 +1,9 @@
-"""The light that the thing stands in: the photo's map above the horizon, the ground below it, and the shadows of both.
+"""The light that the thing stands in: the photo's map above the horizon, the ground below it, and the shadows
+of both.
 
-The map is that of the known object, in the photo's exposure. Below the horizon the photo itself shows what there is,
-where it is opaque: the ground's radiance is its median colour around the object's foot, with the object's own shadow
-undone. Of a cut-out photo the map's lower half stays.
+The map is that of the known object, in the photo's exposure. Below the horizon the photo itself shows what
+there is, where it is opaque: the ground's radiance is its median colour around the object's foot, with the
+object's own shadow undone. Of a cut-out photo the map's lower half stays.
 """
 
 import math
@@ -47,7 +48,9 @@ class Light:
 
     @staticmethod
     def of(environment: Environment, ground: Tensor | None) -> "Light":
-        """Return the light of a map whose lower half has the radiance `ground` (3,), or stays where that is None."""
+        """Return the light of a map whose lower half has the radiance `ground` (3,), or stays where that is
+        None.
+        """
         texels = environment.texels
         if ground is not None:
             below = cubemap.directions(environment.resolution, environment.device)[..., 2:] < 0
@@ -77,12 +80,20 @@ class Stage:
 
 @torch.no_grad()
 def set_stage(
-    asset: Asset, placed: Placed, environment: Environment, camera: Camera, color: np.ndarray, mask: np.ndarray,
-    *, opaque: bool,
-) -> Stage:  # fmt: skip
-    """Return what lights both objects and the ground; all in the normalised frame, on the environment's device.
+    asset: Asset,
+    placed: Placed,
+    environment: Environment,
+    camera: Camera,
+    color: np.ndarray,
+    mask: np.ndarray,
+    *,
+    opaque: bool,
+) -> Stage:
+    """Return what lights both objects and the ground; all in the normalised frame, on the environment's
+    device.
 
-    color (H, W, 3): the linear photo; mask (H, W): coverage of the known object; opaque: whether it shows the ground.
+    color (H, W, 3): the linear photo; mask (H, W): coverage of the known object; opaque: whether it shows the
+    ground.
     """
     thing, ground = placed.thing, placed.ground
     known = asset.mesh
@@ -96,25 +107,38 @@ def set_stage(
     known_sees = both(alone, past(*solid, known.vertices, known_normals), known_normals)
 
     ring = _ring(camera, mask, asset, ground) if opaque else np.zeros(0, np.int64)
-    seen = torch.from_numpy(color.reshape(-1, 3)[ring]).to(environment.device) if len(ring) >= _LEAST else None
+    seen = (
+        torch.from_numpy(color.reshape(-1, 3)[ring]).to(environment.device) if len(ring) >= _LEAST else None
+    )
     patches = SkyPatches.of(environment)
     light = Light.of(environment, None if seen is None else seen.median(0).values)
     casters = (
-        Caster(body[0], body[1], _caster_radiance(body, known.vertices, _arriving(alone, known_normals, light))),
         Caster(
-            solid[0], solid[1], _caster_radiance(solid, points.points, _arriving(thing_sees, points.normals, light))
+            body[0], body[1], _caster_radiance(body, known.vertices, _arriving(alone, known_normals, light))
+        ),
+        Caster(
+            solid[0],
+            solid[1],
+            _caster_radiance(solid, points.points, _arriving(thing_sees, points.normals, light)),
         ),
     )
     lit = camera_ground_light(patches, *casters, camera, ground)
     if seen is not None:  # the ground in the open
-        share = lit.without.reshape(-1, 3)[torch.from_numpy(ring).to(seen.device)] / patches.total().clamp(min=1e-12)
+        share = lit.without.reshape(-1, 3)[torch.from_numpy(ring).to(seen.device)] / patches.total().clamp(
+            min=1e-12
+        )
         light = Light.of(environment, (seen / share.clamp(min=0.05)).median(0).values)
     before, after = _plans(environment, *casters, ground)
     return Stage(
-        light, lit, points, over_ground(thing_sees, points.points, points.normals, after),
+        light,
+        lit,
+        points,
+        over_ground(thing_sees, points.points, points.normals, after),
         over_ground(alone, known.vertices, known_normals, before),
-        over_ground(known_sees, known.vertices, known_normals, after), casters[1], casters[0],
-    )  # fmt: skip
+        over_ground(known_sees, known.vertices, known_normals, after),
+        casters[1],
+        casters[0],
+    )
 
 
 def thing_face_colors(thing: Thing) -> Tensor:
@@ -129,20 +153,25 @@ def thing_face_colors(thing: Thing) -> Tensor:
 
 
 def _face_colors(asset: Asset) -> Tensor:
-    return sample(asset.textures.flat(), asset.mesh.uvs[asset.mesh.uv_faces.long()].mean(1))[:, :3].contiguous()
+    return sample(asset.textures.flat(), asset.mesh.uvs[asset.mesh.uv_faces.long()].mean(1))[
+        :, :3
+    ].contiguous()
 
 
 def _arriving(visibility: VertexVisibility, normals: Tensor, light: Light) -> Tensor:
     """Return the mean radiance (N, 3) that arrives at points with normals (N, 3), by their cosine."""
     rows = torch.arange(len(normals), device=normals.device)[:, None]
-    found = PointVisibility(visibility, rows, torch.ones_like(rows, dtype=normals.dtype)).light(light.blocks, normals)
+    found = PointVisibility(visibility, rows, torch.ones_like(rows, dtype=normals.dtype)).light(
+        light.blocks, normals
+    )
     return found[:, :3] + visibility.occluder_color * (1 - found[:, 6:]) * found[:, 3:6]
 
 
 def _caster_radiance(solid: tuple[Tensor, Tensor, Tensor], points: Tensor, arriving: Tensor) -> Tensor:
     """Return the radiance (F, 3) that leaves a caster's faces as from a matt surface.
 
-    points (N, 3) of the surface at which `arriving` (N, 3) is known; a face has that of the point nearest its middle.
+    points (N, 3) of the surface at which `arriving` (N, 3) is known; a face has that of the point nearest its
+    middle.
     """
     vertices, faces, colors = solid
     middles = vertices[faces.long()].mean(1).cpu().numpy()
@@ -151,7 +180,9 @@ def _caster_radiance(solid: tuple[Tensor, Tensor, Tensor], points: Tensor, arriv
 
 
 def _ring(camera: Camera, mask: np.ndarray, asset: Asset, ground: float) -> np.ndarray:
-    """Return the flat indices (N,) of pixels that see the ground around the known object, none of them the object."""
+    """Return the flat indices (N,) of pixels that see the ground around the known object, none of them the
+    object.
+    """
     height, width = mask.shape
     margin = max(1, round(_MARGIN * max(height, width)))
     free = scipy.ndimage.distance_transform_edt(mask < 0.02) > margin
@@ -170,7 +201,9 @@ def _ring(camera: Camera, mask: np.ndarray, asset: Asset, ground: float) -> np.n
     return (row * width + column)[near]
 
 
-def _plans(environment: Environment, known: Caster, thing: Caster, ground: float) -> tuple[GroundPlan, GroundPlan]:
+def _plans(
+    environment: Environment, known: Caster, thing: Caster, ground: float
+) -> tuple[GroundPlan, GroundPlan]:
     """Return the plans of the ground's light around both objects, without and with the thing."""
     corner, cell = _plan_square(known.vertices, thing.vertices)
     patches = SkyPatches.of(environment, _PLAN_CUTS)

@@ -47,22 +47,27 @@ class Material:
         """Return the material of a document's entry, glTF's default for an empty one."""
         pbr, mode = entry.get("pbrMetallicRoughness", {}), entry.get("alphaMode", "OPAQUE")
         strength = entry.get("extensions", {}).get("KHR_materials_emissive_strength", {})
-        glow = numbers(entry.get("emissiveFactor", [0, 0, 0]), 3) * number(strength.get("emissiveStrength", 1))
+        glow = numbers(entry.get("emissiveFactor", [0, 0, 0]), 3) * number(
+            strength.get("emissiveStrength", 1)
+        )
 
         def texture(owner: dict[str, Any], key: str, *, srgb: bool, cut: bool = False) -> Texture | None:
             return reader.read(owner[key], srgb=srgb, cut=cut) if key in owner else None
 
         return Material(
             numbers(pbr.get("baseColorFactor", [1, 1, 1, 1]), 4).clip(0, 1),
-            min(max(number(pbr.get("metallicFactor", 1)), 0), 1), min(max(number(pbr.get("roughnessFactor", 1)), 0), 1),
-            glow.clip(0, _BRIGHTEST), number(entry.get("normalTexture", {}).get("scale", 1)),
-            number(entry.get("alphaCutoff", 0.5)) if mode == "MASK" else None, mode == "BLEND",
+            min(max(number(pbr.get("metallicFactor", 1)), 0), 1),
+            min(max(number(pbr.get("roughnessFactor", 1)), 0), 1),
+            glow.clip(0, _BRIGHTEST),
+            number(entry.get("normalTexture", {}).get("scale", 1)),
+            number(entry.get("alphaCutoff", 0.5)) if mode == "MASK" else None,
+            mode == "BLEND",
             bool(entry.get("doubleSided", False)),
             texture(pbr, "baseColorTexture", srgb=True, cut=mode != "OPAQUE"),
             texture(pbr, "metallicRoughnessTexture", srgb=False),
             texture(entry, "normalTexture", srgb=False),
             texture(entry, "emissiveTexture", srgb=True) if glow.any() else None,
-        )  # fmt: skip
+        )
 
     def to(self, device: torch.device) -> "Material":
         """Return the material with its textures on another device."""
@@ -70,7 +75,8 @@ class Material:
         return Material(**{**vars(self), **moved})
 
     def sample(self, uvs: Tensor, colors: Tensor, footprint: Tensor) -> Sampled:
-        """Return the material at points with texture coordinates (N, 4), vertex colours (N, 4) and `footprint` (N,).
+        """Return the material at points with texture coordinates (N, 4), vertex colours (N, 4) and
+        `footprint` (N,).
 
         footprint: as in `Texture.sample`.
         """
@@ -90,6 +96,10 @@ class Material:
         if self.cutoff is not None:
             alpha = (base[:, 3] >= self.cutoff).float()
         return Sampled(
-            base[:, :3].clamp(0, 1), alpha.clamp(0, 1), (self.roughness * orm[:, 1]).clamp(0.04, 1),
-            (self.metallic * orm[:, 2]).clamp(0, 1), glow[:, :3] * uvs.new_tensor(self.emission), normal,
-        )  # fmt: skip
+            base[:, :3].clamp(0, 1),
+            alpha.clamp(0, 1),
+            (self.roughness * orm[:, 1]).clamp(0.04, 1),
+            (self.metallic * orm[:, 2]).clamp(0, 1),
+            glow[:, :3] * uvs.new_tensor(self.emission),
+            normal,
+        )

@@ -1,10 +1,11 @@
-"""What the thing and the known object see of the sky past themselves and each other, and of the ground's light.
+"""What the thing and the known object see of the sky past themselves and each other, and of the ground's
+light.
 
-Visibility lives on points of the surface (`render.visibility`). A finely triangulated thing has them at its vertices,
-of many close vertices only some; a large triangle gets a grid of its own.
+Visibility lives on points of the surface (`render.visibility`). A finely triangulated thing has them at its
+vertices, of many close vertices only some; a large triangle gets a grid of its own.
 
-The ground fills the directions below the horizon. Where shadows fall on it, it gives less: a direction below the
-horizon counts as open to the share of the ground's light that there is where it meets the ground.
+The ground fills the directions below the horizon. Where shadows fall on it, it gives less: a direction below
+the horizon counts as open to the share of the ground's light that there is where it meets the ground.
 """
 
 from dataclasses import dataclass, replace
@@ -59,12 +60,16 @@ class SurfacePoints:
             points.append(torch.einsum("gc,fcx->fgx", weights, corners[own]).reshape(-1, 3))
             bent.append(torch.einsum("gc,fcx->fgx", weights, normals[own]).reshape(-1, 3))
         order = torch.cat([torch.arange(len(kept), device=first.device), *_places(cells, first)])
-        gathered = [torch.empty_like(torch.cat(v)).index_copy_(0, order, torch.cat(v)) for v in (points, bent)]
+        gathered = [
+            torch.empty_like(torch.cat(v)).index_copy_(0, order, torch.cat(v)) for v in (points, bent)
+        ]
         unit = torch.nn.functional.normalize(gathered[1], dim=1, eps=1e-12)
         return SurfacePoints(gathered[0], unit, vertex, cells, first, thing.faces.long())
 
     def taps(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
-        """Return points (P, 3) int64 and weights (P, 3) of surface points by face (P,) and coordinates (P, 3)."""
+        """Return points (P, 3) int64 and weights (P, 3) of surface points by face (P,) and coordinates (P,
+        3).
+        """
         n, start = self.cells[face], self.first[face]
         x, y = (barycentric[:, 1:] * n[:, None]).clamp(min=0).unbind(1)
         i = torch.minimum(x.floor().long(), n - 1)
@@ -83,12 +88,15 @@ class SurfacePoints:
         weight = weight / weight.sum(1, keepdim=True).clamp(min=1e-9)
         single = (n == 1)[:, None]
         return (
-            torch.where(single, self.vertex[self.faces[face]], index), torch.where(single, barycentric, weight)
-        )  # fmt: skip
+            torch.where(single, self.vertex[self.faces[face]], index),
+            torch.where(single, barycentric, weight),
+        )
 
 
 def _grid(n: int) -> Tensor:
-    """Return the barycentric coordinates of the grid points of a triangle with n cells along its edges, (G, 3)."""
+    """Return the barycentric coordinates of the grid points of a triangle with n cells along its edges, (G,
+    3).
+    """
     pairs = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
     i, j = torch.tensor(pairs, dtype=torch.float32).T / n
     return torch.stack([1 - i - j, i, j], 1)
@@ -125,9 +133,11 @@ def _thinned(thing: Thing, extent: float) -> tuple[Tensor, Tensor]:
 
 
 def simplified(vertices: Tensor, faces: Tensor, colors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return a mesh (V, 3), (F, 3) with face colours (F, 3) as one that casts shadows: of at most 20 000 faces or so.
+    """Return a mesh (V, 3), (F, 3) with face colours (F, 3) as one that casts shadows: of at most 20 000
+    faces or so.
 
-    Vertices at one point are one, so that a solid is closed and only the faces that look at a light need be drawn.
+    Vertices at one point are one, so that a solid is closed and only the faces that look at a light need be
+    drawn.
     """
     points, index = np.unique(vertices.cpu().numpy() + 0.0, axis=0, return_inverse=True)
     welded = index.reshape(-1)[faces.cpu().numpy()].astype(np.int32)
@@ -137,11 +147,19 @@ def simplified(vertices: Tensor, faces: Tensor, colors: Tensor) -> tuple[Tensor,
     v, f = decimate(points, welded, _CASTER_FACES)
     middles = vertices[faces.long()].mean(1).cpu().numpy()
     nearest = scipy.spatial.cKDTree(middles).query(v[f].mean(1))[1]
-    return torch.from_numpy(v).to(device), torch.from_numpy(f).to(device), colors[torch.from_numpy(nearest).to(device)]
+    return (
+        torch.from_numpy(v).to(device),
+        torch.from_numpy(f).to(device),
+        colors[torch.from_numpy(nearest).to(device)],
+    )
 
 
-def past(vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor) -> VertexVisibility:
-    """Return what points (N, 3) with normals (N, 3) see past a mesh (V, 3), (F, 3), colours (F, 3), wherever it is."""
+def past(
+    vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor
+) -> VertexVisibility:
+    """Return what points (N, 3) with normals (N, 3) see past a mesh (V, 3), (F, 3), colours (F, 3), wherever
+    it is.
+    """
     middle = (vertices.amin(0) + vertices.amax(0)) / 2
     asked = _can_block(vertices, points)
     return point_visibility(vertices - middle, faces, colors, points - middle, normals, _SIDE, asked=asked)
@@ -150,8 +168,8 @@ def past(vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normal
 def _can_block(vertices: Tensor, points: Tensor) -> Tensor:
     """Return in which directions (384,) bool a mesh (V, 3) can be in the way of points (N, 3).
 
-    Seen along a direction their bounding rectangles overlap, and the mesh is not all behind; where a horizontal line
-    between the two keeps them apart, the direction leads to the mesh's side.
+    Seen along a direction their bounding rectangles overlap, and the mesh is not all behind; where a
+    horizontal line between the two keeps them apart, the direction leads to the mesh's side.
     """
     directions = cubemap.directions(BLOCKS, points.device).reshape(-1, 3)
     axes = frames(directions).reshape(-1, 3)
@@ -187,7 +205,9 @@ class GroundPlan:
     def of(
         light: GroundLight, total: Tensor, corner: Tensor, cell: float, height: float, *, thing: bool
     ) -> "GroundPlan":
-        """Return the plan of `plan_ground_light`, with or without the thing; total (3,): of ground in the open."""
+        """Return the plan of `plan_ground_light`, with or without the thing; total (3,): of ground in the
+        open.
+        """
         irradiance = light.without + light.added if thing else light.without
         return GroundPlan(corner, cell, height, (luma(irradiance) / luma(total).clamp(min=1e-12)).clamp(0, 1))
 
@@ -200,8 +220,11 @@ class GroundPlan:
         return 1 - lost.reshape(points.shape[:-1])
 
 
-def over_ground(visibility: VertexVisibility, points: Tensor, normals: Tensor, plan: GroundPlan) -> VertexVisibility:
-    """Return the visibility of points (N, 3) whose directions below the horizon are as bright as the ground there.
+def over_ground(
+    visibility: VertexVisibility, points: Tensor, normals: Tensor, plan: GroundPlan
+) -> VertexVisibility:
+    """Return the visibility of points (N, 3) whose directions below the horizon are as bright as the ground
+    there.
 
     normals (N, 3). What the shadows on the ground take is not given back as light off other surfaces.
     """

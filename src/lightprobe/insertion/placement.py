@@ -1,4 +1,5 @@
-"""Where the thing stands: the ground that the known object rests on, the thing's height, and its place in the photo.
+"""Where the thing stands: the ground that the known object rests on, the thing's height, and its place in the
+photo.
 
 All in the normalised frame, z up. The ground is a horizontal plane.
 """
@@ -44,7 +45,9 @@ class Wish:
         if self.at is not None and not all(map(math.isfinite, self.at)):
             raise ConfigError(f"--at {self.at[0]},{self.at[1]} is no pixel.")
         if self.scale is not None and not 1 / _LARGEST_SCALE <= self.scale <= _LARGEST_SCALE:
-            raise ConfigError(f"--scale {self.scale:g} must be from {1 / _LARGEST_SCALE:g} to {_LARGEST_SCALE:g}.")
+            raise ConfigError(
+                f"--scale {self.scale:g} must be from {1 / _LARGEST_SCALE:g} to {_LARGEST_SCALE:g}."
+            )
         if not math.isfinite(self.turn):
             raise ConfigError("--turn must be a number of degrees.")
 
@@ -61,7 +64,8 @@ class Placed:
 
 
 def ground_height(vertices: Tensor) -> float:
-    """Return the height of the ground under a mesh (V, 3): the median of the lowest points of sectors around its axis.
+    """Return the height of the ground under a mesh (V, 3): the median of the lowest points of sectors around
+    its axis.
 
     A single bulge below, where photos from above see nothing, moves it as little as a missing foot.
     """
@@ -76,7 +80,9 @@ def ground_height(vertices: Tensor) -> float:
     return float(np.median(lowest[np.isfinite(lowest)]))
 
 
-def place(thing: Thing, known: Tensor, similarity: Similarity, camera: Camera, mask: np.ndarray, wish: Wish) -> Placed:
+def place(
+    thing: Thing, known: Tensor, similarity: Similarity, camera: Camera, mask: np.ndarray, wish: Wish
+) -> Placed:
     """Return the thing where `wish` has it, or beside the known object (V, 3), free of it and in the frame.
 
     camera: normalised frame; mask (H, W): coverage of the known object in the photo.
@@ -105,7 +111,9 @@ def place(thing: Thing, known: Tensor, similarity: Similarity, camera: Camera, m
 def ground_point(camera: Camera, at: tuple[float, float], ground: float) -> np.ndarray:
     """Return the point (2,) of the ground that a pixel sees; raise `ConfigError` when it sees none."""
     if not (0 <= at[0] <= camera.width and 0 <= at[1] <= camera.height):
-        raise ConfigError(f"--at {at[0]:g},{at[1]:g} lies outside of the photo's {camera.width} x {camera.height}.")
+        raise ConfigError(
+            f"--at {at[0]:g},{at[1]:g} lies outside of the photo's {camera.width} x {camera.height}."
+        )
     local = np.array([(at[0] - camera.cx) / camera.fx, -(at[1] - camera.cy) / camera.fy, -1.0])
     ray = camera.camera_to_world[:3, :3] @ local
     along = (ground - camera.position[2]) / ray[2] if abs(ray[2]) > 1e-9 else -1.0
@@ -118,7 +126,9 @@ def ground_point(camera: Camera, at: tuple[float, float], ground: float) -> np.n
 
 
 def _scale(thing: Thing, known: float, wish: Wish) -> tuple[float, list[str]]:
-    """Return the height relative to the known object's, `known` in the user's units, and what to say about it."""
+    """Return the height relative to the known object's, `known` in the user's units, and what to say about
+    it.
+    """
     if wish.scale is not None:
         return wish.scale, []
     own = _measure(thing) / known
@@ -151,12 +161,15 @@ def _standing(thing: Thing, factor: float, turn: float, ground: float) -> Thing:
 def _beside(standing: Thing, known: Tensor, camera: Camera, mask: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return the best of the places around the known object, and whether it is free and in the frame.
 
-    Best: the whole thing in the frame, none of it before or behind the object, as far from the frame's edges as may be.
+    Best: the whole thing in the frame, none of it before or behind the object, as far from the frame's edges
+    as may be.
     """
     points = standing.vertices[:: max(1, len(standing.vertices) // 2000)].numpy().astype(np.float64)
     body = known.numpy().astype(np.float64)[:, :2]
     middle = (body.min(0) + body.max(0)) / 2
-    reach = np.linalg.norm(body - middle, axis=1).max() + (1 + _GAP) * np.linalg.norm(points[:, :2], axis=1).max()
+    reach = (
+        np.linalg.norm(body - middle, axis=1).max() + (1 + _GAP) * np.linalg.norm(points[:, :2], axis=1).max()
+    )
     best, score = middle, -np.inf
     for bearing in 2 * np.pi * np.arange(_BEARINGS) / _BEARINGS:
         spot = middle + reach * np.array([np.cos(bearing), np.sin(bearing)])

@@ -1,9 +1,11 @@
-"""The sky over a horizontal ground as a few hundred patches of about equal irradiance, each of which casts one shadow.
+"""The sky over a horizontal ground as a few hundred patches of about equal irradiance, each of which casts
+one shadow.
 
-Median cut (Debevec, A Median Cut Algorithm for Light Probe Sampling, 2005): the equirectangular map above the horizon
-is halved again and again where both halves weigh the same. The weight of a texel is its irradiance on the ground plus
-a share of what a uniform sky would give, so that dark parts of the sky are not left to one direction. A patch that a
-lamp or the sun makes strong is spread over directions within it, which gives its shadow a penumbra.
+Median cut (Debevec, A Median Cut Algorithm for Light Probe Sampling, 2005): the equirectangular map above the
+horizon is halved again and again where both halves weigh the same. The weight of a texel is its irradiance on
+the ground plus a share of what a uniform sky would give, so that dark parts of the sky are not left to one
+direction. A patch that a lamp or the sun makes strong is spread over directions within it, which gives its
+shadow a penumbra.
 
     E_k = sum over the patch of L (d.z) dw,   a_k = sum of (d.z) dw,   sum of a_k = pi
 """
@@ -51,7 +53,9 @@ class SkyPatches:
             for window in _windows(weight, cuts)
             for patch in _directions(window, direction, power, angle, weight, solid, float(bright.sum()))
         ]
-        columns = [torch.tensor(np.array(column)).to(environment.device) for column in zip(*patches, strict=True)]
+        columns = [
+            torch.tensor(np.array(column)).to(environment.device) for column in zip(*patches, strict=True)
+        ]
         return SkyPatches(columns[0].float(), columns[1].float(), columns[2].float(), columns[3])
 
     def total(self) -> Tensor:
@@ -96,9 +100,14 @@ def _median(weight: np.ndarray) -> int:
 
 
 def _directions(
-    window: _Window, direction: np.ndarray, power: np.ndarray, angle: np.ndarray, weight: np.ndarray,
-    solid: np.ndarray, whole: float,
-) -> list[tuple[np.ndarray, np.ndarray, float, bool]]:  # fmt: skip
+    window: _Window,
+    direction: np.ndarray,
+    power: np.ndarray,
+    angle: np.ndarray,
+    weight: np.ndarray,
+    solid: np.ndarray,
+    whole: float,
+) -> list[tuple[np.ndarray, np.ndarray, float, bool]]:
     """Return direction, irradiance, projected angle and strength of a patch, several of a strong one."""
     energy, projected = power[window].sum((0, 1)), float(angle[window].sum())
     middle = (direction[window] * weight[window][..., None]).sum((0, 1))

@@ -1,7 +1,7 @@
 """Textures of a glTF material: any shape, repeated or clamped, with coarser levels for far views.
 
-Texels stay 8-bit in memory and become linear numbers when they are looked up. A texture is reduced to 2048 texels along
-its longer side; an object in a photo shows no more.
+Texels stay 8-bit in memory and become linear numbers when they are looked up. A texture is reduced to 2048
+texels along its longer side; an object in a photo shows no more.
 """
 
 import functools
@@ -24,7 +24,10 @@ _LARGEST_TOTAL = 2**28  # texels of all pictures of a file
 _FAINT = 1e-3  # weight of a transparent texel, so that one among none but such keeps its colour
 _KEPT = 2048  # texels along an edge that are kept
 _CLAMP, _MIRROR = 33071, 33648  # glTF's wrap modes; all else repeats
-_READERS = ((b"\x89PNG\r\n\x1a\n", PngImagePlugin.PngImageFile), (b"\xff\xd8\xff", JpegImagePlugin.jpeg_factory))
+_READERS = (
+    (b"\x89PNG\r\n\x1a\n", PngImagePlugin.PngImageFile),
+    (b"\xff\xd8\xff", JpegImagePlugin.jpeg_factory),
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,9 @@ class Texture:
 
     def to(self, device: torch.device) -> "Texture":
         """Return the texture on another device."""
-        return Texture(tuple(t.to(device) for t in self.levels), self.srgb, self.wrap, self.uv_set, self.transform)
+        return Texture(
+            tuple(t.to(device) for t in self.levels), self.srgb, self.wrap, self.uv_set, self.transform
+        )
 
     def sample(self, uvs: Tensor, footprint: Tensor) -> Tensor:
         """Return values (N, 4), colours linear, at texture coordinates (N, 4), two of each set; bilinear.
@@ -107,10 +112,16 @@ class TextureReader:
         extension = info.get("extensions", {}).get("KHR_texture_transform", {})
         uv_set = extension.get("texCoord", info.get("texCoord", 0))
         if uv_set not in (0, 1):
-            raise InputError(f"{self._file.path} uses more than two sets of texture coordinates; export it with one.")
+            raise InputError(
+                f"{self._file.path} uses more than two sets of texture coordinates; export it with one."
+            )
         wrap = (int(sampler.get("wrapS", 10497)), int(sampler.get("wrapT", 10497)))
         return Texture(
-            _levels(self._image(entry["source"]), srgb=srgb, cut=cut), srgb, wrap, int(uv_set), _transform(extension)
+            _levels(self._image(entry["source"]), srgb=srgb, cut=cut),
+            srgb,
+            wrap,
+            int(uv_set),
+            _transform(extension),
         )
 
     def _image(self, source: int) -> Image.Image:
@@ -118,7 +129,9 @@ class TextureReader:
             data, path = self._file.picture(source), self._file.path
             reader = next((reader for magic, reader in _READERS if data.startswith(magic)), None)
             if reader is None:
-                raise InputError(f"{path} has a texture that is neither PNG nor JPEG; export it with such textures.")
+                raise InputError(
+                    f"{path} has a texture that is neither PNG nor JPEG; export it with such textures."
+                )
             with decode_errors(path):
                 image = reader(io.BytesIO(data))
                 width, height = image.size
@@ -131,14 +144,18 @@ class TextureReader:
                 scale = min(1.0, _KEPT / max(width, height))
                 size = max(1, round(width * scale)), max(1, round(height * scale))
                 parts = [part.resize(size, Image.Resampling.BOX) for part in _eight_bits(image).split()]
-                self._decoded[source] = Image.merge("RGBA", parts)  # apart: transparent texels keep their colour
+                self._decoded[source] = Image.merge(
+                    "RGBA", parts
+                )  # apart: transparent texels keep their colour
         return self._decoded[source]
 
 
 def _eight_bits(image: Image.Image) -> Image.Image:
     """Return a picture as RGBA of 8 bits; grey of 16 bits, which Pillow would clip, keeps its range."""
     if image.mode.startswith("I"):
-        image = Image.fromarray((np.asarray(image).astype(np.float64) / 257 + 0.5).clip(0, 255).astype(np.uint8))
+        image = Image.fromarray(
+            (np.asarray(image).astype(np.float64) / 257 + 0.5).clip(0, 255).astype(np.uint8)
+        )
     return image.convert("RGBA")
 
 

@@ -51,8 +51,8 @@ class Thing:
 def load_thing(path: Path) -> Thing:
     """Return the thing in a GLB file, as its default scene shows it at rest.
 
-    Raises `InputError` for a file that is missing, damaged, hostile or empty, has more than 2 million faces, or needs
-    what is not read: other files, compressed meshes or textures, point clouds.
+    Raises `InputError` for a file that is missing, damaged, hostile or empty, has more than 2 million faces,
+    or needs what is not read: other files, compressed meshes or textures, point clouds.
     """
     file = GlbFile.read(Path(path))
     with sound(file.path):
@@ -95,7 +95,9 @@ def _instances(file: GlbFile) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
     if len(nodes) > _MOST_NODES:
         raise InputError(f"{file.path} has {len(nodes)} nodes, more than are read; join its parts.")
     scenes = file.entries("scenes")
-    roots = file.entry("scenes", file.document.get("scene", 0)).get("nodes", []) if scenes else range(len(nodes))
+    roots = (
+        file.entry("scenes", file.document.get("scene", 0)).get("nodes", []) if scenes else range(len(nodes))
+    )
     waiting, seen = [(index, np.eye(4)) for index in roots], set[int]()
     while waiting:
         index, above = waiting.pop()
@@ -142,7 +144,9 @@ def _check_count(file: GlbFile, instances: list[tuple[dict[str, Any], np.ndarray
         faces += corners // 3 if primitive.get("mode", _TRIANGLES) == _TRIANGLES else max(corners - 2, 0)
         vertices += points
     if faces == 0:
-        raise InputError(f"{file.path} shows no triangles; export the thing's mesh, not only animations or points.")
+        raise InputError(
+            f"{file.path} shows no triangles; export the thing's mesh, not only animations or points."
+        )
     if faces > MOST_FACES or vertices > _MOST_VERTICES:
         raise InputError(
             f"{file.path} has {faces} faces and {vertices} vertices, more than the {MOST_FACES} faces that are read; "
@@ -168,7 +172,9 @@ def _part(file: GlbFile, primitive: dict[str, Any], matrix: np.ndarray) -> _Part
     normals = _attribute(file, attributes, "NORMAL", ("VEC3",), len(points))
     if normals is not None:
         # Normals turn with the cofactors of the transform, whose sign a mirror flips.
-        cofactors = np.stack([np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(*linear[:2])])
+        cofactors = np.stack(
+            [np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(*linear[:2])]
+        )
         normals = normals @ (cofactors * np.sign(np.linalg.det(linear) or 1.0)).T
         # Several meshes may keep their vertices in one list.
         used, corners = np.unique(faces, return_inverse=True)
@@ -234,20 +240,27 @@ def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Mater
             kinds.append(np.full(len(here), order.index(part.source)))
             base, count = base + len(part.vertices), count + len(here)
     if count > MOST_FACES:
-        raise InputError(f"{file.path} has {count} faces with both sides of its sheets, too many; simplify its mesh.")
+        raise InputError(
+            f"{file.path} has {count} faces with both sides of its sheets, too many; simplify its mesh."
+        )
     vertices = np.concatenate(columns["vertices"])
     if (vertices.max(0) - vertices.min(0)).max() < 1e-9:
         raise InputError(f"{file.path} has no extent: all its vertices are at one point.")
     joined = {key: torch.from_numpy(np.concatenate(values)).float() for key, values in columns.items()}
     return Thing(
-        **joined, faces=torch.from_numpy(np.concatenate(faces).astype(np.int32)),
-        material=torch.from_numpy(np.concatenate(kinds)), twin=torch.from_numpy(np.concatenate(twins)),
-        materials=tuple(materials[key] for key in order), warnings=tuple(_warnings(file)),
-    )  # fmt: skip
+        **joined,
+        faces=torch.from_numpy(np.concatenate(faces).astype(np.int32)),
+        material=torch.from_numpy(np.concatenate(kinds)),
+        twin=torch.from_numpy(np.concatenate(twins)),
+        materials=tuple(materials[key] for key in order),
+        warnings=tuple(_warnings(file)),
+    )
 
 
 def _encloses(part: _Part) -> bool:
-    """Return whether a part bounds a solid, where vertices that textures and creases have split are one again."""
+    """Return whether a part bounds a solid, where vertices that textures and creases have split are one
+    again.
+    """
     points, index = np.unique(part.vertices.astype(np.float32) + 0.0, axis=0, return_inverse=True)
     return is_closed(torch.from_numpy(points), torch.from_numpy(index.reshape(-1)[part.faces]))
 

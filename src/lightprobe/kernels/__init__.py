@@ -1,4 +1,6 @@
-"""The few hot loops. Tensors in, tensors out; each op has a plain reference and a fast body under one signature."""
+"""The few hot loops. Tensors in, tensors out; each op has a plain reference and a fast body under one
+signature.
+"""
 
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
 from lightprobe.kernels.culled_stacking import stack_probes_culled

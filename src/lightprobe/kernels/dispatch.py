@@ -1,8 +1,8 @@
 """Choice of the body that serves an op, by device and dtype: Numba, Triton, or the plain reference.
 
-A body is a module with the op's forward and backward functions, `kernels/<body>/<op>.py`, loaded when first needed: so
-Triton is missed only where it would be used, and there the reference takes its place, as it does for an op that has no
-body for the device.
+A body is a module with the op's forward and backward functions, `kernels/<body>/<op>.py`, loaded when first
+needed: so Triton is missed only where it would be used, and there the reference takes its place, as it does
+for an op that has no body for the device.
 """
 
 import functools
@@ -27,15 +27,18 @@ class Body(StrEnum):
 
 
 def choose(op: str, *tensors: Tensor) -> ModuleType:
-    """Return the module that serves `op` (a module name under each body's package) for these tensors of any shape.
+    """Return the module that serves `op` (a module name under each body's package) for these tensors of any
+    shape.
 
-    An op of NumPy arrays, which live on the CPU, gives none. Raises ValueError when devices or floating dtypes are
-    mixed, because the op would then mean two things.
+    An op of NumPy arrays, which live on the CPU, gives none. Raises ValueError when devices or floating
+    dtypes are mixed, because the op would then mean two things.
     """
     devices = {tensor.device for tensor in tensors}
     dtypes = {tensor.dtype for tensor in tensors if tensor.is_floating_point()}
     if len(devices) > 1 or len(dtypes) > 1:
-        raise ValueError(f"All tensors of one op must share a device and a floating dtype, not {devices} and {dtypes}.")
+        raise ValueError(
+            f"All tensors of one op must share a device and a floating dtype, not {devices} and {dtypes}."
+        )
     device = devices.pop().type if devices else "cpu"
     return _module(body_for(device) if dtypes <= {torch.float32} else Body.REFERENCE, op)
 
@@ -80,7 +83,8 @@ def require_shape(name: str, tensor: Tensor, *shape: int | None) -> None:
 def require_index(name: str, index: Tensor, size: int) -> None:
     """Raise ValueError unless `index` is integer; raise IndexError unless its values lie in [0, size).
 
-    Values are looked at on the CPU only: compiled loops do not check them, and elsewhere a look would stall the device.
+    Values are looked at on the CPU only: compiled loops do not check them, and elsewhere a look would stall
+    the device.
     """
     if index.dtype not in (torch.int32, torch.int64):
         raise ValueError(f"{name} must be int32 or int64, not {index.dtype}.")

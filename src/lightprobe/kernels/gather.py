@@ -1,8 +1,9 @@
-"""Row gathers, and their transpose, with fast, repeatable gradients: texture look-ups, vertex attributes, light taps.
+"""Row gathers, and their transpose, with fast, repeatable gradients: texture look-ups, vertex attributes,
+light taps.
 
-PyTorch's own backward of `values[index]` is slow on the CPU and its sum order is not promised. Here every destination
-row receives its contributions in the order of the index, whatever the number of threads; on a GPU it sums integers,
-whose order does not matter.
+PyTorch's own backward of `values[index]` is slow on the CPU and its sum order is not promised. Here every
+destination row receives its contributions in the order of the index, whatever the number of threads; on a GPU
+it sums integers, whose order does not matter.
 
     values (M, C)   rows to look up          index (N, K)   K rows for each of N queries
     weight (N, K)   factor of each row       result (N, C)  sum over k of weight[n, k] * values[index[n, k]]
@@ -17,10 +18,12 @@ from lightprobe.kernels import dispatch
 
 
 def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
-    """Return (N, C): sum over k of `weight[n, k] * values[index[n, k]]`; differentiable in `values` and `weight`.
+    """Return (N, C): sum over k of `weight[n, k] * values[index[n, k]]`; differentiable in `values` and
+    `weight`.
 
-    values (M, C) and weight (N, K): float32 (float64 goes to the reference); index (N, K): int32 or int64 in [0, M).
-    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Differentiable once.
+    values (M, C) and weight (N, K): float32 (float64 goes to the reference); index (N, K): int32 or int64 in
+    [0, M). Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
+    Differentiable once.
     """
     dispatch.require_shape("values", values, None, None)
     dispatch.require_shape("index", index, None, None)
@@ -33,7 +36,8 @@ def gather_rows(values: Tensor, index: Tensor) -> Tensor:
     """Return `values[index]`, shape (*index.shape, C); differentiable in `values` with a repeatable gradient.
 
     values (M, C): float32 (float64 goes to the reference); index: int32 or int64 of any shape, in [0, M).
-    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Differentiable once.
+    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Differentiable
+    once.
     """
     dispatch.require_shape("values", values, None, None)
     dispatch.require_index("index", index, values.shape[0])
@@ -41,18 +45,22 @@ def gather_rows(values: Tensor, index: Tensor) -> Tensor:
 
 
 def values_at(values: Tensor, index: Tensor) -> Tensor:
-    """Return `values[index]`, in the shape of the index, of values (M,) of any dtype; not meant to be differentiated.
+    """Return `values[index]`, in the shape of the index, of values (M,) of any dtype; not meant to be
+    differentiated.
 
-    index: int32 or int64 of any shape, in [0, M). PyTorch takes two to four times as long for `values[index]`.
+    index: int32 or int64 of any shape, in [0, M). PyTorch takes two to four times as long for
+    `values[index]`.
     """
     return values.index_select(0, index.reshape(-1)).reshape(index.shape)
 
 
 def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
-    """Return (rows, C): `values` (N, C) summed into the rows named by `index` (N,); the transpose of `gather_rows`.
+    """Return (rows, C): `values` (N, C) summed into the rows named by `index` (N,); the transpose of
+    `gather_rows`.
 
     values: float32 (float64 goes to the reference), differentiable; index: int32 or
-    int64 in [0, rows). Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
+    int64 in [0, rows). Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the
+    rows.
     """
     dispatch.require_shape("values", values, None, None)
     dispatch.require_shape("index", index, values.shape[0])
@@ -61,10 +69,12 @@ def scatter_rows(values: Tensor, index: Tensor, rows: int) -> Tensor:
 
 
 def weighted_scatter(values: Tensor, index: Tensor, weight: Tensor, rows: int) -> Tensor:
-    """Return (rows, C): `weight[n, k] * values[n]` summed into rows `index[n, k]`; the transpose of `weighted_gather`.
+    """Return (rows, C): `weight[n, k] * values[n]` summed into rows `index[n, k]`; the transpose of
+    `weighted_gather`.
 
-    values (N, C) and weight (N, K): float32 (float64 goes to the reference); index (N, K): int32 or int64 in [0, rows).
-    Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Not differentiable.
+    values (N, C) and weight (N, K): float32 (float64 goes to the reference); index (N, K): int32 or int64 in
+    [0, rows). Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows. Not
+    differentiable.
     """
     dispatch.require_shape("values", values, index.shape[0], None)
     dispatch.require_shape("index", index, None, None)

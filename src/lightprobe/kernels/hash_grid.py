@@ -2,9 +2,10 @@
 
     points (N, 3) in [0, 1]^3     resolutions (L,) cells per edge of each level     table (L, T, F), T a power of two
 
-Level l cuts the unit cube into r = resolutions[l] cells per edge and interpolates the F features of the cell's 8
-corners trilinearly. Corner (x, y, z) lives in row x + (r + 1) (y + (r + 1) z) if all (r + 1)^3 corners fit into the
-table, else in row (x ^ 2654435761 y ^ 805459861 z) mod T in unsigned 32-bit arithmetic; training sorts out collisions.
+Level l cuts the unit cube into r = resolutions[l] cells per edge and interpolates the F features of the
+cell's 8 corners trilinearly. Corner (x, y, z) lives in row x + (r + 1) (y + (r + 1) z) if all (r + 1)^3
+corners fit into the table, else in row (x ^ 2654435761 y ^ 805459861 z) mod T in unsigned 32-bit arithmetic;
+training sorts out collisions.
 """
 
 from typing import Any
@@ -18,10 +19,11 @@ from lightprobe.kernels import dispatch
 def hash_encode(points: Tensor, table: Tensor, resolutions: Tensor) -> Tensor:
     """Return the features (N, L*F) of `points`, levels side by side; differentiable in both.
 
-    points (N, 3), clamped to [0, 1], and table (L, T, F): float32 (float64 goes to the reference); resolutions (L,)
-    integers from 1 to 2^20. Within a cell features are trilinear, and so the gradient to a point is the slope there; it
-    is 0 along an axis on which the point is clamped. Gradients repeat to the bit. Differentiable once.
-    Raises ValueError on wrong shapes or dtypes, a T that is no power of two, or a resolution out of range.
+    points (N, 3), clamped to [0, 1], and table (L, T, F): float32 (float64 goes to the reference);
+    resolutions (L,) integers from 1 to 2^20. Within a cell features are trilinear, and so the gradient to a
+    point is the slope there; it is 0 along an axis on which the point is clamped. Gradients repeat to the
+    bit. Differentiable once. Raises ValueError on wrong shapes or dtypes, a T that is no power of two, or a
+    resolution out of range.
     """
     dispatch.require_shape("points", points, None, 3)
     dispatch.require_shape("table", table, None, None, None)

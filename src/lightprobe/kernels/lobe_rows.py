@@ -3,11 +3,12 @@
     d (N, 3) unit directions     t = |l - d| the chord to a direction l     alpha the width of all N lobes
     lobe(t) = max(1 - t^2/2, 0) / (alpha^2 + (1 - alpha^2) t^2/4)^2       (where it comes from: `light.lobes`)
 
-Level s = 2, 4, ... R of the pyramid has s x s squares per face; node 2 (s^2 - 4) + (face s + row) s + column is one of
-them. From the top, a square is cut into its quarters while it might misplace too much of the lobe: while share x extent
-> tolerance sqrt(4 alpha^2 + near^2), where share bounds the square's part of the whole lobe, extent is the square root
-of its area on the sphere, and near the chord to about its closest point. A square that is not cut gives its node the
-lobe's integral, by 2 x 2 Gauss points on the face plane; squares below level R give it to the node that they lie in.
+Level s = 2, 4, ... R of the pyramid has s x s squares per face; node 2 (s^2 - 4) + (face s + row) s + column
+is one of them. From the top, a square is cut into its quarters while it might misplace too much of the lobe:
+while share x extent > tolerance sqrt(4 alpha^2 + near^2), where share bounds the square's part of the whole
+lobe, extent is the square root of its area on the sphere, and near the chord to about its closest point. A
+square that is not cut gives its node the lobe's integral, by 2 x 2 Gauss points on the face plane; squares
+below level R give it to the node that they lie in.
 """
 
 import numpy as np
@@ -22,8 +23,8 @@ def lobe_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return compressed rows: start (N + 1,) int64, node (entries,) int32 and weight (entries,) float64 >= 0.
 
-    directions (N, 3) float64; frames (6, 3, 3) float64, each face's major, along and down axis; total: the lobe's
-    integral over the sphere, in which `tolerance` is counted; resolution R, a power of two from 2. A node is named once
-    in a row, and nodes are not sorted. NumPy arrays on the CPU; not differentiable.
+    directions (N, 3) float64; frames (6, 3, 3) float64, each face's major, along and down axis; total: the
+    lobe's integral over the sphere, in which `tolerance` is counted; resolution R, a power of two from 2. A
+    node is named once in a row, and nodes are not sorted. NumPy arrays on the CPU; not differentiable.
     """
     return dispatch.choose("lobe_rows").refine(directions, frames, alpha, total, resolution, tolerance)

@@ -1,8 +1,8 @@
 """Light that reaches a surface past the object itself: cosine and uniform averages over the open directions.
 
     w_k (K, 3) unit directions, dw_k their solid angles, L_k (K, 3) the light averaged over them
-    v_pk = sum over c of weight[p, c] unoccluded[index[p, c], k] / 255, the share of direction k that pixel p has open
-    c_pk = max(n_p.w_k, 0) dw_k
+    v_pk = sum over c of weight[p, c] unoccluded[index[p, c], k] / 255, the share of direction k that pixel p
+    has open c_pk = max(n_p.w_k, 0) dw_k
 
     diffuse_p = sum_k c v L / sum_k c      ambient_p = sum_k dw v L / sum_k dw v      open_p = sum_k c v / sum_k c
 
@@ -26,10 +26,11 @@ def occluded_light(
     directions: Tensor,
     angles: Tensor,
 ) -> Tensor:
-    """Return (P, 7): diffuse 3, ambient 3 and open, for each pixel; differentiable once, in `light` and `normals`.
+    """Return (P, 7): diffuse 3, ambient 3 and open, for each pixel; differentiable once, in `light` and
+    `normals`.
 
-    light (K, 3), normals (P, 3) unit, weight (P, C), directions (K, 3), angles (K,): float32 (float64 goes to the
-    reference); unoccluded (V, K) uint8; index (P, C) int32 or int64 in [0, V). Sums have a fixed order.
+    light (K, 3), normals (P, 3) unit, weight (P, C), directions (K, 3), angles (K,): float32 (float64 goes to
+    the reference); unoccluded (V, K) uint8; index (P, C) int32 or int64 in [0, V). Sums have a fixed order.
     Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
     """
     count = directions.shape[0]
@@ -45,8 +46,15 @@ def occluded_light(
     return _OccludedLight.apply(light, normals, unoccluded, index, weight.detach(), directions, angles)
 
 
-def occluded_light_adjoint(arriving: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor,
-                           directions: Tensor, angles: Tensor) -> Tensor:  # fmt: skip
+def occluded_light_adjoint(
+    arriving: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
+) -> Tensor:
     """Return the transpose of `occluded_light` in its light, (K, 3), on diffuse and ambient parts (P, 6).
 
     Other arguments and errors as there; not differentiable.

@@ -1,12 +1,13 @@
 """Products of a constant sparse matrix with radiance triples, and of its transpose.
 
-    matrix (M, N) in compressed sparse rows: row r has the entries start[r] .. start[r + 1] of `column` and `value`
+    matrix (M, N) in compressed sparse rows: row r has the entries start[r] .. start[r + 1] of `column` and
+    `value`
     x (N, 3)   product y (M, 3), or of chosen rows alone (K, 3): they cost only what they hold
 
-On the CPU both are loops, because PyTorch's own needs MKL, which not every build has; sums have a fixed order, so
-results do not depend on the number of threads. On a GPU only whole products are formed, by Triton in a fixed order as
-well: PyTorch's CSR product took 0.47 ms there for 6.3 million entries, 3 % of what memory allows. The matrix is
-constant: to differentiate a product in x, multiply its gradient by the transpose.
+On the CPU both are loops, because PyTorch's own needs MKL, which not every build has; sums have a fixed
+order, so results do not depend on the number of threads. On a GPU only whole products are formed, by Triton
+in a fixed order as well: PyTorch's CSR product took 0.47 ms there for 6.3 million entries, 3 % of what memory
+allows. The matrix is constant: to differentiate a product in x, multiply its gradient by the transpose.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ from lightprobe.kernels import dispatch
 class CompressedRows:
     """One matrix: int32 `start` (M + 1,), `column` (entries,) in [0, columns) and float32 `value` (entries,).
 
-    The product waits for memory, so on the CPU columns are uint16 where that suffices, else int32. Whoever builds a
-    matrix answers for its columns: no product looks at them again.
+    The product waits for memory, so on the CPU columns are uint16 where that suffices, else int32. Whoever
+    builds a matrix answers for its columns: no product looks at them again.
     """
 
     start: Tensor
@@ -35,8 +36,8 @@ class CompressedRows:
 def sparse_product(matrix: CompressedRows, x: Tensor, rows: Tensor | None = None) -> Tensor:
     """Return the product (M, 3) with x (N, 3), or only its `rows` (K,) int32, as (K, 3); not differentiable.
 
-    x: float32 or float64, and on a CPU so is the product. Rows are chosen on a CPU only, and must lie in [0, M).
-    Raises ValueError on a wrong shape.
+    x: float32 or float64, and on a CPU so is the product. Rows are chosen on a CPU only, and must lie in [0,
+    M). Raises ValueError on a wrong shape.
     """
     dispatch.require_shape("x", x, matrix.columns, 3)
     return _body(matrix).product(matrix, x.detach(), rows)
@@ -45,8 +46,9 @@ def sparse_product(matrix: CompressedRows, x: Tensor, rows: Tensor | None = None
 def sparse_product_transposed(matrix: CompressedRows, y: Tensor, rows: Tensor, bounds: np.ndarray) -> Tensor:
     """Return the transpose of the product of `rows` (K,), (N, 3), on y (K, 3); not differentiable.
 
-    y, rows and errors as in `sparse_product`. bounds (C + 1,) int32, from 0 to K, cuts the rows into parts that are
-    summed apart, each in order, and then together: they, and not the number of threads, fix the bits.
+    y, rows and errors as in `sparse_product`. bounds (C + 1,) int32, from 0 to K, cuts the rows into parts
+    that are summed apart, each in order, and then together: they, and not the number of threads, fix the
+    bits.
     """
     dispatch.require_shape("y", y, rows.numel(), 3)
     y = y.detach()

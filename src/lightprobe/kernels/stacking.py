@@ -1,4 +1,5 @@
-"""Stacking of probe pixels onto the sphere: a kernel-weighted average that never stores its pixels x texels matrix.
+"""Stacking of probe pixels onto the sphere: a kernel-weighted average that never stores its pixels x texels
+matrix.
 
     n (N, 3) unit normals   v (N, 3) unit, surface -> camera   w (M, 3) unit, surface -> light   h = (w + v)/|w + v|
     a2 (N,) squared GGX width alpha^2 (r^4 for roughness r; the paper prints r^2)     c (N, 3) linear colours
@@ -8,9 +9,9 @@
 
 With g = dLoss/dP the gradient is dLoss/dc_p = sum_w D_p(w) g(w) / W(w), a second pass of the same shape.
 
-Every body computes the bracket as |n x h|^2 + a2 (n.h)^2, which it equals for unit vectors. The printed form subtracts
-two numbers near 1 in the core of a sharp lobe, and in float32 loses most of its digits there.
-Where w = -v there is no h, and D is taken as if h were perpendicular to n.
+Every body computes the bracket as |n x h|^2 + a2 (n.h)^2, which it equals for unit vectors. The printed form
+subtracts two numbers near 1 in the core of a sharp lobe, and in float32 loses most of its digits there. Where
+w = -v there is no h, and D is taken as if h were perpendicular to n.
 """
 
 from typing import Any
@@ -26,11 +27,12 @@ LEAST_ALPHA2 = 1e-8  # a narrower lobe is beyond what float32 directions resolve
 def stack_probes(
     colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Return radiance P (M, 3) and weight W (M,) in `directions`; P is differentiable in `colors`, W in nothing.
+    """Return radiance P (M, 3) and weight W (M,) in `directions`; P is differentiable in `colors`, W in
+    nothing.
 
-    colors, normals, views (N, 3), alpha2 (N,) in (0, 1], directions (M, 3): float32 (float64 goes to the reference);
-    vectors of unit length. Sums run over pixels in their order, so the bits do not depend on the number of threads.
-    Raises ValueError on wrong shapes or mixed dtypes. Differentiable once.
+    colors, normals, views (N, 3), alpha2 (N,) in (0, 1], directions (M, 3): float32 (float64 goes to the
+    reference); vectors of unit length. Sums run over pixels in their order, so the bits do not depend on the
+    number of threads. Raises ValueError on wrong shapes or mixed dtypes. Differentiable once.
     """
     dispatch.require_shape("colors", colors, normals.shape[0], 3)
     lobes = _lobes(normals, views, alpha2, directions)

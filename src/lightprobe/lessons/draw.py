@@ -1,7 +1,7 @@
 """Random numbers, directions and colours of generated lights and objects.
 
-Notation: d (M, 3) unit directions. What is drawn, colours and directions (3,), is on the CPU, whatever device d is on:
-decisions that hang on it need not wait for a GPU.
+Notation: d (M, 3) unit directions. What is drawn, colours and directions (3,), is on the CPU, whatever device
+d is on: decisions that hang on it need not wait for a GPU.
 """
 
 import math
@@ -17,7 +17,9 @@ Item = TypeVar("Item")
 
 
 def beside(drawn: Tensor, values: Tensor) -> Tensor:
-    """Return a tensor of any shape on the device of `values`; what was drawn on the CPU is sent without waiting."""
+    """Return a tensor of any shape on the device of `values`; what was drawn on the CPU is sent without
+    waiting.
+    """
     return drawn if drawn.device == values.device else to_device(drawn, values.device)
 
 
@@ -78,7 +80,8 @@ class Draw:
         return torch.exp(torch.tensor([0.45, 0.0, -0.75]) * w)
 
     def noise(self, d: Tensor, frequency: float, waves: int = 10) -> Tensor:
-        """Return smooth noise (M,) over the directions, mean 0 and deviation near 1, with details down to 1/frequency.
+        """Return smooth noise (M,) over the directions, mean 0 and deviation near 1, with details down to
+        1/frequency.
 
         A sum of plane waves through the sphere, slow ones stronger.
         """

@@ -1,11 +1,12 @@
 """Plausible lights without a single photo: outdoors by time of day, overcast, rooms, studios and night.
 
-They stand in for the places a photo may be taken in when a predictor of light is trained. None is a copy of a real
-place; what they share with real ones is what a predictor can use: light comes from above, grounds are dull, suns are
-small and thousands of times brighter than their sky, rooms are boxes whose walls answer their windows.
+They stand in for the places a photo may be taken in when a predictor of light is trained. None is a copy of a
+real place; what they share with real ones is what a predictor can use: light comes from above, grounds are
+dull, suns are small and thousands of times brighter than their sky, rooms are boxes whose walls answer their
+windows.
 
-Notation: d (M, 3) unit directions with z up in the place's own frame; radiance (M, 3) linear. The whole map is scaled
-to a mean of 1 before its exposure, so that families do not differ in brightness.
+Notation: d (M, 3) unit directions with z up in the place's own frame; radiance (M, 3) linear. The whole map
+is scaled to a mean of 1 before its exposure, so that families do not differ in brightness.
 """
 
 import math
@@ -44,10 +45,18 @@ _SHARES = {Place.SUN: 0.3, Place.OVERCAST: 0.12, Place.ROOM: 0.26, Place.STUDIO:
 
 
 def generated_light(
-    resolution: int, *, seed: int, step: int = 0, up: Tensor | None = None, turn: float = 0.0, tumbled: float = 0.1,
-    place: Place | None = None, device: torch.device | None = None,
-) -> Tensor:  # fmt: skip
-    """Return a light (6, R, R, 3) float32, linear, finite and >= 0, with a mean near 1; equal arguments, equal bits.
+    resolution: int,
+    *,
+    seed: int,
+    step: int = 0,
+    up: Tensor | None = None,
+    turn: float = 0.0,
+    tumbled: float = 0.1,
+    place: Place | None = None,
+    device: torch.device | None = None,
+) -> Tensor:
+    """Return a light (6, R, R, 3) float32, linear, finite and >= 0, with a mean near 1; equal arguments,
+    equal bits.
 
     up: (3,) the direction that is up for the object, by default +z; every light is turned about it at random.
     turn: radians by which one that is not tumbled is turned further, anticlockwise as seen from above.
@@ -84,7 +93,9 @@ def _disc(d: Tensor, towards: Tensor, degrees: float) -> Tensor:
 
 
 def _panel(d: Tensor, towards: Tensor, turn: float, width: float, height: float) -> Tensor:
-    """Return the mask (M, 1) of a flat rectangle facing the object; width and height are half sizes at distance 1."""
+    """Return the mask (M, 1) of a flat rectangle facing the object; width and height are half sizes at
+    distance 1.
+    """
     x, y, z = (d @ beside(upright(towards, turn), d).T).unbind(1)
     depth = z.clamp(min=1e-3)
     inside = _step(1.1, 0.95, (x / depth).abs() / width) * _step(1.1, 0.95, (y / depth).abs() / height)
@@ -131,15 +142,24 @@ def _sun(d: Tensor, draw: Draw) -> Tensor:
     color = torch.exp(-min(mass, 25) * haze * d.new_tensor([0.05, 0.09, 0.17]))
     toward = (d @ beside(sun, d))[:, None].clamp(-1, 1)
     low = max(0.0, 1 - max(height, 0) / 20)
-    sky = torch.lerp(d.new_tensor([0.16, 0.3, 0.62]), d.new_tensor([0.6, 0.68, 0.78]), torch.exp(-z / (0.12 * haze)))
+    sky = torch.lerp(
+        d.new_tensor([0.16, 0.3, 0.62]), d.new_tensor([0.6, 0.68, 0.78]), torch.exp(-z / (0.12 * haze))
+    )
     sky = sky * (1 - 0.75 * low)
     warm = low * torch.exp(-z / 0.25) * (0.5 + 0.5 * toward) ** 3
     sky = sky + warm * d.new_tensor([1.2, 0.55, 0.22]) + color * haze * 0.8 * torch.exp((toward - 1) / 0.02)
     cover = draw.uniform(0, 1) ** 1.5
-    cloud = _step(1.2 - 2.2 * cover, 1.8 - 2.2 * cover, draw.noise(d / (0.35 + z), 7))[:, None] * _step(0, 0.15, z)
-    bright = draw.uniform(0.6, 1.6) * (0.3 + 0.7 * (1 - low)) + color * draw.uniform(0.3, 2) * toward.clamp(min=0) ** 4
+    cloud = _step(1.2 - 2.2 * cover, 1.8 - 2.2 * cover, draw.noise(d / (0.35 + z), 7))[:, None] * _step(
+        0, 0.15, z
+    )
+    bright = (
+        draw.uniform(0.6, 1.6) * (0.3 + 0.7 * (1 - low))
+        + color * draw.uniform(0.3, 2) * toward.clamp(min=0) ** 4
+    )
     sky = torch.lerp(sky, bright.expand_as(sky), cloud)
-    shown = float(1 - 0.97 * draw.uniform(0, 1) * (draw.uniform(0, 1) < cover)) * min(max((height + 1) / 2, 0), 1)
+    shown = float(1 - 0.97 * draw.uniform(0, 1) * (draw.uniform(0, 1) < cover)) * min(
+        max((height + 1) / 2, 0), 1
+    )
     sunlight = color * draw.uniform(6, 14) * shown
     size = math.pi * math.radians(_SUN_DEGREES) ** 2
     return _outdoors(d, draw, sky, sun, sunlight) + _disc(d, sun, _SUN_DEGREES) * sunlight / size
@@ -157,7 +177,9 @@ def _overcast(d: Tensor, draw: Draw) -> Tensor:
 def _room(d: Tensor, draw: Draw) -> Tensor:
     size = torch.tensor([[draw.scale(1, 6), draw.scale(1, 6), draw.scale(0.9, 3)] for _ in range(2)])
     ahead, behind = beside(size, d)
-    reach = torch.where(d > 0, ahead, behind) / d.abs().clamp(min=1e-4)  # along d to the wall, floor or ceiling
+    reach = torch.where(d > 0, ahead, behind) / d.abs().clamp(
+        min=1e-4
+    )  # along d to the wall, floor or ceiling
     distance, axis = reach.min(1)
     side = 2 * axis + (d.gather(1, axis[:, None])[:, 0] < 0)
     walls = draw.paint(0.2, 0.8, 0.12) * torch.exp(0.1 * draw.normal(6, 3))
@@ -168,15 +190,24 @@ def _room(d: Tensor, draw: Draw) -> Tensor:
     mostly_day = draw.uniform(0, 1) < 0.65
     day = draw.scale(3, 40) if mostly_day else draw.scale(0.02, 0.5)
     for _ in range(draw.count(1, 4)):
-        towards, color = draw.towards(-5, 25), beside(day * draw.white(0.5) * torch.tensor([0.85, 0.97, 1.1]), d)
+        towards, color = (
+            draw.towards(-5, 25),
+            beside(day * draw.white(0.5) * torch.tensor([0.85, 0.97, 1.1]), d),
+        )
         width, height = draw.scale(0.12, 0.6), draw.scale(0.15, 0.6)
-        view = color * torch.exp(0.4 * draw.noise(d, 12))[:, None] * (0.35 + 0.65 * _step(-0.15, 0.1, d[:, 2:]))
+        view = (
+            color * torch.exp(0.4 * draw.noise(d, 12))[:, None] * (0.35 + 0.65 * _step(-0.15, 0.1, d[:, 2:]))
+        )
         lamps = torch.maximum(lamps, _panel(d, towards, 0.0, width, height) * view)
         source = towards * float(size.mean())
         falling = (point - beside(source, d)).square().sum(1, keepdim=True).clamp(min=0.1)
         lit = lit + color * width * height * 0.7 * float(size.mean()) ** 2 / falling / math.pi
     for _ in range(draw.count(0, 2) if mostly_day else draw.count(1, 5)):
-        towards, degrees, color = draw.towards(5, 85), draw.scale(1.5, 8), draw.scale(20, 300) * draw.white(1.0)
+        towards, degrees, color = (
+            draw.towards(5, 85),
+            draw.scale(1.5, 8),
+            draw.scale(20, 300) * draw.white(1.0),
+        )
         color = beside(color, d)
         lamps = torch.maximum(lamps, _disc(d, towards, degrees) * color)
         source = towards * draw.uniform(0.7, 2)
@@ -189,7 +220,9 @@ def _room(d: Tensor, draw: Draw) -> Tensor:
 def _studio(d: Tensor, draw: Draw) -> Tensor:
     backdrop = beside(draw.paint(0.01, 0.6, 0.15), d) * (1 + draw.uniform(-0.5, 0.5) * d[:, 2:])
     clutter = torch.exp(draw.uniform(0.05, 0.9) * draw.noise(d, 10))[:, None]
-    floor = torch.lerp(backdrop, beside(draw.paint(0.02, 0.9, 0.1), d).expand_as(d), _step(0.02, -0.1, d[:, 2:]))
+    floor = torch.lerp(
+        backdrop, beside(draw.paint(0.02, 0.9, 0.1), d).expand_as(d), _step(0.02, -0.1, d[:, 2:])
+    )
     radiance = floor * clutter
     for _ in range(draw.count(1, 6)):
         color = draw.scale(4, 150) * draw.white(0.5)
@@ -206,10 +239,18 @@ def _studio(d: Tensor, draw: Draw) -> Tensor:
 
 def _night(d: Tensor, draw: Draw) -> Tensor:
     z = d[:, 2:].clamp(min=0)
-    sky = draw.scale(0.002, 0.3) * d.new_tensor([0.5, 0.65, 1.2]) * (1 + draw.uniform(0, 3) * torch.exp(-z / 0.2))
+    sky = (
+        draw.scale(0.002, 0.3)
+        * d.new_tensor([0.5, 0.65, 1.2])
+        * (1 + draw.uniform(0, 3) * torch.exp(-z / 0.2))
+    )
     lamps, falling = torch.zeros_like(d), torch.full((3,), 0.02)
     for _ in range(draw.count(2, 14)):
-        towards, degrees, color = draw.towards(-3, 50), draw.scale(0.7, 4), draw.scale(30, 2000) * draw.white(1.2)
+        towards, degrees, color = (
+            draw.towards(-3, 50),
+            draw.scale(0.7, 4),
+            draw.scale(30, 2000) * draw.white(1.2),
+        )
         glow = 0.003 * torch.exp(((d @ beside(towards, d))[:, None] - 1) / 0.01)
         lamps = torch.maximum(lamps, (_disc(d, towards, degrees) + glow) * beside(color, d))
         falling = falling + color * math.pi * math.radians(degrees) ** 2 * float(towards[2].clamp(min=0.1))

@@ -31,9 +31,15 @@ class Lesson:
     def to(self, device: torch.device) -> "Lesson":
         """Return the lesson on `device`."""
         return Lesson(
-            self.name, self.pixels.to(device), self.clipped.to(device), self.light_level.to(device),
-            self.distribution.to(device), self.solved.to(device), self.up.to(device), self.teacher.to(device),
-        )  # fmt: skip
+            self.name,
+            self.pixels.to(device),
+            self.clipped.to(device),
+            self.light_level.to(device),
+            self.distribution.to(device),
+            self.solved.to(device),
+            self.up.to(device),
+            self.teacher.to(device),
+        )
 
 
 class LessonMaker:

@@ -1,4 +1,5 @@
-"""What the training loops look at: photos with their Phase I environments, and re-rendered ones under known lights.
+"""What the training loops look at: photos with their Phase I environments, and re-rendered ones under known
+lights.
 
 Everything that does not change while training is computed here once.
 """
@@ -39,13 +40,20 @@ class _TrainingView:
 
 
 def collect_lessons(
-    asset: Asset, lights: Mapping[str, Environment], scene: Scene, config: DistillConfig, device: torch.device,
-    seed: int, environments: Sequence[Environment] = (), on_lesson: Callable[[int, int], None] | None = None,
-) -> list[Lesson]:  # fmt: skip
-    """Return the lessons from each training photo that has a light and shows the object, in the scene's order.
+    asset: Asset,
+    lights: Mapping[str, Environment],
+    scene: Scene,
+    config: DistillConfig,
+    device: torch.device,
+    seed: int,
+    environments: Sequence[Environment] = (),
+    on_lesson: Callable[[int, int], None] | None = None,
+) -> list[Lesson]:
+    """Return the lessons from each training photo that has a light and shows the object, in the scene's
+    order.
 
-    `environments`: of any resolution, to light re-rendered photos with. `on_lesson` hears of (done, all) photos.
-    Raises `InputError` when no photo shows the object.
+    `environments`: of any resolution, to light re-rendered photos with. `on_lesson` hears of (done, all)
+    photos. Raises `InputError` when no photo shows the object.
     """
     up = torch.from_numpy(up_of(photo.camera for photo in scene.train)).float()
     pool = LightPool(up, [lights[name] for name in sorted(lights)], environments, RESOLUTION, seed, device)
@@ -59,7 +67,9 @@ def collect_lessons(
                 desk = LessonMaker(look.gbuffer, up, config)
                 light = lights[photo.name].to(device).texels
                 lessons.append(desk.lesson(photo.name, look.color, look.clipped, light))
-            if config.lessons is not Lessons.TEACHER:  # also the share of photos before it that show too little
+            if (
+                config.lessons is not Lessons.TEACHER
+            ):  # also the share of photos before it that show too little
                 last = done * config.synthetic_lessons // len(photos)
                 lessons += _synthetic(look, pool, range(first, last), config, seed)
                 first, shown = last, look
@@ -75,7 +85,9 @@ def collect_lessons(
     return lessons
 
 
-def _synthetic(look: _TrainingView, pool: LightPool, numbers: range, config: DistillConfig, seed: int) -> list[Lesson]:
+def _synthetic(
+    look: _TrainingView, pool: LightPool, numbers: range, config: DistillConfig, seed: int
+) -> list[Lesson]:
     """Return the re-rendered lessons `numbers` in the camera of a photo."""
     order = torch.randperm(len(look.color), generator=generator(seed, f"distill-rerender/{look.photo.name}"))
     gbuffer = look.gbuffer.select(to_device(order[:_SYNTHETIC_PIXELS], look.color.device))
@@ -87,9 +99,12 @@ def _synthetic(look: _TrainingView, pool: LightPool, numbers: range, config: Dis
     return lessons
 
 
-def _training_view(asset: Asset, photo: Photo, scene: Scene, config: DistillConfig, device: torch.device, seed: int
-                   ) -> _TrainingView | None:  # fmt: skip
-    """Return at most `pixels_per_photo` object pixels of a training photo, chosen at random; None where it has few."""
+def _training_view(
+    asset: Asset, photo: Photo, scene: Scene, config: DistillConfig, device: torch.device, seed: int
+) -> _TrainingView | None:
+    """Return at most `pixels_per_photo` object pixels of a training photo, chosen at random; None where it
+    has few.
+    """
     loaded, camera = load_pixels(photo, config.max_side)
     gbuffer = rasterize_asset(asset, camera.normalised(scene.similarity), device)
     opaque = torch.from_numpy(loaded.alpha).to(device).reshape(-1)[gbuffer.pixel] >= OPAQUE
@@ -98,5 +113,7 @@ def _training_view(asset: Asset, photo: Photo, scene: Scene, config: DistillConf
         return None
     rows = draw_rows(rows, config.pixels_per_photo, generator(seed, f"distill-keep/{photo.name}"))
     at = gbuffer.pixel[rows]
-    color, clipped = (torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped))
+    color, clipped = (
+        torch.from_numpy(part).to(device).reshape(-1, 3)[at] for part in (loaded.color, loaded.clipped)
+    )
     return _TrainingView(photo, gbuffer.select(rows), color, clipped)

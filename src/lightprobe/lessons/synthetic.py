@@ -1,10 +1,12 @@
-"""Lessons without limit: the asset, seen by the training cameras, re-rendered under lights that are known exactly.
+"""Lessons without limit: the asset, seen by the training cameras, re-rendered under lights that are known
+exactly.
 
     light pool (teachers turned and mixed, generated places, a folder of maps)
-      -> the asset with small errors  -> exposure, noise, clipping, 8 bits -> a lesson on the asset without them
+      -> the asset with small errors  -> exposure, noise, clipping, 8 bits -> a lesson on the asset without
+      them
 
-The errors are why the pairs teach more than an inversion: what a wrong normal or roughness does to a photo is noise to
-a predictor that believes the asset, and the lessons say how much of it to expect.
+The errors are why the pairs teach more than an inversion: what a wrong normal or roughness does to a photo is
+noise to a predictor that believes the asset, and the lessons say how much of it to expect.
 """
 
 import math
@@ -29,17 +31,24 @@ class LightPool:
     """Lights for lessons, drawn by number."""
 
     def __init__(
-        self, up: Tensor, teachers: Sequence[Environment], maps: Sequence[Environment], resolution: int, seed: int,
+        self,
+        up: Tensor,
+        teachers: Sequence[Environment],
+        maps: Sequence[Environment],
+        resolution: int,
+        seed: int,
         device: torch.device | None = None,
-    ):  # fmt: skip
+    ):
         """Take the up direction (3,), Phase I's lights and the user's maps, of any resolution.
 
-        Of every ten lights about five are the user's maps, three generated and two teachers; without maps six and four.
-        device: where lights are made, by default the CPU.
+        Of every ten lights about five are the user's maps, three generated and two teachers; without maps six
+        and four. device: where lights are made, by default the CPU.
         """
         self.device = device or torch.device("cpu")
         self.up = up.cpu()
-        self.teachers, self.maps = ([light.to(self.device).texels for light in lights] for lights in (teachers, maps))
+        self.teachers, self.maps = (
+            [light.to(self.device).texels for light in lights] for lights in (teachers, maps)
+        )
         self.resolution, self.seed = resolution, seed
 
     def light(self, index: int) -> Tensor:
@@ -54,7 +63,9 @@ class LightPool:
         return generated_light(self.resolution, seed=self.seed, step=index, up=self.up, device=self.device)
 
     def _turned(self, lights: list[Tensor], up: Tensor, draw: Draw) -> Tensor:
-        """Return one of the lights, or a mix of two, turned about the vertical and tinted; `up` (3,) is theirs."""
+        """Return one of the lights, or a mix of two, turned about the vertical and tinted; `up` (3,) is
+        theirs.
+        """
         total = torch.zeros(6, self.resolution, self.resolution, 3, device=self.device)
         for _ in range(1 if draw.uniform(0, 1) < 0.7 else 2):
             light = lights[draw.count(0, len(lights) - 1)]
@@ -65,7 +76,8 @@ class LightPool:
 
 
 def erroneous(gbuffer: GBuffer, draw: Draw) -> GBuffer:
-    """Return the G-buffer as it might truly be: smooth errors of normal, roughness and base colour, and global ones.
+    """Return the G-buffer as it might truly be: smooth errors of normal, roughness and base colour, and
+    global ones.
 
     About as large as those of assets reconstructed from photos; some lessons have small ones and some large.
     """
@@ -75,14 +87,18 @@ def erroneous(gbuffer: GBuffer, draw: Draw) -> GBuffer:
         return torch.stack([draw.noise(position, frequency) for _ in range(columns)], 1).to(gbuffer.normal)
 
     normal = torch.nn.functional.normalize(gbuffer.normal + 0.06 * size * smooth(12.0, 3), dim=1)
-    roughness = gbuffer.roughness * torch.exp(size * (0.15 * smooth(6.0, 1)[:, 0] + 0.2 * float(draw.normal(1))))
+    roughness = gbuffer.roughness * torch.exp(
+        size * (0.15 * smooth(6.0, 1)[:, 0] + 0.2 * float(draw.normal(1)))
+    )
     shade_error = 0.12 * smooth(10.0, 1) + 0.05 * smooth(8.0, 3) + 0.3 * float(draw.normal(1))
     color = (gbuffer.base_color * torch.exp(size * shade_error)).clamp(0.01, 0.95)
     return replace(gbuffer, normal=normal, roughness=roughness.clamp(0.08, 1.0), base_color=color)
 
 
 def photograph(radiance: Tensor, draw: Draw) -> tuple[Tensor, float]:
-    """Return the colours (P, 3) that an 8-bit photo shows of linear `radiance` (P, 3), and the exposure it took."""
+    """Return the colours (P, 3) that an 8-bit photo shows of linear `radiance` (P, 3), and the exposure it
+    took.
+    """
     luminance = radiance.mean(1)
     exposure = USUAL_MEAN / float(luminance.minimum(4 * luminance.median()).mean().clamp(min=1e-9))
     exposure *= 2 ** draw.uniform(-0.8, 0.8)
@@ -93,10 +109,12 @@ def photograph(radiance: Tensor, draw: Draw) -> tuple[Tensor, float]:
 
 @torch.no_grad()
 def rerender(gbuffer: GBuffer, light: Tensor, draw: Draw) -> tuple[Tensor, Tensor]:
-    """Return colours (P, 3) of a photo of the asset in `light` (6, R, R, 3), and the factors (3,) on that light.
+    """Return colours (P, 3) of a photo of the asset in `light` (6, R, R, 3), and the factors (3,) on that
+    light.
 
-    The factors are exposure times what the errors of the base colour do to the brightness: light and surface share a
-    factor that no photo tells apart, and the lesson's light is the one that goes with the asset as it is believed.
+    The factors are exposure times what the errors of the base colour do to the brightness: light and surface
+    share a factor that no photo tells apart, and the lesson's light is the one that goes with the asset as it
+    is believed.
     """
     true = erroneous(gbuffer, draw)
     operator = prefilter.cached(light.shape[1], gbuffer.normal.device)

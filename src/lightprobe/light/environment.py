@@ -1,8 +1,9 @@
 """Distant light around an object, as one type from the files it is read from to those it is written to.
 
-Inside are the texels of a cubemap (`light.cubemap`), outside equirectangular maps (`light.equirect`) in EXR or Radiance
-HDR files. Both have z up and the axes of the user's frame, in which directions are those of the normalised frame, too.
-Functions that compute with light texel by texel take and return the texels alone, as `light` (6, R, R, 3).
+Inside are the texels of a cubemap (`light.cubemap`), outside equirectangular maps (`light.equirect`) in EXR
+or Radiance HDR files. Both have z up and the axes of the user's frame, in which directions are those of the
+normalised frame, too. Functions that compute with light texel by texel take and return the texels alone, as
+`light` (6, R, R, 3).
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,9 @@ _RESOLUTIONS = (8, 16, 32, 64, 128)  # that a file may be read at
 class Environment:
     """HDR radiance from all directions, in the exposure of the photo it belongs to."""
 
-    texels: Tensor  # (6, R, R, 3) float32 linear RGB radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
+    texels: (
+        Tensor  # (6, R, R, 3) float32 linear RGB radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
+    )
 
     def __post_init__(self) -> None:
         """Raise `ValueError` for a tensor of another shape."""
@@ -75,8 +78,12 @@ class Environment:
 
         R is then a power of two from 8 to 128. Raises `InputError` unless W = 2H.
         """
-        wanted = resolution or max((r for r in _RESOLUTIONS if r <= image.shape[0] // 2), default=_RESOLUTIONS[0])
-        return Environment(equirect.to_cubemap(torch.from_numpy(np.ascontiguousarray(image, np.float32)), wanted))
+        wanted = resolution or max(
+            (r for r in _RESOLUTIONS if r <= image.shape[0] // 2), default=_RESOLUTIONS[0]
+        )
+        return Environment(
+            equirect.to_cubemap(torch.from_numpy(np.ascontiguousarray(image, np.float32)), wanted)
+        )
 
     def panorama(self, height: int | None = None) -> np.ndarray:
         """Return the equirectangular map (2R, 4R, 3) float32, or one of `height` rows (`light.upsampling`)."""
@@ -84,8 +91,11 @@ class Environment:
         return image if height is None else resized_map(image, height)
 
     @staticmethod
-    def load(path: Path | str, device: torch.device | None = None, resolution: int | None = None) -> "Environment":
-        """Read an equirectangular EXR or Radiance map, onto the CPU without `device`, with R as in `from_panorama`.
+    def load(
+        path: Path | str, device: torch.device | None = None, resolution: int | None = None
+    ) -> "Environment":
+        """Read an equirectangular EXR or Radiance map, onto the CPU without `device`, with R as in
+        `from_panorama`.
 
         Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
         """
@@ -96,7 +106,9 @@ class Environment:
         return png(shown(self.panorama()))
 
     def save(self, path: Path | str, height: int | None = None) -> None:
-        """Write it as an equirectangular .exr or .hdr of 2R rows, or `height`; `ConfigError` for any other suffix."""
+        """Write it as an equirectangular .exr or .hdr of 2R rows, or `height`; `ConfigError` for any other
+        suffix.
+        """
         write_map(Path(path), self.panorama(height))
 
 
@@ -108,7 +120,9 @@ def read_map(path: Path) -> np.ndarray:
     image = read_hdr(path)
     height, width, channels = image.shape
     if width != 2 * height or channels < 3:
-        raise InputError(f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H.")
+        raise InputError(
+            f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H."
+        )
     if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
         raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
     return np.ascontiguousarray(image[..., :3], np.float32)

@@ -1,11 +1,13 @@
-"""Equirectangular maps in z-up form, the project's environments on disk, and their conversion to and from cubemaps.
+"""Equirectangular maps in z-up form, the project's environments on disk, and their conversion to and from
+cubemaps.
 
-A map has H rows and 2H columns; row 0 is the top. With u and v in [0, 1] from the left and the top, direction d lies at
+A map has H rows and 2H columns; row 0 is the top. With u and v in [0, 1] from the left and the top, direction
+d lies at
 
     u = 0.5 - atan2(d_y, d_x) / 2 pi,   v = acos(d_z) / pi
 
-so the centre column looks along +x, the left quarter along +y, the top row along +z. Between texel centres a map is
-bilinear; columns wrap, and the row beyond a pole is the row on this side, half a turn away.
+so the centre column looks along +x, the left quarter along +y, the top row along +z. Between texel centres a
+map is bilinear; columns wrap, and the row beyond a pole is the row on this side, half a turn away.
 """
 
 import math
@@ -36,7 +38,8 @@ def solid_angles(height: int, device: torch.device | str = "cpu") -> Tensor:
 def from_cubemap(cube: Tensor, height: int) -> Tensor:
     """Return the map (H, 2H, C) of a cubemap (6, R, R, C), differentiable in the cubemap.
 
-    Bilinear; where the map is coarser than the cubemap, a texel is the mean of several look-ups by solid angle.
+    Bilinear; where the map is coarser than the cubemap, a texel is the mean of several look-ups by solid
+    angle.
     """
     resolution = cube.shape[1]
     split = max(1, math.ceil(4 * resolution / height))
@@ -52,7 +55,8 @@ def from_cubemap(cube: Tensor, height: int) -> Tensor:
 def to_cubemap(map: Tensor, resolution: int) -> Tensor:
     """Return the cubemap (6, R, R, C) of a map (H, 2H, C): the mean of the map over each texel's solid angle.
 
-    Samples are dense enough for both maps, so a sun of one texel keeps its energy. Raises `InputError` unless W = 2H.
+    Samples are dense enough for both maps, so a sun of one texel keeps its energy. Raises `InputError` unless
+    W = 2H.
     """
     height, width = map.shape[:2]
     if width != 2 * height:
@@ -64,7 +68,10 @@ def to_cubemap(map: Tensor, resolution: int) -> Tensor:
     faces = []
     rows = resolution * split
     for face in range(6):
-        total, share = map.new_zeros(resolution, resolution, map.shape[-1]), map.new_zeros(resolution, resolution, 1)
+        total, share = (
+            map.new_zeros(resolution, resolution, map.shape[-1]),
+            map.new_zeros(resolution, resolution, 1),
+        )
         for some in torch.arange(rows, device=map.device).split(max(1, _AT_ONCE // rows)):
             point, solid_angle = _face_samples(face, rows, some)
             weight = solid_angle[:, None].to(map.dtype)
@@ -110,7 +117,9 @@ def _bilinear_taps(direction: Tensor, height: int, dtype: torch.dtype) -> tuple[
 
 
 def _face_samples(face: int, side: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the points (K side, 3) float64 and solid angles (K side,) of K `rows` of a face's side x side grid."""
+    """Return the points (K side, 3) float64 and solid angles (K side,) of K `rows` of a face's side x side
+    grid.
+    """
     centres = (torch.arange(side, dtype=torch.float64, device=rows.device) + 0.5) * (2.0 / side) - 1.0
     b, a = (grid.flatten() for grid in torch.meshgrid(centres[rows], centres, indexing="ij"))
     point = cubemap.face_points(torch.full_like(a, face, dtype=torch.long), a, b)

@@ -17,7 +17,9 @@ FORMAT = "lightprobe light"  # of such a file
 
 
 def environment_files(folder: Path) -> list[Path]:
-    """Return every .exr and .hdr file of a folder in the order of their names; raise `InputError` when it has none."""
+    """Return every .exr and .hdr file of a folder in the order of their names; raise `InputError` when it has
+    none.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder of environment maps.")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
@@ -73,19 +75,24 @@ def _forget_facts(map_path: Path) -> None:
 
 
 def panorama(cube: Tensor) -> np.ndarray:
-    """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32 in the convention of the files."""
+    """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32 in the convention of the
+    files.
+    """
     return equirect.from_cubemap(cube, 2 * cube.shape[1]).detach().cpu().numpy()
 
 
 def write_map(path: Path, image: np.ndarray) -> None:
     """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
 
-    What a .light.json tells of the map that was there is forgotten first: suns that the new one has in it, or has not.
-    Raises `ConfigError` for any other suffix, `ConvergenceError` for NaN or infinity, which no other program reads.
+    What a .light.json tells of the map that was there is forgotten first: suns that the new one has in it, or
+    has not. Raises `ConfigError` for any other suffix, `ConvergenceError` for NaN or infinity, which no other
+    program reads.
     """
     check_map_name(path)
     if not np.isfinite(image).all():
-        raise ConvergenceError(f"The light for {path} holds NaN or infinity, so it is not written; train the run anew.")
+        raise ConvergenceError(
+            f"The light for {path} holds NaN or infinity, so it is not written; train the run anew."
+        )
     _forget_facts(path)
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 

@@ -4,18 +4,20 @@ The prefiltered radiance of direction d at roughness r is the mean of the light 
 
     D(h) max(n.l, 0),  with v = n = d, h the half vector, D = GGX of alpha = r^2.
 
-With t the chord |l - d|: (n.h)^2 = cos^2(angle / 2) = 1 - t^2/4 and n.l = 1 - t^2/2, so the lobe depends on t alone:
+With t the chord |l - d|: (n.h)^2 = cos^2(angle / 2) = 1 - t^2/4 and n.l = 1 - t^2/2, so the lobe depends on t
+alone:
 
     lobe(t) = max(1 - t^2/2, 0) / (alpha^2 + (1 - alpha^2) t^2/4)^2    (half width about 2 alpha; a cosine if alpha = 1)
 
 Rows over the light's own texels would be nearly full. They go over *nodes* instead, in one of two ways:
 
-- Narrow lobes have a sharp core and a long faint tail. Nodes are area averages over the squares of a pyramid (2 x 2
-  per face, 4 x 4, ... the texels): fine under the core, coarse in the tail, so that averaging the light over a node
-  misplaces little of the row's weight. Under a lobe narrower than a texel the squares go on below the texel, which
-  integrates the lobe properly; their weights add up in that texel.
-- Wide lobes are smooth. Nodes are the light's moments with the tent functions of one coarse grid, and the weights are
-  the least-squares fit of the lobe by these tents. Under a sun this is several times as exact as as many squares.
+- Narrow lobes have a sharp core and a long faint tail. Nodes are area averages over the squares of a pyramid
+  (2 x 2 per face, 4 x 4, ... the texels): fine under the core, coarse in the tail, so that averaging the
+  light over a node misplaces little of the row's weight. Under a lobe narrower than a texel the squares go on
+  below the texel, which integrates the lobe properly; their weights add up in that texel.
+- Wide lobes are smooth. Nodes are the light's moments with the tent functions of one coarse grid, and the
+  weights are the least-squares fit of the lobe by these tents. Under a sun this is several times as exact as
+  as many squares.
 """
 
 import functools
@@ -40,7 +42,9 @@ _NEGLIGIBLE = 1e-4  # weights below this part of a row's largest are left out of
 
 @dataclass(frozen=True)
 class Nodes:
-    """The averages of a light (6, R, R) that rows refer to: the pyramid's squares, then the coarse grid's tents."""
+    """The averages of a light (6, R, R) that rows refer to: the pyramid's squares, then the coarse grid's
+    tents.
+    """
 
     resolution: int  # R
     tent_resolution: int
@@ -86,17 +90,24 @@ class Nodes:
         return moments
 
 
-def narrow_rows(directions: np.ndarray, alpha: float, nodes: Nodes, tolerance: float) -> scipy.sparse.csr_array:
-    """Return rows (N, nodes.total) over squares, for directions (N, 3) float64 unit; each is >= 0 and sums to 1.
+def narrow_rows(
+    directions: np.ndarray, alpha: float, nodes: Nodes, tolerance: float
+) -> scipy.sparse.csr_array:
+    """Return rows (N, nodes.total) over squares, for directions (N, 3) float64 unit; each is >= 0 and sums to
+    1.
 
     tolerance: the share of a row's weight that one square may misplace by its own size.
     """
-    start, index, weight = lobe_rows(directions, _FRAMES, alpha, _lobe_integral(alpha), nodes.resolution, tolerance)
+    start, index, weight = lobe_rows(
+        directions, _FRAMES, alpha, _lobe_integral(alpha), nodes.resolution, tolerance
+    )
     return _normalised(scipy.sparse.csr_array((weight, index, start), shape=(len(directions), nodes.total)))
 
 
 def wide_rows(directions: np.ndarray, alpha: float, nodes: Nodes) -> scipy.sparse.csr_array:
-    """Return rows (N, nodes.total) over tents, for directions (N, 3) float64 unit; each is >= 0 and sums to 1."""
+    """Return rows (N, nodes.total) over tents, for directions (N, 3) float64 unit; each is >= 0 and sums to
+    1.
+    """
     fit = _tent_fit(nodes.tent_resolution, min(nodes.resolution, 2 * nodes.tent_resolution))
     cosine = directions @ fit.directions.T
     projected = (_lobe_of_cosine(cosine, alpha) * fit.solid_angles) @ fit.tents
@@ -133,7 +144,9 @@ def _tents(resolution: int, tent_resolution: int) -> scipy.sparse.csr_array:
     points = cubemap.exact_directions(resolution).reshape(-1, 3)
     index, weight = (taps.numpy() for taps in cubemap.bilinear_taps(points, tent_resolution))
     start = np.arange(0, index.size + 1, index.shape[1])
-    return scipy.sparse.csr_array((weight.ravel(), index.ravel(), start), shape=(len(points), 6 * tent_resolution**2))
+    return scipy.sparse.csr_array(
+        (weight.ravel(), index.ravel(), start), shape=(len(points), 6 * tent_resolution**2)
+    )
 
 
 def _normalised(rows: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
@@ -151,4 +164,6 @@ def _lobe_integral(alpha: float) -> float:
     if k < 1e-4:
         return math.pi
     low, high = a2, a2 + 0.5 * k
-    return 4.0 * math.pi / k * ((1.0 + 2.0 * a2 / k) * (1.0 / low - 1.0 / high) - 2.0 / k * math.log(high / low))
+    return (
+        4.0 * math.pi / k * ((1.0 + 2.0 * a2 / k) * (1.0 / low - 1.0 / high) - 2.0 / k * math.log(high / low))
+    )

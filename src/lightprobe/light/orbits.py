@@ -1,9 +1,9 @@
 """Rows of a constant operator from one row of each orbit of the cube's symmetries.
 
-The 48 turns and mirrorings of the cube carry the texels of a cubemap onto one another, and with them whatever is built
-from directions and faces alone. So if symmetry k carries texel t onto texel f, and node m onto node n, then the weight
-of node m in the row of t is that of n in the row of f. Of 6 R^2 rows only R (R + 2) / 8 need computing, those of the
-first texel of each orbit; the others hold the same numbers elsewhere.
+The 48 turns and mirrorings of the cube carry the texels of a cubemap onto one another, and with them whatever
+is built from directions and faces alone. So if symmetry k carries texel t onto texel f, and node m onto node
+n, then the weight of node m in the row of t is that of n in the row of f. Of 6 R^2 rows only R (R + 2) / 8
+need computing, those of the first texel of each orbit; the others hold the same numbers elsewhere.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,9 @@ from lightprobe.light import cubemap
 
 @dataclass(frozen=True)
 class Orbits:
-    """The orbits of a cubemap's texels: `first[which[t]]` is the first texel of t's, and `by[t]` carries t onto it."""
+    """The orbits of a cubemap's texels: `first[which[t]]` is the first texel of t's, and `by[t]` carries t
+    onto it.
+    """
 
     first: np.ndarray  # (K,) flat texel indices, ascending
     which: np.ndarray  # (6 R^2,) in 0..K-1
@@ -42,10 +44,11 @@ def sources(resolution: int) -> np.ndarray:
 def unfold(
     rows: scipy.sparse.csr_array, which: np.ndarray, by: np.ndarray, source: np.ndarray
 ) -> scipy.sparse.csr_array:
-    """Return rows (T, N) from those of the orbits' first texels (K, N): row t is row `which[t]`, carried back.
+    """Return rows (T, N) from those of the orbits' first texels (K, N): row t is row `which[t]`, carried
+    back.
 
-    which and by: (T,) as in `Orbits`. source: (48, N) int32, the node that each symmetry carries onto each node.
-    Entries keep the order of the row that they come from, so that they are not sorted.
+    which and by: (T,) as in `Orbits`. source: (48, N) int32, the node that each symmetry carries onto each
+    node. Entries keep the order of the row that they come from, so that they are not sorted.
     """
     start, index, weight = permute_rows(rows.indptr, rows.indices, rows.data, which, by, source)
     return scipy.sparse.csr_array((weight, index, start), shape=(len(which), rows.shape[1]))

@@ -1,10 +1,11 @@
 """What photos say about light, each formula once: tone curve, weights of errors, clipping, brightness.
 
-Colours are linear radiance, float tensors whose last axis is red, green, blue unless a function says otherwise.
+Colours are linear radiance, float tensors whose last axis is red, green, blue unless a function says
+otherwise.
 
-The tone curve T(x) = sRGB(log(1 + x)) keeps highlights from owning a sum of errors (Munkberg et al. 2022, section 3.4).
-Weights of linear errors are made of (x + .02)^-.55, which has the shape of its slope within a factor of six from 0 to 1
-and falls less steeply.
+The tone curve T(x) = sRGB(log(1 + x)) keeps highlights from owning a sum of errors (Munkberg et al. 2022,
+section 3.4). Weights of linear errors are made of (x + .02)^-.55, which has the shape of its slope within a
+factor of six from 0 to 1 and falls less steeply.
 """
 
 import functools
@@ -15,9 +16,20 @@ from torch import Tensor
 from lightprobe.imaging.color import srgb_decode, srgb_encode
 
 __all__ = [
-    "USUAL_MEAN", "beyond_clipping", "displayed_error", "exposure_unit", "luma", "one_sided", "one_sided_residual",
-    "relative_tone_weight", "srgb_decode", "srgb_encode", "tone_map", "tone_slope", "tone_weight",
-]  # fmt: skip
+    "USUAL_MEAN",
+    "beyond_clipping",
+    "displayed_error",
+    "exposure_unit",
+    "luma",
+    "one_sided",
+    "one_sided_residual",
+    "relative_tone_weight",
+    "srgb_decode",
+    "srgb_encode",
+    "tone_map",
+    "tone_slope",
+    "tone_weight",
+]
 
 USUAL_MEAN = 0.22  # linear mean of a well-exposed object
 _LUMA = (0.299, 0.587, 0.114)  # the paper's weights (Equation 6)
@@ -43,13 +55,15 @@ def tone_weight(linear: Tensor) -> Tensor:
 def relative_tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
     """Return weights (N,) of squared linear errors of colours (N, 3), of about one size at any exposure.
 
-    They make errors count as in a tone-mapped picture. light_level (): grey radiance that lights the photo as brightly.
+    They make errors count as in a tone-mapped picture. light_level (): grey radiance that lights the photo as
+    brightly.
     """
     return (color.mean(-1) / light_level + _DARK).reciprocal()
 
 
 def beyond_clipping(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return where (bool) the render is brighter than a photo `clipped` (bool) there: no error; all of any one shape.
+    """Return where (bool) the render is brighter than a photo `clipped` (bool) there: no error; all of any
+    one shape.
 
     A saturated pixel only says that the light was at least this strong.
     """
@@ -62,17 +76,23 @@ def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
 
 
 def one_sided_residual(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return render - photo, zero where the render is beyond clipping; `clipped` (bool); all of any one shape."""
+    """Return render - photo, zero where the render is beyond clipping; `clipped` (bool); all of any one
+    shape.
+    """
     return one_sided(render, photo, clipped) - photo
 
 
 def displayed_error(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return the mean absolute tone-mapped difference () of linear colours (N, 3), one-sided where `clipped` (N, 3)."""
+    """Return the mean absolute tone-mapped difference () of linear colours (N, 3), one-sided where `clipped`
+    (N, 3).
+    """
     return (tone_map(one_sided(render, photo, clipped)) - tone_map(photo)).abs().mean()
 
 
 def exposure_unit(color: Tensor) -> Tensor:
-    """Return the radiance () to divide linear colours (N, 3) by so that their photo becomes a well-exposed one."""
+    """Return the radiance () to divide linear colours (N, 3) by so that their photo becomes a well-exposed
+    one.
+    """
     return color.mean().clamp(min=1e-9) / USUAL_MEAN
 
 

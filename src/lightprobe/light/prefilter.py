@@ -1,19 +1,19 @@
 """Prefiltering of a cubemap as one constant linear operator.
 
-The light enters a render as its average under the lobe of a direction and a roughness (`light.lobes`). These averages
-are tabulated on *levels*: cubemaps of one roughness each, stacked flat into one tensor (T, 3). As the lobes are
-constant, levels = L N env with N averages of the light over nodes and L the lobes over the nodes, both sparse;
-every row of the product sums to 1, so a constant light gives constant levels. At roughness 1 the lobe is a cosine:
-that level also serves as irradiance / pi. The last level goes on to lobes flatter than a cosine, as the roughest
-surfaces have them (`render.specular_lobes`).
+The light enters a render as its average under the lobe of a direction and a roughness (`light.lobes`). These
+averages are tabulated on *levels*: cubemaps of one roughness each, stacked flat into one tensor (T, 3). As
+the lobes are constant, levels = L N env with N averages of the light over nodes and L the lobes over the
+nodes, both sparse; every row of the product sums to 1, so a constant light gives constant levels. At
+roughness 1 the lobe is a cosine: that level also serves as irradiance / pi. The last level goes on to lobes
+flatter than a cosine, as the roughest surfaces have them (`render.specular_lobes`).
 
-Below the levels come the *blocks*: the light averaged over each of 6 x 8 x 8 parts of the sphere, for what depends on
-the direction in a coarse way, such as the object's shadows.
+Below the levels come the *blocks*: the light averaged over each of 6 x 8 x 8 parts of the sphere, for what
+depends on the direction in a coarse way, such as the object's shadows.
 
-Between two levels the lobe is interpolated linearly in 1 / alpha, which follows its peak. The roughnesses are a ladder
-on which, in the L2 norm, an interpolated lobe is at most 4 % off the true one, or 7 % below 0.15. (Nine levels linear
-in r from 0.08 to 0.5 with a last one at 1, and look-ups linear in r, are the common choice; there it is 38 % off below
-0.14 and 31 % between 0.5 and 1.)
+Between two levels the lobe is interpolated linearly in 1 / alpha, which follows its peak. The roughnesses are
+a ladder on which, in the L2 norm, an interpolated lobe is at most 4 % off the true one, or 7 % below 0.15.
+(Nine levels linear in r from 0.08 to 0.5 with a last one at 1, and look-ups linear in r, are the common
+choice; there it is 38 % off below 0.14 and 31 % between 0.5 and 1.)
 """
 
 import functools
@@ -32,13 +32,18 @@ from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
 from lightprobe.light.orbits import Orbits, unfold
 from lightprobe.light.sparse import ChosenRows, SparseOperator
 
-# The least that is tabulated, and the most: the specular mixture's lobes may be wider than that of roughness 1.
+# The least that is tabulated, and the most: the specular mixture's lobes may be wider than that of roughness
+# 1.
 MIN_ROUGHNESS, MAX_ROUGHNESS = 0.08, 1.4
 BLOCKS = 8  # blocks along each edge of the cubemap: about ten degrees
 ROUGHNESSES = (0.08, 0.11, 0.15, 0.19, 0.24, 0.305, 0.39, 0.5, 0.67, 1.0, MAX_ROUGHNESS)
 _TEXEL = 0.5 * math.pi  # mean extent of the texel of a cubemap with R = 1, in radians
-_TEXELS_PER_WIDTH = 1.8  # a level resolves the half width of its lobe by at least so many texels, where the light does
-_SMALLEST_WIDTH = 0.4  # levels of lobes narrower than so many texels of the light are left out, but for the first
+_TEXELS_PER_WIDTH = (
+    1.8  # a level resolves the half width of its lobe by at least so many texels, where the light does
+)
+_SMALLEST_WIDTH = (
+    0.4  # levels of lobes narrower than so many texels of the light are left out, but for the first
+)
 _COARSEST = 16  # no level of a finer light is coarser: it would show in smooth gradients
 
 
@@ -61,11 +66,15 @@ class Accuracy:
 
 
 DRAFT = Accuracy(0.1, 8, 0.5)
-"""For what looks at a light often and roughly: half the entries of narrow lobes; renders differ by .1 to .2 %."""
+"""For what looks at a light often and roughly: half the entries of narrow lobes; renders differ by .1 to .2
+%.
+"""
 
 
 def accuracy_for(resolution: int) -> Accuracy:
-    """Return the accuracy that lights of `resolution` deserve: small ones must be fast, and are blurred anyway."""
+    """Return the accuracy that lights of `resolution` deserve: small ones must be fast, and are blurred
+    anyway.
+    """
     return Accuracy(0.01, 8, 0.5) if resolution <= 32 else Accuracy(0.01, 16, 0.35)
 
 
@@ -103,7 +112,9 @@ def _lobe_matrix(levels: tuple[Level, ...], nodes: Nodes, accuracy: Accuracy) ->
 
 
 def _block_matrix(resolution: int) -> scipy.sparse.csr_array:
-    """Return the averages over blocks (384, 6 R^2) by solid angle; a coarser light is taken as constant in a texel."""
+    """Return the averages over blocks (384, 6 R^2) by solid angle; a coarser light is taken as constant in a
+    texel.
+    """
     fine = max(resolution, BLOCKS)
     centres = cubemap.exact_directions(fine).reshape(-1, 3)
     block, texel = cubemap.nearest_texel(centres, BLOCKS), cubemap.nearest_texel(centres, resolution)
@@ -133,7 +144,9 @@ class _Apply(torch.autograd.Function):
 
 
 class Prefilter:
-    """The prefilter operator for cubemaps of one resolution (a power of two from 4); use `cached` to share it."""
+    """The prefilter operator for cubemaps of one resolution (a power of two from 4); use `cached` to share
+    it.
+    """
 
     def __init__(self, resolution: int, device: torch.device | str = "cpu", accuracy: Accuracy | None = None):
         if resolution < 4 or resolution & (resolution - 1):
@@ -166,7 +179,9 @@ class Prefilter:
 
     def dense_levels(self) -> Tensor:
         """Return the levels as a matrix (first_block, 6 R^2) of the light; for small lights."""
-        return torch.from_numpy((self.lobes.matrix() @ self.nodes.matrix()).toarray()).to(self.lobes.forward.value)
+        return torch.from_numpy((self.lobes.matrix() @ self.nodes.matrix()).toarray()).to(
+            self.lobes.forward.value
+        )
 
     def averages(self, env: Tensor, lobes: SparseOperator | ChosenRows) -> Tensor:
         """Return what `lobes`, all or some, see of env (6, R, R, 3), and below it the blocks."""
@@ -179,11 +194,14 @@ class Prefilter:
         gradient += self.blocks.adjoint(levels[first_block:])
         return gradient.reshape(6, self.resolution, self.resolution, 3)
 
-    def specular_taps(self, direction: Tensor, roughness: Tensor, scale: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
+    def specular_taps(
+        self, direction: Tensor, roughness: Tensor, scale: Tensor | float = 1.0
+    ) -> tuple[Tensor, Tensor]:
         """Return index (N, 8) int32 into the levels and weight (N, 8) for lobes around `direction`.
 
-        direction (N, 3), roughness (N,): bilinear within two levels, linear in 1 / alpha between them. Weights sum to
-        `scale`, one or (N,), and are differentiable in all arguments; roughness is clamped to [0.08, 1.4].
+        direction (N, 3), roughness (N,): bilinear within two levels, linear in 1 / alpha between them.
+        Weights sum to `scale`, one or (N,), and are differentiable in all arguments; roughness is clamped to
+        [0.08, 1.4].
         """
         level, fraction = self._level(roughness)
         coordinates = cubemap.face_coordinates(direction)
@@ -212,11 +230,15 @@ class Prefilter:
         """Raise `ConfigError` unless env is (6, R, R, 3) of this resolution."""
         size = self.resolution
         if env.shape != (6, size, size, 3):
-            raise ConfigError(f"This prefilter takes cubemaps (6, {size}, {size}, 3), not {tuple(env.shape)}.")
+            raise ConfigError(
+                f"This prefilter takes cubemaps (6, {size}, {size}, 3), not {tuple(env.shape)}."
+            )
 
 
 class PrefilterPart:
-    """On a CPU, the rows of a prefilter's levels that somebody looks up, and its blocks: all that one photo needs."""
+    """On a CPU, the rows of a prefilter's levels that somebody looks up, and its blocks: all that one photo
+    needs.
+    """
 
     def __init__(self, prefilter: Prefilter, rows: Tensor):
         """Restrict the levels to `rows` (K,), indices into the stack of levels."""
@@ -234,6 +256,10 @@ class PrefilterPart:
 
 
 @functools.lru_cache(maxsize=8)
-def cached(resolution: int, device: torch.device | str = "cpu", accuracy: Accuracy | None = None) -> Prefilter:
-    """Return the process's shared prefilter of a resolution, device and accuracy; one of R = 128 takes seconds."""
+def cached(
+    resolution: int, device: torch.device | str = "cpu", accuracy: Accuracy | None = None
+) -> Prefilter:
+    """Return the process's shared prefilter of a resolution, device and accuracy; one of R = 128 takes
+    seconds.
+    """
     return Prefilter(resolution, device, accuracy)

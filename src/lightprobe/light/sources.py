@@ -4,12 +4,14 @@ A source is a spherical Gaussian, the usual lobe of such lights:
 
     L(d) = a exp(kappa (d . s - 1)),   irradiance of a surface that faces it  E = 2 pi a (1/kappa - 1/kappa^2 + ...)
 
-s is its direction, kappa its sharpness. As users think of discs, its size is given as the radius of the disc with the
-same mean square angle from s: radius^2 / 2 for a disc, 2 / kappa for the Gaussian, so radius = 2 / sqrt(kappa).
+s is its direction, kappa its sharpness. As users think of discs, its size is given as the radius of the disc
+with the same mean square angle from s: radius^2 / 2 for a disc, 2 / kappa for the Gaussian, so radius = 2 /
+sqrt(kappa).
 
-Sources are found where radiance stands out of a ring of some 15 to 30 degrees around it, the strongest first, and each
-is taken out, down to the ring's median, before the next is looked for. All of it is deterministic. Directions are
-those of the light's own axes, z up. An `uncertainty` is only known where a photo tells it (`prediction.source_fit`).
+Sources are found where radiance stands out of a ring of some 15 to 30 degrees around it, the strongest first,
+and each is taken out, down to the ring's median, before the next is looked for. All of it is deterministic.
+Directions are those of the light's own axes, z up. An `uncertainty` is only known where a photo tells it
+(`prediction.source_fit`).
 """
 
 import math
@@ -69,7 +71,9 @@ class LightSource:
 
     @staticmethod
     def from_json(value: dict[str, Any]) -> "LightSource":
-        """Return the source of `to_json`'s form; raises `KeyError`, `TypeError` or `ValueError` for another one."""
+        """Return the source of `to_json`'s form; raises `KeyError`, `TypeError` or `ValueError` for another
+        one.
+        """
         x, y, z = (float(number) for number in value["direction"])
         length = math.sqrt(x * x + y * y + z * z)
         r, g, b = (float(number) for number in value["irradiance_rgb"])
@@ -80,9 +84,12 @@ class LightSource:
         if not all(math.isfinite(n) for n in numbers) or not 1e-6 < length < 1e6 or min(r, g, b) < 0:
             raise ValueError("no light source has such numbers")
         return LightSource(
-            (x / length, y / length, z / length), min(max(radius, SMALLEST), math.pi), (r, g, b), spread,
+            (x / length, y / length, z / length),
+            min(max(radius, SMALLEST), math.pi),
+            (r, g, b),
+            spread,
             None if turn is None else math.radians(turn),
-        )  # fmt: skip
+        )
 
     def scaled(self, factor: Tensor) -> "LightSource":
         """Return it with its irradiance times `factor` (3,)."""
@@ -99,7 +106,9 @@ class SplitLight:
 
     def scaled(self, factor: Tensor) -> "SplitLight":
         """Return it with all radiance times `factor` (3,)."""
-        return SplitLight(self.rest.scaled(factor.to(self.rest.device)), tuple(s.scaled(factor) for s in self.sources))
+        return SplitLight(
+            self.rest.scaled(factor.to(self.rest.device)), tuple(s.scaled(factor) for s in self.sources)
+        )
 
 
 def find_sources(environment: Environment, most: int = MOST) -> tuple[LightSource, ...]:
@@ -109,7 +118,9 @@ def find_sources(environment: Environment, most: int = MOST) -> tuple[LightSourc
 
 @torch.no_grad()
 def split_light(environment: Environment, most: int = MOST) -> SplitLight:
-    """Return a light as up to `most` sources and the rest, which keeps the level around each source in its place."""
+    """Return a light as up to `most` sources and the rest, which keeps the level around each source in its
+    place.
+    """
     search = _Search(environment)
     found: list[LightSource] = []
     while len(found) < most and (source := search.next_source()) is not None:
@@ -148,7 +159,9 @@ class _Search:
             self._passed[taken] = True
 
     def rest(self, texels: Tensor) -> Tensor:
-        """Return `texels` (6, R, R, 3) without what was taken; finer ones lose the share that their block loses."""
+        """Return `texels` (6, R, R, 3) without what was taken; finer ones lose the share that their block
+        loses.
+        """
         kept = (self._light / self._given.clamp(min=1e-30)).clamp(max=1).float()
         return texels * resize_light(kept.reshape(6, self._resolution, self._resolution, 3), texels.shape[1])
 
@@ -156,7 +169,9 @@ class _Search:
         return float(luma(self._light[peak])) > _STANDS_OUT * float(luma(level))
 
     def _beside(self, taken: Tensor, peak: int) -> Tensor:
-        """Return the texels (6 R^2,) bool within the reach of a source, whose tails are no sources of their own."""
+        """Return the texels (6 R^2,) bool within the reach of a source, whose tails are no sources of their
+        own.
+        """
         cosine = self._direction @ self._direction[peak]
         reach = torch.acos(cosine[taken].clamp(-1, 1)).max() + 2 * self._angle[peak].sqrt()
         return cosine > torch.cos(reach)
@@ -173,7 +188,9 @@ class _Search:
         return self._connected(((apart < end) & (brightness > _GROUND * ground)).nonzero()[:, 0], peak), level
 
     def _connected(self, near: Tensor, peak: int) -> Tensor:
-        """Return those of the texels `near` (K,) that hang together with `peak`, and it alone if it is not one."""
+        """Return those of the texels `near` (K,) that hang together with `peak`, and it alone if it is not
+        one.
+        """
         width = self._angle[near].sqrt()
         step = torch.cdist(self._direction[near], self._direction[near])
         touching = step < _NEIGHBOUR * torch.minimum(width[:, None], width)

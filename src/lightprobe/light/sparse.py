@@ -16,7 +16,9 @@ _ENTRIES_PER_PART = 1 << 16  # with fewer, adding the partial sums up costs more
 
 @dataclass(frozen=True)
 class SparseOperator:
-    """A constant matrix, and its transpose once somebody asks for it: some rows of it (`ChosenRows`) do without."""
+    """A constant matrix, and its transpose once somebody asks for it: some rows of it (`ChosenRows`) do
+    without.
+    """
 
     forward: CompressedRows
 
@@ -24,11 +26,13 @@ class SparseOperator:
     def build(matrix: scipy.sparse.csr_array, device: torch.device | str = "cpu") -> "SparseOperator":
         """Return the operator of a SciPy matrix; entries are rounded to float32, or shared where they are.
 
-        On a CPU rows keep the order of their entries. On a GPU they are sorted: lanes beside each other then read
-        texels beside each other.
+        On a CPU rows keep the order of their entries. On a GPU they are sorted: lanes beside each other then
+        read texels beside each other.
         """
         if torch.device(device).type != "cpu" and not matrix.has_sorted_indices:
-            matrix = matrix.T.tocsr().T.tocsr()  # a transpose is sorted, stably, and quicker to find than an order
+            matrix = (
+                matrix.T.tocsr().T.tocsr()
+            )  # a transpose is sorted, stably, and quicker to find than an order
         return SparseOperator(_compress(matrix, device))
 
     @functools.cached_property
@@ -39,7 +43,11 @@ class SparseOperator:
     def matrix(self) -> scipy.sparse.csr_array:
         """Return the SciPy matrix, float32."""
         held = self.forward
-        entries = (held.value.cpu().numpy(), held.column.cpu().numpy().astype(np.int32), held.start.cpu().numpy())
+        entries = (
+            held.value.cpu().numpy(),
+            held.column.cpu().numpy().astype(np.int32),
+            held.start.cpu().numpy(),
+        )
         return scipy.sparse.csr_array(entries, shape=(len(held.start) - 1, held.columns))
 
     def apply(self, x: Tensor) -> Tensor:
@@ -57,7 +65,9 @@ class ChosenRows:
 
     operator: SparseOperator
     rows: Tensor  # int32
-    bounds: np.ndarray  # (parts + 1,) where each of the parts starts in `rows`; all hold about as many entries
+    bounds: (
+        np.ndarray
+    )  # (parts + 1,) where each of the parts starts in `rows`; all hold about as many entries
 
     @staticmethod
     def of(operator: SparseOperator, rows: Tensor) -> "ChosenRows":

@@ -1,16 +1,16 @@
 """A light's first nine spherical harmonics, windowed.
 
-Notation: the real orthonormal basis of Ramamoorthi and Hanrahan (2001), no Condon-Shortley signs, in the order of
-`BASIS`, of a direction (x, y, z) in the light's own axes, z up:
+Notation: the real orthonormal basis of Ramamoorthi and Hanrahan (2001), no Condon-Shortley signs, in the
+order of `BASIS`, of a direction (x, y, z) in the light's own axes, z up:
 
     Y_00 = .282095    Y_1-1, Y_10, Y_11 = .488603 (y, z, x)
     Y_2-2, Y_2-1, Y_21 = 1.092548 (xy, yz, xz)    Y_20 = .315392 (3 z^2 - 1)    Y_22 = .546274 (x^2 - y^2)
 
     c_lm = w_l  integral of L Y_lm over the sphere,     L(d) is about  sum c_lm Y_lm(d)
 
-The window w_l = (1 + cos(pi l / 3)) / 2 = 1, 3/4, 1/4 (Hann's; Sloan, Stupid Spherical Harmonics Tricks, 2008) keeps a
-small bright lamp from ringing. Irradiance over pi of a normal n is sum A_l / pi c_lm Y_lm(n), A_l / pi = 1, 2/3, 1/4;
-divide by w_l first for the unwindowed one.
+The window w_l = (1 + cos(pi l / 3)) / 2 = 1, 3/4, 1/4 (Hann's; Sloan, Stupid Spherical Harmonics Tricks,
+2008) keeps a small bright lamp from ringing. Irradiance over pi of a normal n is sum A_l / pi c_lm Y_lm(n),
+A_l / pi = 1, 2/3, 1/4; divide by w_l first for the unwindowed one.
 """
 
 import math
@@ -30,10 +30,20 @@ def basis(directions: Tensor) -> Tensor:
     x, y, z = directions.unbind(-1)
     one, pi = torch.ones_like(x), math.pi
     first, second = math.sqrt(3 / (4 * pi)), math.sqrt(15 / (4 * pi))
-    return torch.stack([
-        math.sqrt(1 / (4 * pi)) * one, first * y, first * z, first * x, second * x * y, second * y * z,
-        math.sqrt(5 / (16 * pi)) * (3 * z * z - 1), second * x * z, math.sqrt(15 / (16 * pi)) * (x * x - y * y),
-    ], -1)  # fmt: skip
+    return torch.stack(
+        [
+            math.sqrt(1 / (4 * pi)) * one,
+            first * y,
+            first * z,
+            first * x,
+            second * x * y,
+            second * y * z,
+            math.sqrt(5 / (16 * pi)) * (3 * z * z - 1),
+            second * x * z,
+            math.sqrt(15 / (16 * pi)) * (x * x - y * y),
+        ],
+        -1,
+    )
 
 
 def harmonics(light: Tensor) -> Tensor:

@@ -1,17 +1,19 @@
 """Equirectangular maps at other sizes, with the mean of every texel kept.
 
-Notation: f is the map (H, W), W = 2H; F is wanted k times as fine. F has to be smooth, positive, and average back to f:
+Notation: f is the map (H, W), W = 2H; F is wanted k times as fine. F has to be smooth, positive, and average
+back to f:
 
     F = exp(sum_j c_j B(u - j)),   mean of F over texel i = f_i
 
-B is the biquadratic B-spline on the texels' grid, so F and its first derivatives are continuous. The logarithm keeps a
-lamp of a thousand times its surroundings from ringing below zero, as a spline of f itself does; its neighbours are
-darker on their far sides, as some of it reaches into them and their means stay. The c are found by the
-fixed point c <- c + ln(f / mean of F), which starts at ln f: the means answer to c with positive weights that sum to 1,
-so that errors shrink. Columns wrap; a row beyond a pole is the row on this side, half a turn away.
+B is the biquadratic B-spline on the texels' grid, so F and its first derivatives are continuous. The
+logarithm keeps a lamp of a thousand times its surroundings from ringing below zero, as a spline of f itself
+does; its neighbours are darker on their far sides, as some of it reaches into them and their means stay. The
+c are found by the fixed point c <- c + ln(f / mean of F), which starts at ln f: the means answer to c with
+positive weights that sum to 1, so that errors shrink. Columns wrap; a row beyond a pole is the row on this
+side, half a turn away.
 
-These means are over the texel's area of the picture: within a texel solid angle hardly changes but beside the poles. A
-coarser map takes means by solid angle, as a lamp at the zenith lies in the narrowest of rows.
+These means are over the texel's area of the picture: within a texel solid angle hardly changes but beside the
+poles. A coarser map takes means by solid angle, as a lamp at the zenith lies in the narrowest of rows.
 """
 
 import re
@@ -25,9 +27,13 @@ from lightprobe.light.equirect import solid_angles
 HEIGHTS = (64, 128, 256, 512, 1024, 2048)  # rows of the maps that may be asked for
 _SIZE = re.compile(r"(\d{1,5})(?:x(\d{1,5}))?")
 _ITERATIONS, _CLOSE = 60, 1e-3  # of the fixed point, and the largest relative error at which it may stop
-_MIDPOINTS = 8  # samples along a texel up to which they are those of the wanted map; beyond, Gauss' rule does as well
+_MIDPOINTS = (
+    8  # samples along a texel up to which they are those of the wanted map; beyond, Gauss' rule does as well
+)
 _GAUSS = 4  # points of that rule
-_BLACK = 1e-6  # of a channel's mean: what is darker is interpolated as this, and scaled to its mean at the end
+_BLACK = (
+    1e-6  # of a channel's mean: what is darker is interpolated as this, and scaled to its mean at the end
+)
 _AT_ONCE = 2**18  # texels of the wanted map that are computed at once
 
 
@@ -41,15 +47,17 @@ def map_height(size: str) -> int:
     height = int(found[2]) if found and found[2] else width // 2
     if width != 2 * height or height not in HEIGHTS:
         sizes = ", ".join(f"{2 * rows}x{rows}" for rows in HEIGHTS)
-        raise ConfigError(f"A map cannot have the --size '{size[:40]}'; give one of {sizes}, or only its width.")
+        raise ConfigError(
+            f"A map cannot have the --size '{size[:40]}'; give one of {sizes}, or only its width."
+        )
     return height
 
 
 def resized_map(image: np.ndarray, height: int) -> np.ndarray:
     """Return a map (H, 2H, C) >= 0 with `height` rows, (height, 2 height, C) float32 >= 0.
 
-    Coarser: means by solid angle. Finer: smooth, and averages back to the map; a map whose rows do not divide `height`
-    goes through the next finer one that do, by areas.
+    Coarser: means by solid angle. Finer: smooth, and averages back to the map; a map whose rows do not divide
+    `height` goes through the next finer one that do, by areas.
     """
     rows = image.shape[0]
     if height <= rows:
@@ -64,7 +72,9 @@ def resized_map(image: np.ndarray, height: int) -> np.ndarray:
 
 
 def reduced_map(image: np.ndarray, height: int) -> np.ndarray:
-    """Return the means by solid angle of a map (H, 2H, C) over texels of one with fewer rows, (height, 2 height, C)."""
+    """Return the means by solid angle of a map (H, 2H, C) over texels of one with fewer rows, (height, 2
+    height, C).
+    """
     weight = solid_angles(image.shape[0])[:, :1, None].numpy()  # of a row's texels
     return resize_area(image * weight, height, 2 * height) / resize_area(weight, height, 1)
 
@@ -86,7 +96,9 @@ def _magnified(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _coefficients(image: np.ndarray, factor: int) -> np.ndarray:
-    """Return the padded coefficients (H + 2, W + 2, C) of the logarithm's spline whose texels have the map's means."""
+    """Return the padded coefficients (H + 2, W + 2, C) of the logarithm's spline whose texels have the map's
+    means.
+    """
     floor = np.maximum(_BLACK * image.mean((0, 1)), np.finfo(np.float32).tiny)
     wanted = np.maximum(image, floor)
     if factor <= _MIDPOINTS:
@@ -106,7 +118,9 @@ def _coefficients(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _interpolated(padded: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the spline (h, n, W, n, C) at n points along each edge of h x W texels, of `padded` (h + 2, W + 2, C)."""
+    """Return the spline (h, n, W, n, C) at n points along each edge of h x W texels, of `padded` (h + 2, W +
+    2, C).
+    """
     rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
     down = sum(weights[None, :, tap, None, None] * padded[tap : tap + rows, None] for tap in range(3))
     return sum(weights[:, tap, None] * down[:, :, tap : tap + columns, None] for tap in range(3))
@@ -125,5 +139,7 @@ def _midpoints(count: int) -> np.ndarray:
 
 
 def _spline(points: np.ndarray) -> np.ndarray:
-    """Return the weights (n, 3) of the texel before, this one and the one after at `points` (n,) in [-1/2, 1/2]."""
+    """Return the weights (n, 3) of the texel before, this one and the one after at `points` (n,) in [-1/2,
+    1/2].
+    """
     return np.stack([0.5 * (0.5 - points) ** 2, 0.75 - points**2, 0.5 * (0.5 + points) ** 2], 1)

@@ -1,4 +1,6 @@
-"""Where a new photo was taken from: camera, focal length and mask of a photo of a known object under any light."""
+"""Where a new photo was taken from: camera, focal length and mask of a photo of a known object under any
+light.
+"""
 
 from lightprobe.localization.located import Located
 from lightprobe.localization.locator import Locator, locate, stored_views

@@ -1,7 +1,8 @@
-"""What of a photo's colours outlasts a change of light: logarithms, in which light adds instead of multiplying.
+"""What of a photo's colours outlasts a change of light: logarithms, in which light adds instead of
+multiplying.
 
-Notation: an appearance has three channels: logarithm of the luma, and the logarithms of red over green and of blue over
-green. A light twice as bright adds a constant to the first, a tinted one constants to the others.
+Notation: an appearance has three channels: logarithm of the luma, and the logarithms of red over green and of
+blue over green. A light twice as bright adds a constant to the first, a tinted one constants to the others.
 """
 
 import numpy as np
@@ -22,10 +23,11 @@ def appearance(linear: Tensor) -> Tensor:
 
 
 def edge_field(picture: np.ndarray, softness: float = 0.1) -> np.ndarray:
-    """Return the edges of an appearance (H, W, 3) as (H, W, 2) float32, the cosine and sine of twice their direction.
+    """Return the edges of an appearance (H, W, 3) as (H, W, 2) float32, the cosine and sine of twice their
+    direction.
 
-    The length is |g| / (|g| + softness), below 1, g being the strongest channel's gradient per pixel: how strong an
-    edge is depends on what happens to stand behind the object, where it runs does not.
+    The length is |g| / (|g| + softness), below 1, g being the strongest channel's gradient per pixel: how
+    strong an edge is depends on what happens to stand behind the object, where it runs does not.
     """
     down, across = np.gradient(picture, axis=(0, 1))
     strongest = (down**2 + across**2).argmax(2)[..., None]

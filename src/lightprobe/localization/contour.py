@@ -4,7 +4,8 @@ Across the outline at a point with outward normal n, k pixels out, the photo's a
 
     h(k) = | mean a(k + 1, k + 2) - mean a(k - 1, k - 2) |
 
-An edge is the object's if the inside looks as the object does there, in appearance o, under the light found so far:
+An edge is the object's if the inside looks as the object does there, in appearance o, under the light found
+so far:
 
     support(k) = h / (h + softness) exp(-|mean a(k - 1, k - 2) - o|^2 / 2 tolerance^2)
 """
@@ -31,7 +32,9 @@ class Outline:
 
 
 def outline_of(pixel: np.ndarray, width: int, height: int, count: int) -> Outline:
-    """Return at most `count` points of the outline of the row-major object pixels (P,), ascending, spread over it."""
+    """Return at most `count` points of the outline of the row-major object pixels (P,), ascending, spread
+    over it.
+    """
     mask = np.zeros(width * height, bool)
     mask[pixel] = True
     shape = mask.reshape(height, width)
@@ -56,9 +59,13 @@ def edge_support(level: Level, outline: Outline, object_appearance: np.ndarray, 
     steps = np.arange(-reach - 2, reach + 3)
     at = outline.place[:, None] + steps[None, :, None] * outline.normal[:, None] - 0.5
     where = [at[..., 1].ravel(), at[..., 0].ravel()]
-    seen = np.stack([
-        scipy.ndimage.map_coordinates(level.appearance[..., c], where, order=1, mode="nearest") for c in range(3)
-    ], -1).reshape(*at.shape[:2], 3)  # fmt: skip
+    seen = np.stack(
+        [
+            scipy.ndimage.map_coordinates(level.appearance[..., c], where, order=1, mode="nearest")
+            for c in range(3)
+        ],
+        -1,
+    ).reshape(*at.shape[:2], 3)
     inside = 0.5 * (seen[:, :-4] + seen[:, 1:-3])
     outside = 0.5 * (seen[:, 3:-1] + seen[:, 4:])
     jump = np.linalg.norm(outside - inside, axis=2)

@@ -1,8 +1,8 @@
 """Points of a photo that can be found again in another, and descriptors that compare how they look around.
 
-SIFT (Lowe 2004) of the photo's log luma, in which a shadow's edge is as strong on dark parts as on bright ones;
-descriptors as square roots of their shares (Arandjelovic & Zisserman 2012). They outlast smooth changes of light;
-reflections they do not.
+SIFT (Lowe 2004) of the photo's log luma, in which a shadow's edge is as strong on dark parts as on bright
+ones; descriptors as square roots of their shares (Arandjelovic & Zisserman 2012). They outlast smooth changes
+of light; reflections they do not.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,8 @@ def load_opencv() -> ModuleType:
 
 
 def find_features(color: np.ndarray, count: int, mask: np.ndarray | None = None) -> Features:
-    """Return at most `count` of the strongest features of a linear photo (H, W, 3), inside `mask` (H, W) bool if given.
+    """Return at most `count` of the strongest features of a linear photo (H, W, 3), inside `mask` (H, W) bool
+    if given.
 
     Raises `ConfigError` without OpenCV.
     """

@@ -1,12 +1,14 @@
-"""What stands in front of the object: where its silhouette is, but the photo does not look like it under any light.
+"""What stands in front of the object: where its silhouette is, but the photo does not look like it under any
+light.
 
 Of the object's pixels each is either the object's or something else's. The labels minimise
 
     sum_object cost(p) + sum_other _OTHER + _SMOOTH |boundary between labels|
 
-cost(p): squared differences of appearance between the photo and the object under the light found with the labels so
-far, in usual errors of a right pose. A photo brighter than the object costs less than a darker one: highlights that a
-coarse light cannot draw are the object's. The minimum is a minimum cut (Greig, Porteous & Seheult 1989).
+cost(p): squared differences of appearance between the photo and the object under the light found with the
+labels so far, in usual errors of a right pose. A photo brighter than the object costs less than a darker one:
+highlights that a coarse light cannot draw are the object's. The minimum is a minimum cut (Greig, Porteous &
+Seheult 1989).
 """
 
 import numpy as np

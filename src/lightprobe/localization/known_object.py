@@ -20,7 +20,11 @@ class KnownObject:
     def __init__(self, asset: Asset):
         """Take an asset in the normalised frame, on its device."""
         self.asset, self.mesh = asset, asset.mesh
-        self._normals, self._tangents, self._flat = asset.mesh.normals(), uv_tangents(asset.mesh), asset.textures.flat()
+        self._normals, self._tangents, self._flat = (
+            asset.mesh.normals(),
+            uv_tangents(asset.mesh),
+            asset.textures.flat(),
+        )
 
     @torch.no_grad()
     def transport(self, surface: Surface, view: View) -> Tensor:

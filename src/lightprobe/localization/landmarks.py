@@ -26,7 +26,9 @@ class Landmarks:
     descriptor: Tensor  # (N, 128) uint8 as in `Features`
     point: Tensor  # (N, 3) float32, normalised frame
     photo: Tensor  # (N,) int32 which of the V training photos showed it, ascending
-    side: Tensor  # (V, 3) float32 unit direction from the object's origin to the camera of each training photo
+    side: (
+        Tensor  # (V, 3) float32 unit direction from the object's origin to the camera of each training photo
+    )
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all tensors by name."""
@@ -36,7 +38,9 @@ class Landmarks:
 def find_landmarks(
     asset: Asset, photos: Sequence[Photo], similarity: Similarity, on_photo: Callable[[int, int], None]
 ) -> Landmarks:
-    """Return the landmarks of training photos on the asset; `on_photo` is called with how many are done, and of all."""
+    """Return the landmarks of training photos on the asset; `on_photo` is called with how many are done, and
+    of all.
+    """
     parts = []
     for index, photo in enumerate(photos):
         descriptor, point = _of_photo(asset, photo, similarity)
@@ -53,7 +57,9 @@ def _of_photo(asset: Asset, photo: Photo, similarity: Similarity) -> tuple[Tenso
     pixels, camera = load_pixels(photo, SIDE)
     features = find_features(pixels.color, PER_PHOTO, pixels.alpha >= _INSIDE)
     fine = camera.normalised(similarity).resized(camera.width * _FINE, camera.height * _FINE)
-    surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, View.of(fine, asset.mesh.vertices.device))
+    surface = visible_surface(
+        asset.mesh.vertices, asset.mesh.faces, View.of(fine, asset.mesh.vertices.device)
+    )
     if not len(surface.pixel):
         return torch.zeros(0, 128, dtype=torch.uint8), torch.zeros(0, 3)
     row = np.full(fine.width * fine.height, -1)

@@ -31,7 +31,9 @@ class Located:
 
     @property
     def pixels(self) -> Pixels:
-        """The photo as `Predictor.predict` takes it with `pixel_camera`: linear (H, W, 3), black beside the mask."""
+        """The photo as `Predictor.predict` takes it with `pixel_camera`: linear (H, W, 3), black beside the
+        mask.
+        """
         inside = self.mask[..., None] > 0
         return Pixels(self.color * inside, self.mask, self.clipped & inside)
 
@@ -58,7 +60,9 @@ class Located:
 
 
 def write_overlay(path: Path, color: np.ndarray, mask: np.ndarray) -> None:
-    """Write a photo, linear colour (H, W, 3), with the outline of a mask (H, W), as PNG of at most 1024 pixels."""
+    """Write a photo, linear colour (H, W, 3), with the outline of a mask (H, W), as PNG of at most 1024
+    pixels.
+    """
     picture = srgb_encode(np.clip(shrink_area(color, _OVERLAY_SIDE), 0, 1))
     shown = np.rint(255 * picture).astype(np.uint8)
     inside = shrink_area(mask, _OVERLAY_SIDE) >= 0.5

@@ -12,7 +12,15 @@ import torch
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import focal_ratio, image_size, read_mask, read_photo, shrink_area, turned_size, worked_size
+from lightprobe.imaging import (
+    focal_ratio,
+    image_size,
+    read_mask,
+    read_photo,
+    shrink_area,
+    turned_size,
+    worked_size,
+)
 from lightprobe.localization.foreground import hidden_share, magnified
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.level import Levels
@@ -28,7 +36,10 @@ from lightprobe.scene.consistency import look_inverted, overlap
 from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.record import read_record
 
-_BLACK, _WHITE = 1e-4, 0.99  # greatest linear value, and share of clipped values, of a photo that shows nothing
+_BLACK, _WHITE = (
+    1e-4,
+    0.99,
+)  # greatest linear value, and share of clipped values, of a photo that shows nothing
 _NARROWEST = 8  # pixels of the shorter side, of what is located
 _SIDE = 1024  # pixels of the longer side at which a photo is located
 
@@ -47,20 +58,22 @@ class Locator:
     def load(run: Path | str, device: torch.device | None = None) -> "Locator":
         """Return the locator of a run folder whose Phase I has finished.
 
-        A run that has no views yet gets them from its scene's photos. Raises `InputError` when these are gone or the
-        run has no object, `ConfigError` without OpenCV.
+        A run that has no views yet gets them from its scene's photos. Raises `InputError` when these are gone
+        or the run has no object, `ConfigError` without OpenCV.
         """
         folder = RunFolder.open(Path(run))
         decomposition = Decomposition.load(folder, device or torch.device("cpu"), calibrated=False)
         return Locator(decomposition, stored_views(folder, decomposition), device)
 
     @torch.no_grad()
-    def locate(self, image: Path | str, *, mask: Path | str | None = None, focal: float | None = None) -> Located:
+    def locate(
+        self, image: Path | str, *, mask: Path | str | None = None, focal: float | None = None
+    ) -> Located:
         """Return camera and mask of one photo.
 
-        mask: white object on black, if known; it is kept as it is. A photo with transparent parts brings its own.
-        focal: focal length in pixels; by default the EXIF's, or it is found with the pose.
-        Raises `InputError` when the photo cannot be read or the object is not found in it.
+        mask: white object on black, if known; it is kept as it is. A photo with transparent parts brings its
+        own. focal: focal length in pixels; by default the EXIF's, or it is found with the pose. Raises
+        `InputError` when the photo cannot be read or the object is not found in it.
         """
         with _one_torch_thread():
             return self._locate(Path(image), None if mask is None else Path(mask), focal)
@@ -78,11 +91,15 @@ class Locator:
         seen = color if given is None else color * given[..., None]
         small = shrink_area(seen, _SIDE)
         if min(small.shape[:2]) < _NARROWEST:
-            raise InputError(f"{image} has {width} x {height} pixels, too narrow a strip to find the object in.")
+            raise InputError(
+                f"{image} has {width} x {height} pixels, too narrow a strip to find the object in."
+            )
         levels, scale = Levels(small), max(small.shape[:2]) / max(width, height)
         found = self._finder.find(levels, None if focal is None else focal * scale)
         if not found:
-            raise InputError(f"{image}: nothing in this photo looks like the object; give its camera with --camera.")
+            raise InputError(
+                f"{image}: nothing in this photo looks like the object; give its camera with --camera."
+            )
         best = found[0]
         camera = best.camera.resized(width, height)
         if given is not None and self._is_inverted(given, camera):
@@ -107,16 +124,22 @@ class Locator:
         best, scores = found[0], [candidate.fit.score for candidate in found]
         inside = inside_share(self._decomposition.asset, camera)
         return PoseVerdict(
-            best.fit.score, best.fit.explained, best.fit.edges, inside, best.inliers, rival_scores(scores), leeway
-        )  # fmt: skip
+            best.fit.score,
+            best.fit.explained,
+            best.fit.edges,
+            inside,
+            best.inliers,
+            rival_scores(scores),
+            leeway,
+        )
 
 
 @contextmanager
 def _one_torch_thread() -> Iterator[None]:
     """Let PyTorch use one thread meanwhile.
 
-    Poses are refined in many short steps, between which PyTorch's threads wait by spinning, and take the cores from
-    those of OpenCV and of the compiled loops: on two cores one thread is twice as fast.
+    Poses are refined in many short steps, between which PyTorch's threads wait by spinning, and take the
+    cores from those of OpenCV and of the compiled loops: on two cores one thread is twice as fast.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -127,7 +150,8 @@ def _one_torch_thread() -> Iterator[None]:
 
 
 def locate(run: Path | str, image: Path | str, *, mask: Path | str | None = None) -> Located:
-    """Return camera and mask of one photo of a run's object; of several photos `Locator.load` loads the run once.
+    """Return camera and mask of one photo of a run's object; of several photos `Locator.load` loads the run
+    once.
 
     Raises `InputError` when the run or the photo cannot be used or the object is not found in it.
     """
@@ -154,7 +178,8 @@ def stored_views(run: RunFolder, decomposition: Decomposition) -> KnownViews:
 
 
 def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-    """Return linear colour (H, W, 3), the object's coverage (H, W), None where it is not known, and what is clipped.
+    """Return linear colour (H, W, 3), the object's coverage (H, W), None where it is not known, and what is
+    clipped.
 
     The last is (H, W, 3) bool. They are reduced to the pixels that are worked on at once.
     """

@@ -1,8 +1,10 @@
-"""Poses from matches: a photo's features, the landmarks that look like them, and cameras under which many agree.
+"""Poses from matches: a photo's features, the landmarks that look like them, and cameras under which many
+agree.
 
-A feature matches a landmark of a training photo when each is the other's most alike and the next most alike is clearly
-less so; the training photos, each under another light, are matched one by one. Those with the most matches vote with
-their neighbours: RANSAC over three to four matches each (Fischler & Bolles 1981), for every focal length tried.
+A feature matches a landmark of a training photo when each is the other's most alike and the next most alike
+is clearly less so; the training photos, each under another light, are matched one by one. Those with the most
+matches vote with their neighbours: RANSAC over three to four matches each (Fischler & Bolles 1981), for every
+focal length tried.
 """
 
 import itertools
@@ -59,7 +61,9 @@ def _pairs(features: Features, landmarks: Landmarks) -> list[tuple[Tensor, Tenso
     """Return for every training photo the rows (M,) of matching features and landmarks."""
     mine, theirs = (d.float() / 255 for d in (torch.from_numpy(features.descriptor), landmarks.descriptor))
     distance = (2 - 2 * (mine @ theirs.T).clamp(max=1)).sqrt()
-    bounds = torch.searchsorted(landmarks.photo, torch.arange(len(landmarks.side) + 1, dtype=torch.int32)).tolist()
+    bounds = torch.searchsorted(
+        landmarks.photo, torch.arange(len(landmarks.side) + 1, dtype=torch.int32)
+    ).tolist()
     own = torch.arange(len(mine))
     pairs = []
     for first, last in itertools.pairwise(bounds):
@@ -81,9 +85,15 @@ def _pose(place: np.ndarray, point: np.ndarray, focal: float, width: int, height
     matrix = np.array([[focal, 0, 0.5 * width], [0, focal, 0.5 * height], [0, 0, 1]])
     try:
         sound, turn, shift, inliers = cv2.solvePnPRansac(
-            point, place, matrix, None, iterationsCount=_TRIALS, confidence=0.9999,
-            reprojectionError=_ERROR * max(width, height), flags=cv2.SOLVEPNP_SQPNP,
-        )  # fmt: skip
+            point,
+            place,
+            matrix,
+            None,
+            iterationsCount=_TRIALS,
+            confidence=0.9999,
+            reprojectionError=_ERROR * max(width, height),
+            flags=cv2.SOLVEPNP_SQPNP,
+        )
     except cv2.error:  # matches in a line, or at one point
         return None
     if not sound or inliers is None or len(inliers) < _FEWEST:

@@ -1,8 +1,9 @@
 """Small changes of a camera, and how projected points follow them.
 
-Notation: a step has seven numbers: a turn w (3) about the object's origin and a shift s (3), both in camera axes, the
-shift in distances from camera to origin; and p, the change of the logarithm of the focal length. A longer focal length
-comes with a proportionally larger distance, so that the object keeps its size in the photo:
+Notation: a step has seven numbers: a turn w (3) about the object's origin and a shift s (3), both in camera
+axes, the shift in distances from camera to origin; and p, the change of the logarithm of the focal length. A
+longer focal length comes with a proportionally larger distance, so that the object keeps its size in the
+photo:
 
     x' = o + exp(w) (x - o) + |o| (s_x, s_y, s_z - p),   f' = f exp(p)
 
@@ -40,7 +41,9 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
 
 
 def least_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the least rotation (3, 3) that takes the unit vector `start` (3,) to `end` (3,), not its opposite."""
+    """Return the least rotation (3, 3) that takes the unit vector `start` (3,) to `end` (3,), not its
+    opposite.
+    """
     axis, cosine = np.cross(start, end), float(start @ end)
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.eye(3) + cross + cross @ cross / max(1 + cosine, 1e-9)
@@ -55,11 +58,14 @@ def motion(camera: Camera, points: np.ndarray) -> np.ndarray:
     arm = local - origin
     zero = np.zeros_like(x)
     # columns of d x / d w are the cross products of the axes with the arm
-    turning = np.stack([
-        np.stack([zero, -arm[:, 2], arm[:, 1]], 1),
-        np.stack([arm[:, 2], zero, -arm[:, 0]], 1),
-        np.stack([-arm[:, 1], arm[:, 0], zero], 1),
-    ], 2)  # fmt: skip
+    turning = np.stack(
+        [
+            np.stack([zero, -arm[:, 2], arm[:, 1]], 1),
+            np.stack([arm[:, 2], zero, -arm[:, 0]], 1),
+            np.stack([-arm[:, 1], arm[:, 0], zero], 1),
+        ],
+        2,
+    )
     size = np.linalg.norm(origin)
     shift = np.broadcast_to(size * np.eye(3), (len(x), 3, 3))
     focal = np.broadcast_to(np.array([0.0, 0.0, -size])[:, None], (len(x), 3, 1))

@@ -3,10 +3,11 @@
     photo -> poses from matches -> refined by the light; if none is good:
           -> search over sides, places and sizes -> refined, coarse to fine; if none is good:
           -> the best ones moved a little at random, and refined again
-    the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit better, or as well
+    the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit better, or
+    as well
 
-Every pose, wherever it comes from, is judged by the same two things: how much of the photo light explains on the object
-at that pose, and whether the photo's edges run where the object's outline does (`refinement.Fit`).
+Every pose, wherever it comes from, is judged by the same two things: how much of the photo light explains on
+the object at that pose, and whether the photo's edges run where the object's outline does (`refinement.Fit`).
 """
 
 import itertools
@@ -39,7 +40,12 @@ _HOPELESS = 0.8  # score below which nothing right was ever found further on
 _APART = 0.03  # poses that see the object this far apart, in its size, are two
 _FOCALS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.8, 2.4)  # tried, of the training photos', where none is known
 _POINTS = 400  # of the mesh, that poses are compared by
-_COARSE, _MIDDLE, _FINE, _FINEST = 40, 80, 130, 250  # pixels of the object's diameter that a pose is refined at
+_COARSE, _MIDDLE, _FINE, _FINEST = (
+    40,
+    80,
+    130,
+    250,
+)  # pixels of the object's diameter that a pose is refined at
 
 
 @dataclass(frozen=True)
@@ -87,12 +93,16 @@ class PoseFinder:
         features = find_features(levels.color, _FEATURES)
         poses = matched_poses(features, self._views.landmarks, focals, *levels.size)
         starts = self._apart([Candidate(pose.camera, _UNSEEN, pose.inliers) for pose in poses])[:_MATCHED]
-        return self._followed(levels, [self._refined(levels, start, _MIDDLE, 3, free) for start in starts], free)
+        return self._followed(
+            levels, [self._refined(levels, start, _MIDDLE, 3, free) for start in starts], free
+        )
 
     def _searched(self, levels: Levels, focal: float, free: bool) -> list[Candidate]:
         """Return poses found by looking everywhere."""
         sightings = search(levels.color, self._views.templates, _BATCHES[-1])
-        cameras = [sighted_camera(sighting, self._views.templates, focal, *levels.size) for sighting in sightings]
+        cameras = [
+            sighted_camera(sighting, self._views.templates, focal, *levels.size) for sighting in sightings
+        ]
         starts = [Candidate(camera, _UNSEEN) for camera in cameras]
         found: list[Candidate] = []
         for first, last in itertools.pairwise(_BATCHES):
@@ -141,7 +151,9 @@ class PoseFinder:
             found[0] = self._refined(levels, found[0], _FINEST, 6, free)
         return found
 
-    def _refined(self, levels: Levels, start: Candidate, diameter: float, steps: int, free: bool) -> Candidate:
+    def _refined(
+        self, levels: Levels, start: Candidate, diameter: float, steps: int, free: bool
+    ) -> Candidate:
         camera, fit = refine(self._known, levels, start.camera, diameter=diameter, steps=steps, focal=free)
         return Candidate(camera, fit, start.inliers)
 

@@ -1,12 +1,16 @@
-"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought together.
+"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought
+together.
 
-At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W weights:
+At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W
+weights:
 
-    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k (distance to the photo's edge)_k^2
+    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k (distance to the photo's
+    edge)_k^2
 
-The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a ridge
-regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A + R)^-1 A^T W J, with
-J how the photo's colours change as points of the object move over them. So the light may be any.
+The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a
+ridge regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A +
+R)^-1 A^T W J, with J how the photo's colours change as points of the object move over them. So the light may
+be any.
 """
 
 from dataclasses import dataclass
@@ -23,7 +27,10 @@ from lightprobe.localization.pose import PARAMETERS, motion, moved
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.scene.camera import Camera
 
-_PIXELS, _OUTLINE = 600, 160  # that a step looks at, of an object of 80 pixels and more; fewer of a smaller one
+_PIXELS, _OUTLINE = (
+    600,
+    160,
+)  # that a step looks at, of an object of 80 pixels and more; fewer of a smaller one
 _PULL = 0.03  # to a grey light, relative to what the pixels weigh
 _DARK = 0.05  # of the mean colour: darker pixels weigh no more
 _ERROR = 0.15  # relative, of a right pose's pixels; larger ones weigh less
@@ -51,9 +58,11 @@ class Fit:
 def refine(
     known: KnownObject, levels: Levels, camera: Camera, *, diameter: float, steps: int, focal: bool = False
 ) -> tuple[Camera, Fit]:
-    """Return the best of the poses met in `steps` steps from `camera`, normalised frame and the photo's pixels.
+    """Return the best of the poses met in `steps` steps from `camera`, normalised frame and the photo's
+    pixels.
 
-    diameter: pixels of the object's sphere at the size the photo is worked at. focal: whether the focal length is free.
+    diameter: pixels of the object's sphere at the size the photo is worked at. focal: whether the focal
+    length is free.
     """
     best = None
     for step in range(steps + 1):
@@ -67,13 +76,16 @@ def refine(
     return best if best is not None else (camera, Fit(0.0, 0.0))
 
 
-def leeway(known: KnownObject, levels: Levels, camera: Camera, points: np.ndarray, *, diameter: float) -> float:
-    """Return how far the object could move in the photo and hardly be explained worse, in its sphere's diameters.
+def leeway(
+    known: KnownObject, levels: Levels, camera: Camera, points: np.ndarray, *, diameter: float
+) -> float:
+    """Return how far the object could move in the photo and hardly be explained worse, in its sphere's
+    diameters.
 
-    The pose's covariance is the inverse of the matrix of its steps (Laplace's approximation), times the mean square of
-    what stays unexplained: as if all pixels of a channel had one error in common, and so all of the outline. What is
-    returned is the root mean square motion of `points` (N, 3) on the object under it, with the focal length as it is;
-    infinite where the object is not in the photo. The rest as in `refine`.
+    The pose's covariance is the inverse of the matrix of its steps (Laplace's approximation), times the mean
+    square of what stays unexplained: as if all pixels of a channel had one error in common, and so all of the
+    outline. What is returned is the root mean square motion of `points` (N, 3) on the object under it, with
+    the focal length as it is; infinite where the object is not in the photo. The rest as in `refine`.
     """
     seen = _Seen.of(known, levels, camera, diameter, 0)
     if seen is None:
@@ -84,7 +96,9 @@ def leeway(known: KnownObject, levels: Levels, camera: Camera, points: np.ndarra
     spread = np.trace(np.linalg.solve(matrix + _LEAST_TOLD * np.eye(len(matrix)), product))
     unexplained = (seen.weight * seen.residual**2).sum() + (seen.trust * seen.distance**2).sum()
     mean_unexplained = unexplained / (len(seen.residual) + 1)  # of the channels and the outline
-    return float(np.sqrt(spread * mean_unexplained)) / (2 * camera.fx / float(np.linalg.norm(camera.position)))
+    return float(np.sqrt(spread * mean_unexplained)) / (
+        2 * camera.fx / float(np.linalg.norm(camera.position))
+    )
 
 
 @dataclass(frozen=True)
@@ -127,9 +141,13 @@ class _Seen:
         return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
 
     def system(self, focal: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return matrix (K, K) and right side (K,) of the Gauss-Newton step, K = 7 with a free focal length, else 6."""
+        """Return matrix (K, K) and right side (K,) of the Gauss-Newton step, K = 7 with a free focal length,
+        else 6.
+        """
         matrix, right = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
-        for a, w, r, j, pull in zip(self.transport, self.weight, self.residual, self.change, self.ridge, strict=True):
+        for a, w, r, j, pull in zip(
+            self.transport, self.weight, self.residual, self.change, self.ridge, strict=True
+        ):
             weighted = a.T * w
             made_up = np.linalg.solve(weighted @ a + pull * np.eye(a.shape[1]), weighted @ j)
             matrix += (j.T * w) @ (j - a @ made_up)
@@ -149,7 +167,13 @@ def _chosen(surface: Surface, outline: Outline, count: int, turn: int) -> torch.
 
 
 def _seen(
-    known: KnownObject, level: Level, camera: Camera, view: View, surface: Surface, outline: Outline, count: int
+    known: KnownObject,
+    level: Level,
+    camera: Camera,
+    view: View,
+    surface: Surface,
+    outline: Outline,
+    count: int,
 ) -> _Seen:
     """Return the system of the chosen `surface` points, those of the `outline` first."""
     edge = len(outline.row)
@@ -164,7 +188,9 @@ def _seen(
     residual = (render - color)[inner].T
     gradient = level.gradient[row, column][inner]
     change = -np.einsum("ncx,nxk->cnk", gradient, moves[inner])
-    support = edge_support(level, outline, appearance(torch.from_numpy(render[:edge])).numpy(), _reach(level, count))
+    support = edge_support(
+        level, outline, appearance(torch.from_numpy(render[:edge])).numpy(), _reach(level, count)
+    )
     distance, trust = nearest_edges(support)
     trust = trust / (1 + (distance / (3 * _EDGE_ERROR)) ** 2) / _EDGE_ERROR**2 / max(edge, 1)
     along = np.einsum("mx,mxk->mk", outline.normal, moves[:edge])
@@ -186,7 +212,8 @@ def _reach(level: Level, count: int) -> int:
 def fitted_light(
     matrix: np.ndarray, color: np.ndarray, clipped: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return weights (3, N), pulls (3,) and the light (3, T) of the ridge regression for linear colours (3, N).
+    """Return weights (3, N), pulls (3,) and the light (3, T) of the ridge regression for linear colours (3,
+    N).
 
     matrix: (3, N, T) of `KnownObject.transport`. clipped: (3, N) bool, values that tell nothing.
     """

@@ -1,10 +1,12 @@
-"""Where in a photo a known object may stand, and how: templates compared at every place and size, under any light.
+"""Where in a photo a known object may stand, and how: templates compared at every place and size, under any
+light.
 
 At a place and size, with N template pixels on the object and y the photo's appearance less the template's:
 
     left   = |y - mean(y) - U U^T y|^2 / N       what no light explains; for the tints U is empty
     spread = |l - mean(l)|^2 / N                 what the photo shows there at all
-    score  = sqrt(N) sum_channels w log((spread + noise^2) / (left + noise^2)) / 2 + w_edges cos(2 angle to the outline)
+    score  = sqrt(N) sum_channels w log((spread + noise^2) / (left + noise^2)) / 2 + w_edges cos(2 angle to
+    the outline)
 
 A featureless part of the background is explained by every object, but there is nothing to explain in it.
 """
@@ -42,7 +44,8 @@ class Sighting:
 
 
 def search(color: np.ndarray, templates: Templates, count: int) -> list[Sighting]:
-    """Return the `count` best sightings in a linear photo `color` (H, W, 3), best first; one for each view and place.
+    """Return the `count` best sightings in a linear photo `color` (H, W, 3), best first; one for each view
+    and place.
 
     They are distinct: of the same view at most one within a quarter of its side.
     """
@@ -59,7 +62,8 @@ def search(color: np.ndarray, templates: Templates, count: int) -> list[Sighting
 
 
 def sighted_camera(sighting: Sighting, templates: Templates, focal: float, width: int, height: int) -> Camera:
-    """Return the normalised-frame camera, of a focal length in pixels, that sees the object as a sighting does.
+    """Return the normalised-frame camera, of a focal length in pixels, that sees the object as a sighting
+    does.
 
     Around the object's origin the photo then looks as the template does, at the template's place and size.
     """
@@ -69,7 +73,9 @@ def sighted_camera(sighting: Sighting, templates: Templates, focal: float, width
     y = (sighting.center[1] * longest - 0.5 * height) / focal
     ray = np.array([x, -y, -1.0])
     ray /= np.linalg.norm(ray)
-    turn = least_rotation(np.array([0.0, 0.0, -1.0]), ray)  # camera axes: from the middle of the photo to the object
+    turn = least_rotation(
+        np.array([0.0, 0.0, -1.0]), ray
+    )  # camera axes: from the middle of the photo to the object
     half = 0.5 * sighting.side * longest / focal  # tangent of the template's half side
     distance = np.linalg.norm(pose[:3, 3]) * float(templates.tangent[sighting.view]) / half
     moved = np.eye(4)
@@ -98,9 +104,13 @@ class _Bank:
         lights = templates.lights.float().flatten(2)  # (V, K, S^2)
         along = torch.einsum("vks,sv->kv", lights, mean[0])
         return _Bank(
-            mask, mean, offset[:, 1:].T, lights.permute(2, 1, 0).flatten(1).contiguous(), along,
+            mask,
+            mean,
+            offset[:, 1:].T,
+            lights.permute(2, 1, 0).flatten(1).contiguous(),
+            along,
             templates.edges.float().flatten(2).permute(1, 2, 0).contiguous(),
-        )  # fmt: skip
+        )
 
 
 def _at_size(color: np.ndarray, bank: _Bank, scale: float, side: float) -> list[Sighting]:
@@ -154,7 +164,8 @@ def _distinct(found: list[Sighting], count: int) -> list[Sighting]:
     chosen: list[Sighting] = []
     for sighting in found:
         near = (
-            other.view == sighting.view and np.hypot(*np.subtract(other.center, sighting.center)) < 0.25 * other.side
+            other.view == sighting.view
+            and np.hypot(*np.subtract(other.center, sighting.center)) < 0.25 * other.side
             for other in chosen
         )
         if not any(near):

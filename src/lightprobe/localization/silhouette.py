@@ -16,7 +16,9 @@ _SIDE = 3000  # samples along the photo's longer side, at most, unless the photo
 def silhouette(asset: Asset, camera: Camera) -> np.ndarray:
     """Return the coverage (H, W) float32 in [0, 1] of the asset seen by a normalised-frame camera."""
     samples = max(1, min(_SAMPLES, _SIDE // max(camera.width, camera.height)))
-    view = View.of(camera.resized(camera.width * samples, camera.height * samples), asset.mesh.vertices.device)
+    view = View.of(
+        camera.resized(camera.width * samples, camera.height * samples), asset.mesh.vertices.device
+    )
     screen = view.project(asset.mesh.vertices)
     face = rasterize(screen, asset.mesh.faces, view.height, view.width).face
     covered = (face >= 0).to(torch.uint8).cpu().numpy()
@@ -24,7 +26,9 @@ def silhouette(asset: Asset, camera: Camera) -> np.ndarray:
 
 
 def inside_share(asset: Asset, camera: Camera) -> float:
-    """Return which share of the asset's vertices, whatever hides them, a camera has within its picture, 0 to 1."""
+    """Return which share of the asset's vertices, whatever hides them, a camera has within its picture, 0 to
+    1.
+    """
     place = camera.project(asset.mesh.vertices.double().cpu().numpy())
     inside = (place[:, 2] > 0) & (place[:, 0] >= 0) & (place[:, 0] <= camera.width)
     return float((inside & (place[:, 1] >= 0) & (place[:, 1] <= camera.height)).mean())

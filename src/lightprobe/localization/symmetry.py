@@ -1,8 +1,8 @@
 """Turns that bring an object's shape onto itself: where one pose fits a photo, its copies may fit as well.
 
-A shape's axes of symmetry are among the principal axes of its surface, through its centroid. A turn counts when the
-turned surface stays within a small distance of the unturned one; what is painted on it does not matter here, the photo
-decides about that.
+A shape's axes of symmetry are among the principal axes of its surface, through its centroid. A turn counts
+when the turned surface stays within a small distance of the unturned one; what is painted on it does not
+matter here, the photo decides about that.
 """
 
 from dataclasses import dataclass, replace

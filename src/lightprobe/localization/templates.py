@@ -4,8 +4,9 @@ For a view of P object pixels, and the appearance of `localization.appearance`:
 
     l(E) ~ t + U e + c        t: log luma under a constant light, U (P, K): orthonormal log-luma changes by other lights
 
-K directions span most of what lights of 6 x 2 x 2 texels do, to first order about the constant light. What of a photo's
-log luma lies outside of U and of a constant, no light explains; that takes products with t and U, nothing else.
+K directions span most of what lights of 6 x 2 x 2 texels do, to first order about the constant light. What of
+a photo's log luma lies outside of U and of a constant, no light explains; that takes products with t and U,
+nothing else.
 """
 
 import dataclasses
@@ -34,7 +35,9 @@ _COVERED = 0.5  # of a pixel, from which it is the object's
 
 @dataclass(frozen=True)
 class Templates:
-    """V views of the object, the middle of the picture at the object's origin; pixels outside the object are 0."""
+    """V views of the object, the middle of the picture at the object's origin; pixels outside the object are
+    0.
+    """
 
     camera: Tensor  # (V, 4, 4) float32 camera to world, normalised frame
     tangent: Tensor  # (V,) float32 half the picture's side over the focal length
@@ -59,7 +62,9 @@ def make_templates(asset: Asset, cameras: Sequence[Camera], device: torch.device
 
 
 def centred(camera: Camera) -> Camera:
-    """Return a camera at the same place that looks at the origin, not rolled against `camera`, and sees all of it."""
+    """Return a camera at the same place that looks at the origin, not rolled against `camera`, and sees all
+    of it.
+    """
     distance = float(np.linalg.norm(camera.position))
     back = camera.position / distance
     right = np.cross(camera.camera_to_world[:3, 1], back)
@@ -73,13 +78,16 @@ def centred(camera: Camera) -> Camera:
 
 
 def surrounding_views(cameras: Sequence[Camera], spacing: float = 11.0, reach: float = 20.0) -> list[Camera]:
-    """Return views of the origin about `spacing` degrees apart, from wherever a camera is within `reach` degrees.
+    """Return views of the origin about `spacing` degrees apart, from wherever a camera is within `reach`
+    degrees.
 
     Each has the distance and the roll of the nearest of the normalised-frame `cameras`.
     """
     count = round(4 * np.pi / np.radians(spacing) ** 2)
     height = 1 - (2 * np.arange(count) + 1) / count
-    angle = np.arange(count) * np.pi * (3 - np.sqrt(5))  # the golden angle: a spiral that covers the sphere evenly
+    angle = (
+        np.arange(count) * np.pi * (3 - np.sqrt(5))
+    )  # the golden angle: a spiral that covers the sphere evenly
     across = np.sqrt(1 - height**2)
     spiral = np.stack([across * np.cos(angle), across * np.sin(angle), height], 1)
     distance = np.array([np.linalg.norm(camera.position) for camera in cameras])
@@ -103,7 +111,9 @@ def _template(asset: Asset, view: Camera, device: torch.device) -> tuple[Tensor,
     grid = _averaged(coarse.permute(1, 0, 2).flatten(1), gbuffer.pixel.cpu(), view.width)
     mask = grid[-1] >= _COVERED
     place = mask.nonzero(as_tuple=True)
-    shown = (grid[:-1, place[0], place[1]] / grid[-1, place[0], place[1]]).T.unflatten(1, (3, -1))  # (P, 3, 24)
+    shown = (grid[:-1, place[0], place[1]] / grid[-1, place[0], place[1]]).T.unflatten(
+        1, (3, -1)
+    )  # (P, 3, 24)
     white = shown.sum(2)
     white = white * (USUAL_MEAN / white.mean().clamp(min=1e-6))
     shades = luma(shown.transpose(1, 2)) / luma(shown.sum(2)).clamp(min=1e-6)[:, None]
@@ -127,4 +137,6 @@ def _outline(mask: np.ndarray) -> Tensor:
     field = edge_field(np.repeat(soft[..., None], 3, 2), 0.05)
     length = np.hypot(*np.moveaxis(field, 2, 0))
     field[length < 0.3] = 0
-    return torch.from_numpy(field / max(float(length[length >= 0.3].sum()), 1e-6)).permute(2, 0, 1).contiguous()
+    return (
+        torch.from_numpy(field / max(float(length[length >= 0.3].sum()), 1e-6)).permute(2, 0, 1).contiguous()
+    )

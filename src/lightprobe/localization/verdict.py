@@ -1,9 +1,10 @@
 """Whether a pose found in a photo can be relied on: what was measured, and what follows from it.
 
-A photo without the object has a best pose, too. It is told by the two things that poses are chosen by: how much of what
-the photo shows there light can explain on the object, and whether the photo's edges follow its outline. These may fit
-well and tell little about how a smooth object of one material is turned: so what they tell is measured, too. The limits
-come from right and wrong poses in photos with the object and from photos without it (docs/decisions/locating.md).
+A photo without the object has a best pose, too. It is told by the two things that poses are chosen by: how
+much of what the photo shows there light can explain on the object, and whether the photo's edges follow its
+outline. These may fit well and tell little about how a smooth object of one material is turned: so what they
+tell is measured, too. The limits come from right and wrong poses in photos with the object and from photos
+without it (docs/decisions/locating.md).
 """
 
 from collections.abc import Iterator
@@ -11,12 +12,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-GOOD_SCORE = 1.95  # poses some pixels off score up to 1.93, elsewhere up to 1.48; of the right ones one in twenty less
+GOOD_SCORE = (
+    1.95  # poses some pixels off score up to 1.93, elsewhere up to 1.48; of the right ones one in twenty less
+)
 _NOTHING = 1.0  # below lie some photos without the object, and no right pose
 RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
 _LOOSE = 0.015  # leeway: right poses have up to .013, those of a smooth object of one material from .018 on
 _INSIDE = 0.5  # share of the object in the photo, below which its pose rests on little
-_DOUBT = 0.3  # of ln radiance: as of a photo that is doubtful for other reasons (docs/decisions/photo-verdict.md)
+_DOUBT = (
+    0.3  # of ln radiance: as of a photo that is doubtful for other reasons (docs/decisions/photo-verdict.md)
+)
 
 
 class PoseStatus(StrEnum):

@@ -40,9 +40,12 @@ class KnownViews:
 
     @staticmethod
     def of(
-        decomposition: Decomposition, scene: Scene, on_photo: Callable[[int, int], None] = lambda done, total: None
+        decomposition: Decomposition,
+        scene: Scene,
+        on_photo: Callable[[int, int], None] = lambda done, total: None,
     ) -> "KnownViews":
-        """Return the views of an object, from its training photos; `on_photo` hears how many are done, and of all.
+        """Return the views of an object, from its training photos; `on_photo` hears how many are done, and of
+        all.
 
         Raises `ConfigError` without OpenCV.
         """

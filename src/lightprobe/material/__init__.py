@@ -1,1 +1,3 @@
-"""Surface points in, glTF metallic-roughness material out: a hash-grid field while training, textures afterwards."""
+"""Surface points in, glTF metallic-roughness material out: a hash-grid field while training, textures
+afterwards.
+"""

@@ -1,8 +1,9 @@
 """The material as a function of position: a multiresolution hash grid read by a small MLP.
 
-Output channels, in this order everywhere (`CHANNELS`): base colour 3 (linear), roughness, metallic, normal offset 3.
-The normal offset is added to the interpolated unit normal and the sum normalised; it is in world axes, because a
-lattice surface has no texture coordinates yet. Baking turns it into a tangent-space normal map.
+Output channels, in this order everywhere (`CHANNELS`): base colour 3 (linear), roughness, metallic, normal
+offset 3. The normal offset is added to the interpolated unit normal and the sum normalised; it is in world
+axes, because a lattice surface has no texture coordinates yet. Baking turns it into a tangent-space normal
+map.
 """
 
 import itertools
@@ -28,7 +29,9 @@ def activate(raw: Tensor) -> Tensor:
 
 
 def level_resolutions(levels: int, coarsest: int, finest: int) -> Tensor:
-    """Return the cells per edge of each level, (L,) int32, in geometric progression (Mueller et al. 2022, eq. 2-3)."""
+    """Return the cells per edge of each level, (L,) int32, in geometric progression (Mueller et al. 2022, eq.
+    2-3).
+    """
     steps = torch.arange(levels, dtype=torch.float64) / max(levels - 1, 1)
     return torch.floor(coarsest * (finest / coarsest) ** steps + 1e-6).to(torch.int32)
 
@@ -37,15 +40,24 @@ class MaterialField(nn.Module):
     """Hash grid and MLP (two hidden layers of 32) from points to materials."""
 
     def __init__(
-        self, *, levels: int, features: int, log2_size: int, finest: int, extent: float, generator: torch.Generator,
+        self,
+        *,
+        levels: int,
+        features: int,
+        log2_size: int,
+        finest: int,
+        extent: float,
+        generator: torch.Generator,
         coarsest: int = 12,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """`extent`: half edge of the cube around the origin that the grid covers, in normalised units."""
         super().__init__()
         self.extent = extent
         # No buffer: its values are read, which a GPU delays.
         self.resolutions = level_resolutions(levels, coarsest, finest)
-        self.table = nn.Parameter(torch.rand(levels, 2**log2_size, features, generator=generator) * 2e-4 - 1e-4)
+        self.table = nn.Parameter(
+            torch.rand(levels, 2**log2_size, features, generator=generator) * 2e-4 - 1e-4
+        )
         widths = (levels * features + 3, 32, 32, CHANNELS)
         self.weights = nn.ParameterList(
             torch.randn(a, b, generator=generator) * (2 / a) ** 0.5 for a, b in itertools.pairwise(widths)
@@ -53,11 +65,14 @@ class MaterialField(nn.Module):
         self.biases = nn.ParameterList(torch.zeros(b) for b in widths[1:])
         with torch.no_grad():
             self.weights[-1].mul_(0.1)
-            # Start a dark grey, half rough and a third metallic, from where either kind of surface can be reached.
+            # Start a dark grey, half rough and a third metallic, from where either kind of surface can be
+            # reached.
             self.biases[-1].copy_(torch.tensor([-1.4, -1.4, -1.4, 0.0, -0.85, 0.0, 0.0, 0.0]))
 
     def forward(self, points: Tensor) -> Tensor:
-        """Return the material (N, 8) at points (N, 3) of the normalised frame; differentiable in the points, too."""
+        """Return the material (N, 8) at points (N, 3) of the normalised frame; differentiable in the points,
+        too.
+        """
         unit = (points / (2 * self.extent) + 0.5).clamp(0, 1)
         features = hash_encode(unit, self.table, self.resolutions)
         x = torch.cat([features, unit - 0.5], dim=1)

@@ -1,4 +1,6 @@
-"""What training leaves and prediction works with: the decomposed object, and the networks that read light off it."""
+"""What training leaves and prediction works with: the decomposed object, and the networks that read light off
+it.
+"""
 
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.models.light_accuracy import LightAccuracy

@@ -1,8 +1,9 @@
 """Absolute brightness of a run: the factor that light and albedo share and photos cannot tell apart.
 
-Light times c and base colour over c look alike, so what a run learns is in a gauge of its own. A calibration is a
-factor per channel, g: light of the run's gauge times g, and base colour over g, are the true ones. The run's files stay
-in its gauge; g is applied once, where a decomposition is loaded, and where a prediction ends.
+Light times c and base colour over c look alike, so what a run learns is in a gauge of its own. A calibration
+is a factor per channel, g: light of the run's gauge times g, and base colour over g, are the true ones. The
+run's files stay in its gauge; g is applied once, where a decomposition is loaded, and where a prediction
+ends.
 """
 
 from collections.abc import Sequence
@@ -39,13 +40,17 @@ class Calibration:
 
     @staticmethod
     def load(path: Path) -> "Calibration | None":
-        """Return the calibration in a file, None where there is no file; raise `InputError` when it holds none."""
+        """Return the calibration in a file, None where there is no file; raise `InputError` when it holds
+        none.
+        """
         if not path.exists():
             return None
         value = read_object(path, _REMEDY)
         factor, source = value.get("light_factor_rgb"), value.get("source")
         if not isinstance(factor, list) or not _three_numbers(factor) or not isinstance(source, str):
-            raise damaged(path, f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}", _REMEDY)
+            raise damaged(
+                path, f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}", _REMEDY
+            )
         r, g, b = (float(v) for v in factor)
         return Calibration((r, g, b), source)
 
@@ -59,7 +64,9 @@ class Calibration:
         color = (asset.textures.base_color / factor).clamp(max=1)
         visibility = asset.visibility
         if visibility is not None:
-            visibility = VertexVisibility(visibility.unoccluded, (visibility.occluder_color / factor).clamp(max=1))
+            visibility = VertexVisibility(
+                visibility.unoccluded, (visibility.occluder_color / factor).clamp(max=1)
+            )
         return replace(asset, textures=replace(asset.textures, base_color=color), visibility=visibility)
 
 

@@ -31,7 +31,9 @@ class Decomposition:
     similarity: Similarity
     trained: Asset | None = None  # the asset in the run's own gauge, where a calibration has changed it
     calibration: Calibration | None = None  # that `asset` and `lights` have been through
-    verdict: ObjectVerdict | None = None  # None where photos show too little of the object; older runs may lack it
+    verdict: ObjectVerdict | None = (
+        None  # None where photos show too little of the object; older runs may lack it
+    )
 
     def save(self, run: RunFolder) -> None:
         """Write asset, lights and verdict; the asset comes last and marks Phase I as finished."""
@@ -45,7 +47,8 @@ class Decomposition:
     def load(run: RunFolder, device: torch.device, *, calibrated: bool = True) -> "Decomposition":
         """Read what `save` wrote; raise `InputError` when Phase I has not finished in this run.
 
-        calibrated: apply the run's calibration (`models.calibration`), where it has one; training goes on without.
+        calibrated: apply the run's calibration (`models.calibration`), where it has one; training goes on
+        without.
         """
         if not run.asset_file.exists():
             root = run.scene()["root"] if run.scene_file.is_file() else "SCENE"
@@ -63,7 +66,9 @@ class Decomposition:
             return Decomposition(asset, environments, record.similarity, verdict=verdict)
         factor = calibration.tensor(device)
         environments = {name: light.scaled(factor) for name, light in environments.items()}
-        return Decomposition(calibration.applied(asset), environments, record.similarity, asset, calibration, verdict)
+        return Decomposition(
+            calibration.applied(asset), environments, record.similarity, asset, calibration, verdict
+        )
 
 
 def _load_lights(path: Path, photos: set[str]) -> dict[str, Tensor]:
@@ -76,7 +81,9 @@ def _load_lights(path: Path, photos: set[str]) -> dict[str, Tensor]:
     check_tensors(lights, dict.fromkeys(sorted(lights), TensorRule((6, "R", "R", 3), low=0)), path, REMAKE)
     for name, light in lights.items():
         if light.shape[1] not in LIGHT_RESOLUTIONS:
-            raise damaged(path, f"'{name}' has {light.shape[1]} texels along an edge, not a power of two", REMAKE)
+            raise damaged(
+                path, f"'{name}' has {light.shape[1]} texels along an edge, not a power of two", REMAKE
+            )
     return lights
 
 

@@ -1,15 +1,17 @@
 """The illumination MLP: the colour of the light that a pixel, as a probe, reports (Equation 3).
 
-Notation: x = c / s, the pixel's colour relative to the photo's light level s; f the pixel's white-furnace colour;
-l = 2 (n.w_o) n - w_o the mirror direction. With e = 0.02 against division by black,
+Notation: x = c / s, the pixel's colour relative to the photo's light level s; f the pixel's white-furnace
+colour; l = 2 (n.w_o) n - w_o the mirror direction. With e = 0.02 against division by black,
 
-    c_p = s (x + e)/(f + e) exp(8 tanh(MLP(log(x + e), log((x + e)/(f + e)), k_d, k_s, r, n.w_o, enc(n, w_o, l)) / 8))
+    c_p = s (x + e)/(f + e) exp(8 tanh(MLP(log(x + e), log((x + e)/(f + e)), k_d, k_s, r, n.w_o, enc(n, w_o,
+    l)) / 8))
 
-The first factor is the light the pixel would have seen were it the same from everywhere, so that an untrained network
-already predicts something sane; the network learns the rest in log radiance. Scaling a photo scales s and c alike,
-and with them c_p, exactly.
+The first factor is the light the pixel would have seen were it the same from everywhere, so that an untrained
+network already predicts something sane; the network learns the rest in log radiance. Scaling a photo scales s
+and c alike, and with them c_p, exactly.
 
-The paper names the inputs alone, c_p = MLP(c, k_d, k_s, n, r, w_o): `NetworkForm.PLAIN`, with a softplus at the end.
+The paper names the inputs alone, c_p = MLP(c, k_d, k_s, n, r, w_o): `NetworkForm.PLAIN`, with a softplus at
+the end.
 """
 
 import itertools
@@ -31,7 +33,12 @@ class IlluminationMlp(nn.Module):
     """Maps N pixels to N probe colours >= 0, linear and unbounded above."""
 
     def __init__(
-        self, width: int, depth: int, frequencies: int, seed: int = 0, form: NetworkForm = NetworkForm.RELATIVE
+        self,
+        width: int,
+        depth: int,
+        frequencies: int,
+        seed: int = 0,
+        form: NetworkForm = NetworkForm.RELATIVE,
     ):
         super().__init__()
         self.frequencies, self.form = frequencies, form
@@ -43,7 +50,13 @@ class IlluminationMlp(nn.Module):
     def forward(self, pixels: ProbePixels, light_level: Tensor) -> Tensor:
         """Return probe colours (N, 3) of the pixels of a photo with `light_level` ()."""
         if self.form is NetworkForm.PLAIN:
-            surface = [pixels.color, pixels.base_color, pixels.specular, pixels.normal, pixels.roughness[:, None]]
+            surface = [
+                pixels.color,
+                pixels.base_color,
+                pixels.specular,
+                pixels.normal,
+                pixels.roughness[:, None],
+            ]
             return torch.nn.functional.softplus(self._answer(torch.cat([*surface, pixels.view], -1)))
         relative = pixels.color / light_level + _BLACK
         start = relative / (pixels.furnace + _BLACK)
@@ -74,7 +87,9 @@ class IlluminationMlp(nn.Module):
         return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
 
     def _initialise(self, seed: int) -> None:
-        """He initialisation from our own stream; the last layer starts small, so the correction starts near none."""
+        """He initialisation from our own stream; the last layer starts small, so the correction starts near
+        none.
+        """
         random = generator(seed, "illumination-mlp")
         for layer in self._linear():
             bound = math.sqrt(6 / layer.in_features)

@@ -1,8 +1,9 @@
 """How well an object tells of its light: what predictions for simulated photos of it turned out to be.
 
 An object that is matte, seen small or mostly in its own shadow tells little of its light, however well it was
-reconstructed. `evaluation.simulated_photos` measures how little at the end of training, under the same lights for every
-object, and this keeps it: for people, and for the confidence of every map that is predicted with the object.
+reconstructed. `evaluation.simulated_photos` measures how little at the end of training, under the same lights
+for every object, and this keeps it: for people, and for the confidence of every map that is predicted with
+the object.
 """
 
 import math
@@ -28,9 +29,13 @@ class LightAccuracy:
 
     method: str  # the run's default, but one of descent from scratch (minutes a photo) is represented by the best other
     photos: int
-    log_error: float  # error of ln radiance by direction, root mean square over channels, after one factor per map
+    log_error: (
+        float  # error of ln radiance by direction, root mean square over channels, after one factor per map
+    )
     spheres: tuple[float, float, float]  # si-RMSE of the diffuse, matte and mirror sphere
-    fitted_scale: float  # error over what the confidence expects of any object's maps that were fitted to their photo
+    fitted_scale: (
+        float  # error over what the confidence expects of any object's maps that were fitted to their photo
+    )
     estimated_scale: float  # the same of maps that never met the photo's pixels
 
     @property
@@ -63,7 +68,9 @@ class LightAccuracy:
 
     @staticmethod
     def load(folder: Path) -> "LightAccuracy | None":
-        """Return what the folder of a model holds, None where it is unknown; raise `InputError` for a damaged file."""
+        """Return what the folder of a model holds, None where it is unknown; raise `InputError` for a damaged
+        file.
+        """
         path = Path(folder) / _FILE
         if not LightAccuracy.is_decided(folder):
             return None

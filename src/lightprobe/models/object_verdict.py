@@ -1,16 +1,17 @@
 """How far a reconstructed object can be trusted, found from its own photos without any truth.
 
-Every photo can be explained by some light, and the wrong materials bend it: a light that is solved from the darker half
-of the surface then fails to explain the brighter half, and the other way round. That failure (`disagreement`, see
-`reconstruction.agreement`) is the number that the verdict rests on, measured on photos the object was not fitted to.
-Where none was held out it is of photos it was fitted to, and the object is doubtful at best. What relighting turned out
-to be on objects with known materials tells what to expect of it (docs/decisions/object-verdict.md).
+Every photo can be explained by some light, and the wrong materials bend it: a light that is solved from the
+darker half of the surface then fails to explain the brighter half, and the other way round. That failure
+(`disagreement`, see `reconstruction.agreement`) is the number that the verdict rests on, measured on photos
+the object was not fitted to. Where none was held out it is of photos it was fitted to, and the object is
+doubtful at best. What relighting turned out to be on objects with known materials tells what to expect of it
+(docs/decisions/object-verdict.md).
 
-It hardly sees how bright the whole object is, as light and base colour share a factor. Of that the photos' lights tell
-a little: where more of it comes from behind the object than from the camera's side, photo after photo, the object is
-taken for too bright, and where less, for too dark (`reconstruction.front_bias`). Photos that are not cut out tell more:
-their lights are about as bright as what they show around the object (`reconstruction.surroundings`). `lightprobe
-calibrate` settles the factor from one known patch or lamp.
+It hardly sees how bright the whole object is, as light and base colour share a factor. Of that the photos'
+lights tell a little: where more of it comes from behind the object than from the camera's side, photo after
+photo, the object is taken for too bright, and where less, for too dark (`reconstruction.front_bias`). Photos
+that are not cut out tell more: their lights are about as bright as what they show around the object
+(`reconstruction.surroundings`). `lightprobe calibrate` settles the factor from one known patch or lamp.
 """
 
 import math
@@ -28,10 +29,14 @@ _REMEDY = "make it anew with: lightprobe train SCENE -o RUN --restart"
 # _AT_TENTH dB where the disagreement is .1, and _PER_DECADE dB more for each tenth of that.
 _AT_TENTH, _PER_DECADE = 17.0, 20.0
 _GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
-_UNLIKELY = 3.0  # what is unlikely about the photos' lights, in ln probability, from which the object is doubtful
+_UNLIKELY = (
+    3.0  # what is unlikely about the photos' lights, in ln probability, from which the object is doubtful
+)
 _OF_LIGHTS = ("front_bias", "surprise", "excess", "excess_surprise")
 _FITTED = "photos that it was fitted to, as none was held out"
-_MORE_PHOTOS = ", or train it on at least eight photos, of which some are held out (--decompose.validation-photos)"
+_MORE_PHOTOS = (
+    ", or train it on at least eight photos, of which some are held out (--decompose.validation-photos)"
+)
 _DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
 
 
@@ -49,11 +54,17 @@ class ObjectVerdict:
 
     disagreement: float  # displayed, 0 to 1: by how much each half of the surface fails to explain the other
     photos: int  # that it is the mean over
-    front_bias: float = 0.0  # how much more light comes from the camera's side than from behind; `FrontBias.mean`
+    front_bias: float = (
+        0.0  # how much more light comes from the camera's side than from behind; `FrontBias.mean`
+    )
     surprise: float = 0.0  # how unlikely that is, in ln probability
-    excess: float = 0.0  # by how much lights are brighter than what photos show, in ln radiance; `Surroundings.excess`
+    excess: float = (
+        0.0  # by how much lights are brighter than what photos show, in ln radiance; `Surroundings.excess`
+    )
     excess_surprise: float = 0.0  # how unlikely that is, in ln probability
-    held_out: bool = True  # whether the object was not fitted to these photos; it is doubtful at best where it was
+    held_out: bool = (
+        True  # whether the object was not fitted to these photos; it is doubtful at best where it was
+    )
 
     @property
     def trust(self) -> Trust:
@@ -82,7 +93,8 @@ class ObjectVerdict:
         )
         advice = {
             Trust.GOOD: "",
-            Trust.DOUBTFUL: "; look at its materials before you rely on it" + ("" if self.held_out else _MORE_PHOTOS),
+            Trust.DOUBTFUL: "; look at its materials before you rely on it"
+            + ("" if self.held_out else _MORE_PHOTOS),
             Trust.POOR: "; its materials are probably wrong: try more steps (--preset standard), more photos under "
             "other lights, or another --seed",
         }[self.trust]
@@ -97,20 +109,29 @@ class ObjectVerdict:
             than, wrong = ("dimmer", "bright") if self.excess < 0 else ("brighter", "dark")
             told = f"are {than} than what its photos show around it"
         else:
-            side, wrong = ("from behind", "bright") if self.front_bias < 0 else ("from the camera's side", "dark")
+            side, wrong = (
+                ("from behind", "bright") if self.front_bias < 0 else ("from the camera's side", "dark")
+            )
             told = f"come {side} more often than chance allows"
-        return f" Its lights {told}, so it is probably taken for too {wrong}; lightprobe calibrate mends that."
+        return (
+            f" Its lights {told}, so it is probably taken for too {wrong}; lightprobe calibrate mends that."
+        )
 
     @property
     def doubt(self) -> float:
-        """What this adds to the error to expect of ln radiance of every map that is predicted with the object."""
+        """What this adds to the error to expect of ln radiance of every map that is predicted with the
+        object.
+        """
         return _DOUBT if self.trust is Trust.POOR else 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON value: the measures, the trust and the sentence."""
         return {
-            **vars(self), "trust": self.trust.value, "expected_psnr": self.expected_psnr, "sentence": self.sentence
-        }  # fmt: skip
+            **vars(self),
+            "trust": self.trust.value,
+            "expected_psnr": self.expected_psnr,
+            "sentence": self.sentence,
+        }
 
     def save(self, path: Path) -> None:
         """Write it as JSON, atomically."""
@@ -123,7 +144,12 @@ class ObjectVerdict:
             return None
         value = read_object(path, _REMEDY)
         error, photos = value.get("disagreement"), value.get("photos")
-        if not isinstance(error, (int, float)) or not 0 <= error <= 1 or not isinstance(photos, int) or photos < 1:
+        if (
+            not isinstance(error, (int, float))
+            or not 0 <= error <= 1
+            or not isinstance(photos, int)
+            or photos < 1
+        ):
             raise damaged(path, "'disagreement' is not from 0 to 1, or 'photos' is no count", _REMEDY)
         lights = {name: value.get(name, 0.0) for name in _OF_LIGHTS}  # which older runs lack
         if not all(isinstance(x, (int, float)) and math.isfinite(x) for x in lights.values()):
@@ -133,4 +159,6 @@ class ObjectVerdict:
         held_out = value.get("held_out", True)
         if not isinstance(held_out, bool):
             raise damaged(path, "'held_out' is neither true nor false", _REMEDY)
-        return ObjectVerdict(float(error), photos, **{name: float(x) for name, x in lights.items()}, held_out=held_out)
+        return ObjectVerdict(
+            float(error), photos, **{name: float(x) for name, x in lights.items()}, held_out=held_out
+        )

@@ -1,13 +1,13 @@
 """The distribution of a light probe: from which directions the light came that a pixel reflects.
 
-Notation (design of Equation 4): n unit normal, w_o unit direction surface -> camera, w unit direction surface -> light,
-h = (w + w_o)/|w + w_o|, r roughness, alpha^2 the squared GGX width.
+Notation (design of Equation 4): n unit normal, w_o unit direction surface -> camera, w unit direction surface
+-> light, h = (w + w_o)/|w + w_o|, r roughness, alpha^2 the squared GGX width.
 
     D_p(w) = alpha^2 / (pi ((n.h)^2 (alpha^2 - 1) + 1)^2) max(n.w, 0)
 
-The printed equation has ((w_o + w_i)/2)^2 where the GGX density it cites has (n.h)^2, and w_o.n where the rendering
-equation has w_i.n; the density is meant. It also prints r^2 for alpha^2, where the renderer's alpha is r^2 and alpha^2
-is r^4: the lobe that mirrors the renderer's is the default, the printed one an option.
+The printed equation has ((w_o + w_i)/2)^2 where the GGX density it cites has (n.h)^2, and w_o.n where the
+rendering equation has w_i.n; the density is meant. It also prints r^2 for alpha^2, where the renderer's alpha
+is r^2 and alpha^2 is r^4: the lobe that mirrors the renderer's is the default, the printed one an option.
 """
 
 import torch
@@ -37,7 +37,9 @@ def mean_distribution(pixels: ProbePixels, directions: Tensor, rule: AlphaRule) 
 def total_distribution(
     pixels: ProbePixels, directions: Tensor, rule: AlphaRule, total: TotalDistribution, samples: int
 ) -> Tensor:
-    """Return D_total of Equation 6 in `directions` (M, 3): (M,), to divide the mean of D over `samples` pixels by."""
+    """Return D_total of Equation 6 in `directions` (M, 3): (M,), to divide the mean of D over `samples`
+    pixels by.
+    """
     mean = mean_distribution(pixels, directions, rule)
     if total is TotalDistribution.SUM:
         return mean * (len(pixels) / min(samples, len(pixels)))
@@ -48,7 +50,8 @@ def total_distribution(
 
 
 def stack(pixels: ProbePixels, colors: Tensor, directions: Tensor, rule: AlphaRule) -> tuple[Tensor, Tensor]:
-    """Stack the probes of `pixels` with `colors` (N, 3) into radiance (M, 3) and mean distribution (M,): Equation 5.
+    """Stack the probes of `pixels` with `colors` (N, 3) into radiance (M, 3) and mean distribution (M,):
+    Equation 5.
 
     P(w) = sum_p c_p D_p(w) / sum_p D_p(w); zero where no pixel looks. Differentiable in `colors`.
     """
@@ -58,7 +61,9 @@ def stack(pixels: ProbePixels, colors: Tensor, directions: Tensor, rule: AlphaRu
     return radiance, total / max(len(pixels), 1)
 
 
-def stack_everywhere(pixels: ProbePixels, colors: Tensor, resolution: int, rule: AlphaRule) -> tuple[Tensor, Tensor]:
+def stack_everywhere(
+    pixels: ProbePixels, colors: Tensor, resolution: int, rule: AlphaRule
+) -> tuple[Tensor, Tensor]:
     """Return `stack` in all texels of a cubemap: radiance (6, R, R, 3) and mean distribution (6, R, R).
 
     For many pixels and texels: not differentiable, and within the bound of `kernels.culled_stacking`.

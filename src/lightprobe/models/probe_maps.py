@@ -1,7 +1,7 @@
 """What one photo says about its light, gathered on the sphere: the input of the sphere network.
 
-Every map lives on a cubemap of 6 x 16 x 16 texels and is relative to the photo's light level s, so that nothing depends
-on exposure. Per texel, with `e` against the logarithm of nothing:
+Every map lives on a cubemap of 6 x 16 x 16 texels and is relative to the photo's light level s, so that
+nothing depends on exposure. Per texel, with `e` against the logarithm of nothing:
 
     3   log(P0 + e), P0 the stacked average light each pixel saw (Equation 5 with the untrained network's colours)
     3   log(P + e), P the stacked colours of the illumination MLP
@@ -10,8 +10,9 @@ on exposure. Per texel, with `e` against the logarithm of nothing:
     1   log coverage: the mean distribution of the pixels against its mean over the sphere
     3   cosine with up, with the mean view direction, and with what lies to the right of both
 
-Local averages and the global inversion fail in different places; both come with what tells how far to trust them.
-The last three say where light tends to come from, in a frame that means the same for every object and camera.
+Local averages and the global inversion fail in different places; both come with what tells how far to trust
+them. The last three say where light tends to come from, in a frame that means the same for every object and
+camera.
 """
 
 import torch
@@ -34,18 +35,26 @@ SOLVED_PIXELS = 1024  # that the coarse lights are solved from
 
 
 def coarse_lights(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> Tensor:
-    """Return the coarse lights (2, 384, 3) that explain the pixels' colours (P, 3), relative to the light level."""
+    """Return the coarse lights (2, 384, 3) that explain the pixels' colours (P, 3), relative to the light
+    level.
+    """
     weight = relative_tone_weight(color, light_level)[:, None].expand_as(color)
     return transport.solve(color, weight, light_level, STRENGTHS) / light_level
 
 
 def probe_maps(
-    pixels: ProbePixels, colors: Tensor, clipped: Tensor, light_level: Tensor, solved: Tensor, up: Tensor,
+    pixels: ProbePixels,
+    colors: Tensor,
+    clipped: Tensor,
+    light_level: Tensor,
+    solved: Tensor,
+    up: Tensor,
     rule: AlphaRule,
-) -> Tensor:  # fmt: skip
+) -> Tensor:
     """Return the maps (19, 6, 16, 16) of N sampled pixels; no gradient.
 
-    colors (N, 3): the illumination MLP's; clipped (N, 3) bool; solved (2, 384, 3): from `coarse_lights`; up (3,) unit.
+    colors (N, 3): the illumination MLP's; clipped (N, 3) bool; solved (2, 384, 3): from `coarse_lights`; up
+    (3,) unit.
     """
     directions = cubemap.directions(RESOLUTION, colors.device)
     flat = directions.reshape(-1, 3)

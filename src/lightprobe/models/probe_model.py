@@ -47,10 +47,14 @@ class ProbeModel:
     def to(self, device: torch.device) -> "ProbeModel":
         """Return the model on `device`; the network's weights move in place."""
         sphere = None if self.sphere is None else self.sphere.to(device)
-        return ProbeModel(self.network.to(device), self.mean_light.to(device), self.up.to(device), self.config, sphere)
+        return ProbeModel(
+            self.network.to(device), self.mean_light.to(device), self.up.to(device), self.config, sphere
+        )
 
     def save(self, folder: Path) -> None:
-        """Write `folder`/illumination_mlp.safetensors, sphere_net.safetensors if there is one, and config.json."""
+        """Write `folder`/illumination_mlp.safetensors, sphere_net.safetensors if there is one, and
+        config.json.
+        """
         tensors = {f"{_MLP}{name}": value for name, value in self.network.state_dict().items()}
         save_tensors(Path(folder) / _WEIGHTS, tensors | {_PRIOR: self.mean_light.texels, _UP: self.up})
         if self.sphere is not None:
@@ -64,7 +68,9 @@ class ProbeModel:
 
     @staticmethod
     def load(folder: Path) -> "ProbeModel":
-        """Return the model saved in `folder`; raise `InputError` when files are missing or do not fit each other."""
+        """Return the model saved in `folder`; raise `InputError` when files are missing or do not fit each
+        other.
+        """
         folder = Path(folder)
         config = _load_config(folder / _CONFIG)
         with remedied(RETRAIN):
@@ -74,7 +80,11 @@ class ProbeModel:
         check_tensors(tensors, fixed, folder / _WEIGHTS, RETRAIN)
         network = _load_network(folder / _WEIGHTS, tensors, config)
         return ProbeModel(
-            network, Environment(tensors[_PRIOR]), tensors[_UP], config, _load_sphere(folder / _SPHERE, config)
+            network,
+            Environment(tensors[_PRIOR]),
+            tensors[_UP],
+            config,
+            _load_sphere(folder / _SPHERE, config),
         )
 
 
@@ -86,14 +96,18 @@ def _load_config(path: Path) -> DistillConfig:
 
 
 def _load_network(path: Path, tensors: dict[str, Tensor], config: DistillConfig) -> IlluminationMlp:
-    """Return the illumination MLP; the stored sizes are compared first, as a wrong one may be too large to make."""
+    """Return the illumination MLP; the stored sizes are compared first, as a wrong one may be too large to
+    make.
+    """
     weights = {name[len(_MLP) :]: value for name, value in tensors.items() if name.startswith(_MLP)}
     layers = sum(name.endswith("weight") for name in weights)
     check_tensors(weights, {"layers.0.weight": TensorRule((config.width, "inputs"))}, path, RETRAIN)
     if layers != config.depth + 1:
         raise damaged(path, f"it has {layers} layers, and {_CONFIG} {config.depth + 1}", RETRAIN)
     if config.frequencies > weights["layers.0.weight"].shape[1]:
-        raise damaged(path, f"it takes fewer inputs than the {config.frequencies} frequencies of {_CONFIG}", RETRAIN)
+        raise damaged(
+            path, f"it takes fewer inputs than the {config.frequencies} frequencies of {_CONFIG}", RETRAIN
+        )
     return _filled(new_network(config), weights, path, RETRAIN)
 
 
@@ -120,7 +134,8 @@ def new_network(config: DistillConfig, seed: int = 0) -> IlluminationMlp:
 
 
 def new_sphere(config: DistillConfig, seed: int = 0) -> SphereNet:
-    """Return the sphere network that a training starts from: the bundled one where wanted and as wide, else noise.
+    """Return the sphere network that a training starts from: the bundled one where wanted and as wide, else
+    noise.
 
     The bundled one was trained on random solids under generated lights (`tools/pretrain_sphere_net.py`).
     """

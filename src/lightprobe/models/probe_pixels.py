@@ -1,7 +1,8 @@
 """The pixels of one photo as light probes: what was seen, on which material, from where.
 
-Notation: c linear colour, k_d base colour, k_s = F0, n normal, r roughness, w_o view direction (surface -> camera);
-furnace: the pixel's colour under a constant environment of radiance 1, so c / furnace is the average light a pixel saw.
+Notation: c linear colour, k_d base colour, k_s = F0, n normal, r roughness, w_o view direction (surface ->
+camera); furnace: the pixel's colour under a constant environment of radiance 1, so c / furnace is the average
+light a pixel saw.
 """
 
 from collections.abc import Sequence
@@ -50,10 +51,13 @@ class ProbePixels:
     @staticmethod
     def joined(parts: Sequence["ProbePixels"]) -> "ProbePixels":
         """Return the pixels of several photos, one photo's after the other's."""
-        return ProbePixels(*(torch.cat(values) for values in zip(*(part.tensors() for part in parts), strict=True)))
+        return ProbePixels(
+            *(torch.cat(values) for values in zip(*(part.tensors() for part in parts), strict=True))
+        )
 
     def light_level(self) -> Tensor:
-        """Return the grey radiance () that, from everywhere, would give the pixels their summed luma; at least 1e-6.
+        """Return the grey radiance () that, from everywhere, would give the pixels their summed luma; at
+        least 1e-6.
 
         It carries the photo's exposure: everything learned is relative to it.
         """

@@ -5,18 +5,20 @@ from torch import Tensor
 
 from lightprobe.core.device import generator, to_device
 
-_LEAST_WEIGHT = 1e-3  # keeps perfectly rough pixels in the draw, so that a wholly matte object still has probes
+_LEAST_WEIGHT = (
+    1e-3  # keeps perfectly rough pixels in the draw, so that a wholly matte object still has probes
+)
 
 
 def sample_pixels(roughness: Tensor, count: int, *, seed: int, stream: str, step: int = 0) -> Tensor:
     """Return `count` distinct pixel indices (count,) int64 drawn with probability proportional to 1 - r.
 
-    roughness: (N,) in [0, 1]. stream, step: name of the random stream of a run's `seed`, and the number within it. All
-    N indices are returned when `count` >= N.
+    roughness: (N,) in [0, 1]. stream, step: name of the random stream of a run's `seed`, and the number
+    within it. All N indices are returned when `count` >= N.
 
-    The paper (section 3.2.3) asks for more smooth pixels than rough ones; its |r - 1| - 1 is read as |r - 1|, as no
-    probability is negative. Adding Gumbel noise to the log weights and taking the largest draws one pixel after the
-    other without replacement.
+    The paper (section 3.2.3) asks for more smooth pixels than rough ones; its |r - 1| - 1 is read as |r - 1|,
+    as no probability is negative. Adding Gumbel noise to the log weights and taking the largest draws one
+    pixel after the other without replacement.
     """
     if count >= len(roughness):
         return torch.arange(len(roughness), device=roughness.device)

@@ -1,8 +1,8 @@
 """A small U-Net on the sphere: what one photo says about its light in, its light out.
 
-Notation: x (B, C, 6, R, R) maps on cubemaps. Convolutions see across the edges of faces: every face is padded with the
-texels on the other side. Faces share their weights; the directions among the inputs tell them apart. The output is
-what to add to the log of the stacked light, and starts at nothing.
+Notation: x (B, C, 6, R, R) maps on cubemaps. Convolutions see across the edges of faces: every face is padded
+with the texels on the other side. Faces share their weights; the directions among the inputs tell them apart.
+The output is what to add to the log of the stacked light, and starts at nothing.
 """
 
 import math
@@ -75,7 +75,8 @@ class SphereNet(nn.Module):
 
 
 def mean_over_turns(net: SphereNet, maps: Tensor, turns: int) -> Tensor:
-    """Return the network's mean output (1, 3, 6, 16, 16) for maps (1, C, 6, 16, 16) turned `turns` ways, turned back.
+    """Return the network's mean output (1, 3, 6, 16, 16) for maps (1, C, 6, 16, 16) turned `turns` ways,
+    turned back.
 
     Which way the cubemap's faces lie means nothing; what the network makes of it is error, and averages out.
     """

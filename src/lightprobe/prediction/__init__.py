@@ -7,6 +7,15 @@ from lightprobe.prediction.predictor import Predictor, is_fitted, methods_for, r
 from lightprobe.prediction.verdict import Status, Verdict
 
 __all__ = [
-    "BackgroundUse", "Method", "PredictConfig", "Prediction", "Predictor", "Status", "Verdict", "check_names",
-    "is_fitted", "methods_for", "recorded_config",
-]  # fmt: skip
+    "BackgroundUse",
+    "Method",
+    "PredictConfig",
+    "Prediction",
+    "Predictor",
+    "Status",
+    "Verdict",
+    "check_names",
+    "is_fitted",
+    "methods_for",
+    "recorded_config",
+]

@@ -1,19 +1,20 @@
 """The background of a photo as evidence: the part of the light that the camera saw directly.
 
-Where the far environment is seen, its radiance is known. What this says about other directions follows from how
-predicted maps err: over wide angles, and by the more, the lower their confidence. With y = ln(background / map), the
-correction x(d) of ln radiance is a Gaussian process given y (kriging; Rasmussen and Williams, Gaussian Processes for
-Machine Learning, 2006, section 2.2):
+Where the far environment is seen, its radiance is known. What this says about other directions follows from
+how predicted maps err: over wide angles, and by the more, the lower their confidence. With y = ln(background
+/ map), the correction x(d) of ln radiance is a Gaussian process given y (kriging; Rasmussen and Williams,
+Gaussian Processes for Machine Learning, 2006, section 2.2):
 
     x(d) = e(d) u(d),   u ~ N(0, exp(-angle / width))
 
-with e(d) = -ln(confidence) the error to expect. The map has been fitted to the photo, so the correction must leave the
-photo as it is: its pixels are observations of A E x = 0, A the transport and E the map. All this is linear and solved
-at 6 x 8 x 8 texels. The process's deviation, relative to what it is without the background, is what remains of e.
+with e(d) = -ln(confidence) the error to expect. The map has been fitted to the photo, so the correction must
+leave the photo as it is: its pixels are observations of A E x = 0, A the transport and E the map. All this is
+linear and solved at 6 x 8 x 8 texels. The process's deviation, relative to what it is without the background,
+is what remains of e.
 
-Directions at which the background is clipped are lower bounds. What stands near the object, such as a table or a hand,
-is not its far environment: a texel whose background the map contradicts by far more than its expected error is left
-out, and so is a background that does so in the mean.
+Directions at which the background is clipped are lower bounds. What stands near the object, such as a table
+or a hand, is not its far environment: a texel whose background the map contradicts by far more than its
+expected error is left out, and so is a background that does so in the mean.
 """
 
 import math
@@ -53,7 +54,9 @@ class BackgroundUse(StrEnum):
     USED = "used"
     """The map follows it."""
     CONTRADICTED = "contradicted"
-    """What the object reflects contradicts it: it is probably near the object, or not this photo's. It was left out."""
+    """What the object reflects contradicts it: it is probably near the object, or not this photo's. It was
+    left out.
+    """
 
 
 @dataclass(frozen=True)
@@ -84,17 +87,23 @@ class SeenLight:
         mean = (total[:, :6] / total[:, 6:].clamp_min(1e-12)).reshape(6, resolution, resolution, 6)
         share = total[:, 6].reshape(6, resolution, resolution) / cubemap.exact_solid_angles(resolution)
         return SeenLight(
-            mean[..., :3].float().to(device), share.clamp(max=1).float().to(device), (mean[..., 3:] > 0).to(device)
+            mean[..., :3].float().to(device),
+            share.clamp(max=1).float().to(device),
+            (mean[..., 3:] > 0).to(device),
         )
 
     @staticmethod
     def joined(parts: Sequence["SeenLight"], exposures: Tensor) -> "SeenLight":
-        """Return what several photos show of one light, in the first one's exposure; `exposures` (N,) relative to it.
+        """Return what several photos show of one light, in the first one's exposure; `exposures` (N,)
+        relative to it.
 
-        A texel has the mean of the photos that show it unclipped. Where none does, it has the largest lower bound.
+        A texel has the mean of the photos that show it unclipped. Where none does, it has the largest lower
+        bound.
         """
         share = torch.stack([part.share for part in parts])
-        scaled = torch.stack([part.radiance / exposure for part, exposure in zip(parts, exposures, strict=True)])
+        scaled = torch.stack(
+            [part.radiance / exposure for part, exposure in zip(parts, exposures, strict=True)]
+        )
         told = share[..., None] * ~torch.stack([part.clipped for part in parts])
         bound = torch.where(share[..., None] > 0, scaled, 0.0).amax(0)
         mean = (told * scaled).sum(0) / told.sum(0).clamp_min(1e-12)
@@ -105,7 +114,8 @@ class SeenLight:
 def with_background(
     observation: Observation, light: Tensor, confidence: Tensor, seen: SeenLight, seed: int
 ) -> tuple[Tensor, Tensor, BackgroundUse]:
-    """Return a map (6, R, R, 3) that was fitted to the photo and its confidence (6, R, R), as the background has them.
+    """Return a map (6, R, R, 3) that was fitted to the photo and its confidence (6, R, R), as the background
+    has them.
 
     Both are returned as they are where there is no use for the background.
     """
@@ -123,7 +133,10 @@ def with_background(
     if len(rows) == 0:
         return light, confidence, BackgroundUse.ABSENT
     change, left = _conditioned(spread, known[rows], rows, _photo_changes(observation, light, seed))
-    change, left = _magnified(change, light.shape[1]), _magnified(left[:, None].expand(-1, 3), light.shape[1])[..., 0]
+    change, left = (
+        _magnified(change, light.shape[1]),
+        _magnified(left[:, None].expand(-1, 3), light.shape[1])[..., 0],
+    )
     change = torch.lerp(change, missing, share[..., None])
     direct = torch.where(seen.clipped.any(-1), error, error.clamp(max=_LEAST_ERROR))
     error = torch.lerp(error * left, direct, share)
@@ -140,7 +153,9 @@ def _magnified(values: Tensor, resolution: int) -> Tensor:
 
 
 def _averages(values: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the means (384, 3) of texels' `values` (6, R, R, 3) by the `share` seen of each, and that share (384,)."""
+    """Return the means (384, 3) of texels' `values` (6, R, R, 3) by the `share` seen of each, and that share
+    (384,).
+    """
     angle = cubemap.solid_angles(values.shape[1], values.device)
     factor = values.shape[1] // BLOCKS
     weighted = torch.cat([values * share[..., None], share[..., None]], -1) * angle[..., None]
@@ -150,7 +165,8 @@ def _averages(values: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _photo_changes(observation: Observation, light: Tensor, seed: int) -> Tensor:
-    """Return the matrices Q (3, 384, 384) of how a change x (384,) of ln radiance changes each channel of the photo.
+    """Return the matrices Q (3, 384, 384) of how a change x (384,) of ln radiance changes each channel of the
+    photo.
 
     x Q x is the weighted mean square of the pixels' change over that of the pixels: 1 where every x is 1.
     """
@@ -163,10 +179,11 @@ def _photo_changes(observation: Observation, light: Tensor, seed: int) -> Tensor
 
 
 def _conditioned(spread: Tensor, known: Tensor, rows: Tensor, photo: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the expected x (384, 3) given `known` (K, 3) at `rows` and the photo, and what remains of its deviation.
+    """Return the expected x (384, 3) given `known` (K, 3) at `rows` and the photo, and what remains of its
+    deviation.
 
-    spread (384,): e(d). photo (3, 384, 384): from `_photo_changes`. The deviation (384,) is that of the mean channel,
-    relative to what it is without the background.
+    spread (384,): e(d). photo (3, 384, 384): from `_photo_changes`. The deviation (384,) is that of the mean
+    channel, relative to what it is without the background.
     """
     directions = cubemap.exact_directions(BLOCKS, spread.device).reshape(-1, 3)
     alike = torch.exp(-torch.acos((directions @ directions.T).clamp(-1, 1)) / _WIDTH)

@@ -8,7 +8,9 @@ so that 1 / confidence is the factor that a direction's radiance is probably off
 import numpy as np
 
 RANGE = (0.3, 0.7)
-"""Off by a factor of 3.3, and of 1.4. Nearly all confidences lie between; the others get the colour of the end."""
+"""Off by a factor of 3.3, and of 1.4. Nearly all confidences lie between; the others get the colour of the
+end.
+"""
 
 TICKS = (0.3, 0.4, 0.5, 0.6, 0.7)  # of the legend, confidences
 
@@ -30,7 +32,8 @@ def css_gradient() -> str:
 
 
 def ticks() -> list[tuple[float, str, str]]:
-    """Return (place, confidence, factor of the error to expect) at `TICKS`; places run from 0 to 1, the rest is words.
+    """Return (place, confidence, factor of the error to expect) at `TICKS`; places run from 0 to 1, the rest
+    is words.
 
     The first stands for all that is less confident, too.
     """

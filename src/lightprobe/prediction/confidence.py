@@ -11,11 +11,11 @@ so that .5 says: probably off by a factor of two. e is a weighted sum of what ra
     dark        darkness turned out to be about as true as the rest
     rough       e-folds between a direction and its surroundings of some ten degrees: detail is the least certain
 
-A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is estimated with
-random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to simulated photos of six
-objects (`tools/fit_confidence.py`, docs/decisions/confidence-weights.md). How much a single object tells of its light
-at all, no cause says: the sum is multiplied by what simulated photos of that object ask for
-(`models.light_accuracy`). The evaluation checks all of it on test photos.
+A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is
+estimated with random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to
+simulated photos of six objects (`tools/fit_confidence.py`, docs/decisions/confidence-weights.md). How much a
+single object tells of its light at all, no cause says: the sum is multiplied by what simulated photos of that
+object ask for (`models.light_accuracy`). The evaluation checks all of it on test photos.
 """
 
 from dataclasses import dataclass
@@ -56,9 +56,16 @@ ESTIMATED = Weights(unseen=0.0, unpinned=0.10, bright=0.15, dark=0.0, rough=0.72
 
 
 def confidence(
-    observation: Observation, environment: Tensor, *, fitted: bool, seed: int, scale: float = 1.0, doubt: float = 0.0
+    observation: Observation,
+    environment: Tensor,
+    *,
+    fitted: bool,
+    seed: int,
+    scale: float = 1.0,
+    doubt: float = 0.0,
 ) -> Tensor:
-    """Return the confidence (6, R, R) in (0, 1) of a map (6, R, R, 3) predicted from `observation`; deterministic.
+    """Return the confidence (6, R, R) in (0, 1) of a map (6, R, R, 3) predicted from `observation`;
+    deterministic.
 
     fitted: whether the map was fitted to the photo's pixels, which leaves errors of another kind.
     scale: how many times as large as a usual object's the errors are with this one (`models.light_accuracy`).
@@ -77,7 +84,9 @@ def error_causes(observation: Observation, environment: Tensor, seed: int) -> di
     resolution = environment.shape[1]
     causes = {
         name: _lack(magnify_light(seen[..., None].expand(-1, -1, -1, 3).contiguous(), resolution)[..., 0])
-        for name, seen in zip(CAUSES, _evidence(observation, min(_RESOLUTION, resolution), seed), strict=False)
+        for name, seen in zip(
+            CAUSES, _evidence(observation, min(_RESOLUTION, resolution), seed), strict=False
+        )
     }
     radiance = environment.mean(-1)
     floor = _FLOOR * _mean(radiance)
@@ -96,19 +105,26 @@ def _evidence(observation: Observation, resolution: int, seed: int) -> tuple[Ten
     device = observation.rows.device
     chosen = torch.linspace(0, count - 1, min(count, _PIXELS), device=device).round().long()
     transport = Transport(observation.gbuffer, prefilter.cached(resolution, device), observation.rows[chosen])
-    weight = relative_tone_weight(observation.pixels.color[chosen], observation.light_level)[:, None].expand(-1, 3)
+    weight = relative_tone_weight(observation.pixels.color[chosen], observation.light_level)[:, None].expand(
+        -1, 3
+    )
     weight = weight / weight.sum()
     angle = cubemap.solid_angles(resolution, device)
     seen = transport.adjoint(weight).mean(-1) / angle
     pinned = torch.zeros_like(seen)
     for probe in range(_PROBES):
-        signs = torch.randint(0, 2, weight.shape, generator=generator(seed, "confidence", probe)).to(weight) * 2 - 1
+        signs = (
+            torch.randint(0, 2, weight.shape, generator=generator(seed, "confidence", probe)).to(weight) * 2
+            - 1
+        )
         pinned += transport.adjoint(weight.sqrt() * signs).square().mean(-1)
     return seen, pinned / (_PROBES * angle.square())
 
 
 def _lack(measure: Tensor) -> Tensor:
-    """Return 1 / (1 + measure / mean measure): 1 where there is none of it, 1/2 where there is as much as usual."""
+    """Return 1 / (1 + measure / mean measure): 1 where there is none of it, 1/2 where there is as much as
+    usual.
+    """
     return 1 / (1 + measure / _mean(measure).clamp_min(1e-30))
 
 

@@ -1,13 +1,14 @@
 """Several photos under one light, as one observation.
 
-Notation: I_i the pixels of photo i, A_i their transport, s_i the photo's exposure relative to the first one's, E the
-light in the exposure of the first photo: I_i = s_i A_i E. Divided by their exposures and put one below the other, the
-photos are one larger photo, and everything that finds light in one photo finds it in all of them together.
+Notation: I_i the pixels of photo i, A_i their transport, s_i the photo's exposure relative to the first
+one's, E the light in the exposure of the first photo: I_i = s_i A_i E. Divided by their exposures and put one
+below the other, the photos are one larger photo, and everything that finds light in one photo finds it in all
+of them together.
 
-Exposures that are not known are found with the light: for given s the best coarse E is a linear solve, for given E each
-s_i is a ratio, and the two are done in turn. Where photos look at different sides of a light, hardly anything tells
-their exposures, and errors of the asset would; so a photo's ratio counts the more, the better the light explains its
-pixels, against an expectation that the camera's settings were nearly the same.
+Exposures that are not known are found with the light: for given s the best coarse E is a linear solve, for
+given E each s_i is a ratio, and the two are done in turn. Where photos look at different sides of a light,
+hardly anything tells their exposures, and errors of the asset would; so a photo's ratio counts the more, the
+better the light explains its pixels, against an expectation that the camera's settings were nearly the same.
 """
 
 from collections.abc import Sequence
@@ -36,10 +37,15 @@ def exposed(observation: Observation, exposure: Tensor) -> Observation:
 
 
 def joined(observations: Sequence[Observation]) -> Observation:
-    """Return one observation of the trusted pixels of photos in one exposure; overlap and offset are the worst."""
+    """Return one observation of the trusted pixels of photos in one exposure; overlap and offset are the
+    worst.
+    """
     gbuffer = GBuffer.one_below_the_other([one.gbuffer.select(one.rows) for one in observations])
     pixels = ProbePixels.joined([one.pixels for one in observations])
-    rows, clipped = torch.arange(len(pixels), device=gbuffer.pixel.device), [one.clipped for one in observations]
+    rows, clipped = (
+        torch.arange(len(pixels), device=gbuffer.pixel.device),
+        [one.clipped for one in observations],
+    )
     overlap, offset = min(one.overlap for one in observations), max(one.offset for one in observations)
     return Observation(gbuffer, rows, pixels, torch.cat(clipped), pixels.light_level(), overlap, offset)
 
@@ -76,7 +82,8 @@ def _subset(observation: Observation, number: int, seed: int) -> Tensor:
 
 
 def _exposure(matrix: Tensor, color: Tensor, trust: Tensor, light: Tensor) -> Tensor:
-    """Return the expected factor () that brings a photo under `light` (384, 3) closest to its pixels `color` (P, 3).
+    """Return the expected factor () that brings a photo under `light` (384, 3) closest to its pixels `color`
+    (P, 3).
 
     1 where no pixel is trusted, as in a photo that is white all over: it tells nothing of its exposure.
     """

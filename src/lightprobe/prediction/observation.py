@@ -1,8 +1,8 @@
 """What one photo tells about its light: its trusted pixels on the known object.
 
-A pixel is trusted when the object covers it in the photo (mask) and in the rasterised asset. Large photos are reduced
-by area averaging first, so that the cost of a prediction is bounded; the average of linear light is what a coarser
-camera would have seen.
+A pixel is trusted when the object covers it in the photo (mask) and in the rasterised asset. Large photos are
+reduced by area averaging first, so that the cost of a prediction is bounded; the average of linear light is
+what a coarser camera would have seen.
 """
 
 from dataclasses import dataclass
@@ -35,11 +35,13 @@ class Observation:
     offset: float  # between the centres of both, in object radii at the object's distance
 
 
-def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, max_pixels: int) -> Observation:
+def observe(
+    asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, max_pixels: int
+) -> Observation:
     """Return what `pixels` shows of the asset seen by a normalised-frame `camera`.
 
-    The photo is reduced until about `max_pixels` of its pixels lie in the mask. Raises `InputError` when the photo and
-    camera differ in size, the mask is empty, or the asset is out of view.
+    The photo is reduced until about `max_pixels` of its pixels lie in the mask. Raises `InputError` when the
+    photo and camera differ in size, the mask is empty, or the asset is out of view.
     """
     height, width = pixels.alpha.shape
     if (camera.width, camera.height) != (width, height):
@@ -65,13 +67,16 @@ def observe(asset: Asset, pixels: Pixels, camera: Camera, device: torch.device, 
 
 
 def _overlap(cover: Tensor, covered: Tensor) -> float:
-    """Return the intersection over union of a mask (N,) and the object's pixels, where the mask is `covered` (P,)."""
+    """Return the intersection over union of a mask (N,) and the object's pixels, where the mask is `covered`
+    (P,).
+    """
     both = int((covered >= _HALF).sum())
     return both / (int((cover >= _HALF).sum()) + len(covered) - both)
 
 
 def _offset(mask: Tensor, pixel: Tensor, camera: Camera) -> float:
-    """Return how far the centre of a mask (N,) bool lies from that of the object's pixels (P,), in normalised units.
+    """Return how far the centre of a mask (N,) bool lies from that of the object's pixels (P,), in normalised
+    units.
 
     It is the move, across the view, of an object or a camera that would bring one to the other.
     """

@@ -2,19 +2,19 @@
 
     minimise  mean_p |t(A E) - t(I)|  +  grey |E - grey(E)|,   E = exp(x),   by Adam on x
 
-This is how inverse renderers without a predictor find the light of a new photo, with the loss of Phase I: t(x) =
-sRGB(log(1 + x)), absolute differences, one-sided where the photo is clipped. The baseline descends on every texel and
-starts at the constant light.
+This is how inverse renderers without a predictor find the light of a new photo, with the loss of Phase I:
+t(x) = sRGB(log(1 + x)), absolute differences, one-sided where the photo is clipped. The baseline descends on
+every texel and starts at the constant light.
 
-The refinement takes few steps from a map that is nearly right. There it matters which texels move: Adam divides each
-gradient by its own size, so that a direction the photo hardly depends on moves as fast as one it insists on, and what
-moves it is the asset's errors. So the size is damped, g / (|g| + damping RMS(g)), with the root mean square over all
-texels at the first step; and x is the sum of single texels, a smooth part and a broad one. The smooth ones move faster,
-and the broad one, which all pixels have a say in, is damped less: few steps would not bring it to where the photo
-wants it.
+The refinement takes few steps from a map that is nearly right. There it matters which texels move: Adam
+divides each gradient by its own size, so that a direction the photo hardly depends on moves as fast as one it
+insists on, and what moves it is the asset's errors. So the size is damped, g / (|g| + damping RMS(g)), with
+the root mean square over all texels at the first step; and x is the sum of single texels, a smooth part and a
+broad one. The smooth ones move faster, and the broad one, which all pixels have a say in, is damped less: few
+steps would not bring it to where the photo wants it.
 
-A step of the refinement looks at a twelfth of the pixels, and the next one at others. What Adam averages over a dozen
-steps then has seen all of them, and the map is as good as with all pixels in every step.
+A step of the refinement looks at a twelfth of the pixels, and the next one at others. What Adam averages over
+a dozen steps then has seen all of them, and the map is as good as with all pixels in every step.
 """
 
 from dataclasses import dataclass
@@ -84,7 +84,11 @@ class _Pixels:
 
 
 def optimize_environment(
-    observation: Observation, start: Tensor, config: OptimizeConfig, seed: int, accuracy: Accuracy | None = None
+    observation: Observation,
+    start: Tensor,
+    config: OptimizeConfig,
+    seed: int,
+    accuracy: Accuracy | None = None,
 ) -> Tensor:
     """Return the light (6, R, R, 3) > 0 found from `start` (6, R, R, 3).
 
@@ -117,7 +121,8 @@ def optimize_environment(
 
 
 def _batches(count: int, size: int, device: torch.device) -> list[Tensor]:
-    """Return the rows (K,) int64 of each batch of about `size` pixels, of all `count` if it is 0; all of one size.
+    """Return the rows (K,) int64 of each batch of about `size` pixels, of all `count` if it is 0; all of one
+    size.
 
     Pixels come in the order of the photo's rows: taking every n-th spreads each batch over the whole object.
     """
@@ -126,14 +131,18 @@ def _batches(count: int, size: int, device: torch.device) -> list[Tensor]:
 
 
 def _groups(start: Tensor, config: OptimizeConfig) -> list[ParameterGroup]:
-    """Return the parts of the change of log radiance that move at all, from the broadest to the texels of `start`."""
+    """Return the parts of the change of log radiance that move at all, from the broadest to the texels of
+    `start`.
+    """
     sizes = {
         "broad": (_BROAD, config.smooth_learning_rate, config.broad_damping),
         "smooth": (BLOCKS, config.smooth_learning_rate, config.damping),
         "texels": (start.shape[1], config.learning_rate, config.damping),
     }
     return [
-        ParameterGroup({name: torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)}, rate, damping)
+        ParameterGroup(
+            {name: torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)}, rate, damping
+        )
         for name, (side, rate, damping) in sizes.items()
         if rate > 0
     ]
@@ -142,9 +151,9 @@ def _groups(start: Tensor, config: OptimizeConfig) -> list[ParameterGroup]:
 def refine_environment(observation: Observation, prior: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
     """Return `prior` (6, R, R, 3) times what a short optimisation on at most 6 x 32 x 32 texels makes of it.
 
-    Few steps in log radiance are a regulariser of their own: every texel may change by a bounded factor, those that
-    the photo insists on go first, and absolute displayed errors keep a wrong spot of the asset from being explained by
-    the light. Details finer than the texels stay those of the prior.
+    Few steps in log radiance are a regulariser of their own: every texel may change by a bounded factor,
+    those that the photo insists on go first, and absolute displayed errors keep a wrong spot of the asset
+    from being explained by the light. Details finer than the texels stay those of the prior.
     """
     coarse = resize_light(prior, min(_REFINED_RESOLUTION, prior.shape[1]))
     dark = _DARK * observation.light_level

@@ -24,7 +24,9 @@ class Prediction:
     """The light around the object in one photo, in the input frame's axes and the photo's exposure."""
 
     environment: Environment
-    confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `prediction.confidence`
+    confidence: (
+        Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `prediction.confidence`
+    )
     seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
     verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
     background: BackgroundUse = BackgroundUse.ABSENT
@@ -32,7 +34,9 @@ class Prediction:
     calibration: Calibration | None = None  # that the light has been through
 
     def __post_init__(self) -> None:
-        """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no further."""
+        """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no
+        further.
+        """
         light = self.environment.texels
         finite = light.isfinite().all() & (light >= 0).all() & self.confidence.isfinite().all()
         if not finite:
@@ -46,14 +50,19 @@ class Prediction:
         return self.environment if sun is Sun.INSIDE or self.split is None else self.split.rest
 
     def save(
-        self, path: Path | str, confidence: Path | str | None = None, *, height: int | None = None,
+        self,
+        path: Path | str,
+        confidence: Path | str | None = None,
+        *,
+        height: int | None = None,
         sun: Sun = Sun.INSIDE,
-    ) -> None:  # fmt: skip
-        """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has a path.
+    ) -> None:
+        """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has
+        a path.
 
-        height: rows of the map, by default 2R of the environment's R. sun: what becomes of its suns and lamps; those
-        that are left out of the map are in `split.sources` and in no file (`lightprobe predict` lists them in one).
-        Raises `ConfigError` for other names, before anything is written.
+        height: rows of the map, by default 2R of the environment's R. sun: what becomes of its suns and
+        lamps; those that are left out of the map are in `split.sources` and in no file (`lightprobe predict`
+        lists them in one). Raises `ConfigError` for other names, before anything is written.
         """
         path, confidence = Path(path), None if confidence is None else Path(confidence)
         check_names(path, confidence)

@@ -1,9 +1,10 @@
 """One photo in, the environment around the object out: the predictors behind one interface.
 
-    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo -> Prediction
+    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo ->
+    Prediction
 
-Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's plain
-network (`NetworkForm.PLAIN`) does not know that.
+Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's
+plain network (`NetworkForm.PLAIN`) does not know that.
 """
 
 import math
@@ -30,7 +31,13 @@ from lightprobe.prediction.joint import exposed, joined, relative_exposures
 from lightprobe.prediction.observation import Observation, observe
 from lightprobe.prediction.optimize import optimize_environment, refine_environment
 from lightprobe.prediction.prediction import Prediction
-from lightprobe.prediction.prior import constant_light, desaturated, network_light, sampled_probes, stacked_light
+from lightprobe.prediction.prior import (
+    constant_light,
+    desaturated,
+    network_light,
+    sampled_probes,
+    stacked_light,
+)
 from lightprobe.prediction.solve import solve_environment
 from lightprobe.prediction.source_fit import fitted_sources
 from lightprobe.prediction.verdict import Status, judge_together
@@ -61,12 +68,16 @@ def is_fitted(method: Method) -> bool:
 
 
 def recorded_config(run: RunFolder) -> PredictConfig:
-    """Return the configuration that a run keeps for predictions; runs of before there was one get the usual one."""
+    """Return the configuration that a run keeps for predictions; runs of before there was one get the usual
+    one.
+    """
     return PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else PredictConfig()
 
 
 class Predictor:
-    """Predicts light for photos of one object; holds its asset, and the model when the learned methods are wanted."""
+    """Predicts light for photos of one object; holds its asset, and the model when the learned methods are
+    wanted.
+    """
 
     def __init__(
         self,
@@ -80,15 +91,19 @@ class Predictor:
         seed: int = 0,
         accuracy: LightAccuracy | None = None,
     ):
-        """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset `quick`.
+        """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset
+        `quick`.
 
-        accuracy: of the object's maps, which scales the confidence; without it the object is taken for a usual one.
+        accuracy: of the object's maps, which scales the confidence; without it the object is taken for a
+        usual one.
         """
         self.device = full_precision(device or torch.device("cpu"))
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         # The networks know the object as it was trained; what they say of it is calibrated at the end.
         self._asset = (
-            self.decomposition.asset if decomposition.trained is None else decomposition.trained.to(self.device)
+            self.decomposition.asset
+            if decomposition.trained is None
+            else decomposition.trained.to(self.device)
         )
         self.model = None if model is None else model.to(self.device)
         self.config = config or PredictConfig()
@@ -99,7 +114,9 @@ class Predictor:
         self.accuracy = accuracy
 
     @staticmethod
-    def load(run: Path | str, device: torch.device | None = None, config: PredictConfig | None = None) -> "Predictor":
+    def load(
+        run: Path | str, device: torch.device | None = None, config: PredictConfig | None = None
+    ) -> "Predictor":
         """Return the predictor of a run folder, with its model if Phase II has finished there.
 
         Without `config` it predicts as the run is configured to.
@@ -109,25 +126,37 @@ class Predictor:
         folder, where = RunFolder.open(Path(run)), device or torch.device("cpu")
         model = ProbeModel.load(folder.model_folder) if ProbeModel.exists(folder.model_folder) else None
         return Predictor(
-            Decomposition.load(folder, where), model, where, config=config or recorded_config(folder),
+            Decomposition.load(folder, where),
+            model,
+            where,
+            config=config or recorded_config(folder),
             accuracy=LightAccuracy.load(folder.model_folder),
-        )  # fmt: skip
+        )
 
     @torch.no_grad()
     def predict(
-        self, pixels: Pixels, camera: Camera, method: Method | None = None, *,
-        background: Background | None = None, refuse: bool = True, doubt: float = 0.0, sources: bool = False,
-    ) -> Prediction:  # fmt: skip
+        self,
+        pixels: Pixels,
+        camera: Camera,
+        method: Method | None = None,
+        *,
+        background: Background | None = None,
+        refuse: bool = True,
+        doubt: float = 0.0,
+        sources: bool = False,
+    ) -> Prediction:
         """Return the light in the photo `pixels` taken by the input-frame `camera`.
 
         On a CPU the same call gives the same bits.
-        method: by default the first of `methods_for`. background: what the photo shows around the object; maps that
-        are fitted to the photo follow it. refuse: whether a photo may be refused; an evaluation scores all.
-        doubt: what is known to add to the error of ln radiance, such as of a doubtful pose; it lowers the confidence.
-        sources: whether suns and lamps are looked for and fitted to the photo, too (`prediction.source_fit`).
+        method: by default the first of `methods_for`. background: what the photo shows around the object;
+        maps that are fitted to the photo follow it. refuse: whether a photo may be refused; an evaluation
+        scores all. doubt: what is known to add to the error of ln radiance, such as of a doubtful pose; it
+        lowers the confidence. sources: whether suns and lamps are looked for and fitted to the photo, too
+        (`prediction.source_fit`).
 
-        Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's verdict is
-        `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a model.
+        Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's
+        verdict is `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a
+        model.
         """
         clock = _Clock(self.device)
         with clock.part("rasterise"):
@@ -137,15 +166,23 @@ class Predictor:
 
     @torch.no_grad()
     def predict_together(
-        self, photos: Sequence[tuple[Pixels, Camera]], method: Method | None = None, *,
-        exposures: Sequence[float] | None = None, backgrounds: Sequence[Background | None] = (), refuse: bool = True,
-        doubt: float = 0.0, sources: bool = False,
-    ) -> tuple[Prediction, Tensor]:  # fmt: skip
-        """Return the one light that all `photos` were taken under, in the exposure of the first, and their exposures.
+        self,
+        photos: Sequence[tuple[Pixels, Camera]],
+        method: Method | None = None,
+        *,
+        exposures: Sequence[float] | None = None,
+        backgrounds: Sequence[Background | None] = (),
+        refuse: bool = True,
+        doubt: float = 0.0,
+        sources: bool = False,
+    ) -> tuple[Prediction, Tensor]:
+        """Return the one light that all `photos` were taken under, in the exposure of the first, and their
+        exposures.
 
-        What the photos tell singly is averaged, and then fitted to all of them together. The exposures (N,) are
-        relative to the first photo's; they are found with the light unless they are given. backgrounds: of each photo
-        that has one, else None; or none at all. The rest as in `predict`. Raises `ConfigError` without photos.
+        What the photos tell singly is averaged, and then fitted to all of them together. The exposures (N,)
+        are relative to the first photo's; they are found with the light unless they are given. backgrounds:
+        of each photo that has one, else None; or none at all. The rest as in `predict`. Raises `ConfigError`
+        without photos.
         """
         if not photos:
             raise ConfigError("No photo to predict the light from.")
@@ -153,7 +190,9 @@ class Predictor:
         with clock.part("rasterise"):
             share = math.ceil(self.config.max_pixels / len(photos))
             seen = [self._observe(pixels, camera, share) for pixels, camera in photos]
-            found = relative_exposures(seen, self.seed) if exposures is None else torch.tensor(exposures).float()
+            found = (
+                relative_exposures(seen, self.seed) if exposures is None else torch.tensor(exposures).float()
+            )
             relative = (found / found[0]).to(self.device)
             seen = [exposed(one, exposure) for one, exposure in zip(seen, relative, strict=True)]
             around = {number: self._seen(part) for number, part in enumerate(backgrounds) if part is not None}
@@ -168,10 +207,19 @@ class Predictor:
         return observe(self._asset, pixels, camera, self.device, max_pixels)
 
     def _fitted(
-        self, photos: Sequence[Observation], joint: Observation, seen: SeenLight | None, method: Method | None,
-        clock: "_Clock", refuse: bool, doubt: float, sources: bool,
-    ) -> Prediction:  # fmt: skip
-        """Return the light in the `photos` of one light and exposure, which together are `joint`; see `predict`."""
+        self,
+        photos: Sequence[Observation],
+        joint: Observation,
+        seen: SeenLight | None,
+        method: Method | None,
+        clock: "_Clock",
+        refuse: bool,
+        doubt: float,
+        sources: bool,
+    ) -> Prediction:
+        """Return the light in the `photos` of one light and exposure, which together are `joint`; see
+        `predict`.
+        """
         method = method or methods_for(self.model, self.config)[0]
         with clock.part("verdict"):
             verdict = judge_together(photos, joint, self.seed)
@@ -190,7 +238,8 @@ class Predictor:
             )
             use = BackgroundUse.ABSENT
             if seen is not None and is_fitted(method):
-                # What is seen is radiance itself; the map is so only after the run's calibration, further down.
+                # What is seen is radiance itself; the map is so only after the run's calibration, further
+                # down.
                 seen = seen if calibration is None else seen.divided(calibration.tensor(self.device))
                 light, trust, use = with_background(joint, light, trust, seen, self.seed)
         environment, split = Environment(light), None
@@ -241,12 +290,16 @@ class Predictor:
 
     def _trained(self) -> ProbeModel:
         if self.model is None:
-            raise ConfigError("This run has no trained model; run `lightprobe distill` on it, or use --method solve.")
+            raise ConfigError(
+                "This run has no trained model; run `lightprobe distill` on it, or use --method solve."
+            )
         return self.model
 
 
 def _for_photos(config: OptimizeConfig, photos: int) -> OptimizeConfig:
-    """Return the configuration with as many pixels for each of several photos, at every step, as it has for one."""
+    """Return the configuration with as many pixels for each of several photos, at every step, as it has for
+    one.
+    """
     return replace(config, pixels=config.pixels * photos, batch=config.batch * photos)
 
 
@@ -275,7 +328,9 @@ class _Clock:
     def __init__(self, device: torch.device) -> None:
         self._device = device
         self._begin = time.perf_counter()
-        self._seconds = dict.fromkeys(("rasterise", "verdict", "network", "stack", "solve", "confidence"), 0.0)
+        self._seconds = dict.fromkeys(
+            ("rasterise", "verdict", "network", "stack", "solve", "confidence"), 0.0
+        )
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:

@@ -1,7 +1,8 @@
 """First guesses of a photo's light.
 
-Notation: W(w) = mean_p D_p(w) the mean distribution of the sampled pixels (1/sr), Wbar its mean over the sphere, s the
-photo's light level, P the stacked probes (Equation 5), E_m the lessons' mean light relative to their levels.
+Notation: W(w) = mean_p D_p(w) the mean distribution of the sampled pixels (1/sr), Wbar its mean over the
+sphere, s the photo's light level, P the stacked probes (Equation 5), E_m the lessons' mean light relative to
+their levels.
 """
 
 import math
@@ -29,9 +30,13 @@ _HUE_DARK = 0.01  # relative to the light level: darker has no hue
 
 
 def sampled_probes(observation: Observation, share: float, seed: int) -> Tensor:
-    """Return the indices (N,) of a share of the trusted pixels, in order, smooth ones preferred (section 3.2.3)."""
+    """Return the indices (N,) of a share of the trusted pixels, in order, smooth ones preferred (section
+    3.2.3).
+    """
     count = math.ceil(share * len(observation.pixels))
-    return sample_pixels(observation.pixels.roughness, count, seed=seed, stream="predict-pixels").sort().values
+    return (
+        sample_pixels(observation.pixels.roughness, count, seed=seed, stream="predict-pixels").sort().values
+    )
 
 
 def constant_light(observation: Observation, resolution: int) -> Tensor:
@@ -57,9 +62,15 @@ def stacked_light(
 
 
 def network_light(
-    model: ProbeModel, observation: Observation, probes: ProbePixels, chosen: Tensor, resolution: int, seed: int
+    model: ProbeModel,
+    observation: Observation,
+    probes: ProbePixels,
+    chosen: Tensor,
+    resolution: int,
+    seed: int,
 ) -> Tensor:
-    """Return the sphere network's map (6, R, R, 3) from the pixels `probes`, which are the observation's `chosen`.
+    """Return the sphere network's map (6, R, R, 3) from the pixels `probes`, which are the observation's
+    `chosen`.
 
     Raises `ConfigError` when the model was trained without that network.
     """
@@ -81,10 +92,11 @@ def network_light(
 
 
 def desaturated(light: Tensor, light_level: Tensor) -> Tensor:
-    """Return a map (6, R, R, 3) whose hues keep a quarter of their distance from the mean one, at the same brightness.
+    """Return a map (6, R, R, 3) whose hues keep a quarter of their distance from the mean one, at the same
+    brightness.
 
-    Which directions are bright, a network knows better than of what colour each is: lights are mostly greyer than the
-    surfaces they are read from. What the photo says about colour, a fit adds.
+    Which directions are bright, a network knows better than of what colour each is: lights are mostly greyer
+    than the surfaces they are read from. What the photo says about colour, a fit adds.
     """
     dark = _HUE_DARK * light_level
     log = (light + dark).log()

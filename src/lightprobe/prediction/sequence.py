@@ -1,9 +1,10 @@
 """Maps of a video's frames, freed from flicker.
 
-Each frame's map errs in its own way, and played one after the other they flicker. The light itself moves slowly or, at
-a switch, at once. So ln radiance is averaged over neighbouring frames, each direction weighted by its confidence; and
-a frame counts the less, the more its map differs from the one in question, measured by how much neighbours usually do
-(a bilateral filter; Tomasi and Manduchi, ICCV 1998): what comes on at once stays sharp in time.
+Each frame's map errs in its own way, and played one after the other they flicker. The light itself moves
+slowly or, at a switch, at once. So ln radiance is averaged over neighbouring frames, each direction weighted
+by its confidence; and a frame counts the less, the more its map differs from the one in question, measured by
+how much neighbours usually do (a bilateral filter; Tomasi and Manduchi, ICCV 1998): what comes on at once
+stays sharp in time.
 """
 
 from itertools import pairwise
@@ -26,7 +27,9 @@ def steadied(lights: Tensor, confidences: Tensor) -> Tensor:
     spread = _LIKENESS * usual.median().clamp_min(1e-6)
     found = []
     for number in range(len(logs)):
-        near = torch.arange(max(0, number - _REACH), min(len(logs), number + _REACH + 1), device=lights.device)
+        near = torch.arange(
+            max(0, number - _REACH), min(len(logs), number + _REACH + 1), device=lights.device
+        )
         apart = torch.stack([_difference(logs[number], logs[other], angle) for other in near])
         weight = torch.exp(-0.5 * (((near - number) / _FRAMES) ** 2 + (apart / spread) ** 2))
         share = weight[:, None, None, None] * confidences[near]
@@ -36,14 +39,18 @@ def steadied(lights: Tensor, confidences: Tensor) -> Tensor:
 
 
 def flicker(lights: Tensor) -> float:
-    """Return the root mean square change of ln radiance from one map (N, 6, R, R, 3) to the next, over the sphere."""
+    """Return the root mean square change of ln radiance from one map (N, 6, R, R, 3) to the next, over the
+    sphere.
+    """
     logs, _, angle = _logs(lights)
     changes = [_difference(a, b, angle).square() for a, b in pairwise(logs)]
     return float(torch.stack(changes).mean().sqrt()) if changes else 0.0
 
 
 def _logs(lights: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return ln of the maps (N, 6, R, R, 3) above a floor, the floor (), and the texels' solid angles (6, R, R)."""
+    """Return ln of the maps (N, 6, R, R, 3) above a floor, the floor (), and the texels' solid angles (6, R,
+    R).
+    """
     floor = _FLOOR * torch.stack([cubemap.sphere_mean(light).mean() for light in lights]).mean()
     return (lights + floor).log(), floor, cubemap.solid_angles(lights.shape[2], lights.device)
 

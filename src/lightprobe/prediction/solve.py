@@ -2,16 +2,17 @@
 
     E = E0 (1 + g + e),     minimise  sum_p m_p |A E - I|_p^2 + lambda |g|^2 + 10 lambda |e|^2
 
-A is the split-sum transport of the trusted pixels, I their colours, E0 the prior; clipped channels are one-sided. What
-is sought is a factor on the prior, so that a sun and a shadow count by how much they change relative to themselves:
-g (per direction) is common to the channels, e (per direction and channel) is what colour needs beyond it. Both live on
-6 x 8 x 8 texels and are solved for exactly, g first: so smooth a factor cannot tear the map apart where the asset is
-wrong, and colours, which a wrong material imitates first, have to be well supported.
+A is the split-sum transport of the trusted pixels, I their colours, E0 the prior; clipped channels are
+one-sided. What is sought is a factor on the prior, so that a sun and a shadow count by how much they change
+relative to themselves: g (per direction) is common to the channels, e (per direction and channel) is what
+colour needs beyond it. Both live on 6 x 8 x 8 texels and are solved for exactly, g first: so smooth a factor
+cannot tear the map apart where the asset is wrong, and colours, which a wrong material imitates first, have
+to be well supported.
 
-How far the asset can be trusted differs from object to object, so lambda is chosen on the photo itself: the factor is
-solved from a part of the object and scored on parts it has not seen. Errors of the asset are alike all over it, and
-make following the photo look better than it is; so the strongest pull within a tenth of the best score is taken. At
-last the brightness of each channel is fitted once more.
+How far the asset can be trusted differs from object to object, so lambda is chosen on the photo itself: the
+factor is solved from a part of the object and scored on parts it has not seen. Errors of the asset are alike
+all over it, and make following the photo look better than it is; so the strongest pull within a tenth of the
+best score is taken. At last the brightness of each channel is fitted once more.
 """
 
 import math
@@ -102,7 +103,9 @@ class Correction:
     def brightness(self, light: Tensor) -> Tensor:
         """Return the factors (3,) that bring `light` (6, R, R, 3) closest to the photo."""
         render = self.transport.apply(light)
-        weight = self.pixels.weight[:, None] * ~beyond_clipping(render, self.pixels.observed, self.pixels.clipped)
+        weight = self.pixels.weight[:, None] * ~beyond_clipping(
+            render, self.pixels.observed, self.pixels.clipped
+        )
         explained = (weight * render.square()).sum(0)
         return torch.where(explained > 0, (weight * render * self.pixels.observed).sum(0) / explained, 1.0)
 
@@ -114,7 +117,9 @@ class Correction:
 
 
 def solve_environment(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> Tensor:
-    """Return the light (6, R, R, 3) >= 0 that explains the photo while staying near `prior` where it says little."""
+    """Return the light (6, R, R, 3) >= 0 that explains the photo while staying near `prior` where it says
+    little.
+    """
 
     def system(candidates: Tensor, count: int, name: str) -> Correction:
         return Correction.of(observation, FitPixels.of(observation, candidates, count, seed, name), prior)

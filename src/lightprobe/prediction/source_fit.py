@@ -1,23 +1,26 @@
 """How bright the suns and lamps of a predicted light are, and where exactly, by the photo's own shadows.
 
-The photo is linear in its light, and a source's part of it has the object's own shadows, sharp ones. Per channel,
+The photo is linear in its light, and a source's part of it has the object's own shadows, sharp ones. Per
+channel,
 
     minimise  mean_p w_p (sum_k a_k x_k + sum_j b_j y_j - I)^2_p N / v  +  sum_k (x_k - 1)^2 / s_x^2
               + sum_j (y_j - 1)^2 / s_y^2,    x, y >= 0
 
-a_k is the image of source k as predicted, b_j that of the rest of the light, times the squared component of the
-direction along one of the six half axes (these sum to 1). x and y are factors on the prediction; v is the mean square
-that no factors explain. Errors of an object are alike all over a part of it, so all pixels count as only N independent
-ones. Clipped pixels are one-sided. Iteratively reweighted non-negative least squares: the weights w make the sum one of
-absolute displayed errors, at the render's brightness. Plain squares, weighted by the photo's, let the errors of normals
-and roughness dim the sources by a third (docs/decisions/key-lights.md).
+a_k is the image of source k as predicted, b_j that of the rest of the light, times the squared component of
+the direction along one of the six half axes (these sum to 1). x and y are factors on the prediction; v is the
+mean square that no factors explain. Errors of an object are alike all over a part of it, so all pixels count
+as only N independent ones. Clipped pixels are one-sided. Iteratively reweighted non-negative least squares:
+the weights w make the sum one of absolute displayed errors, at the render's brightness. Plain squares,
+weighted by the photo's, let the errors of normals and roughness dim the sources by a third
+(docs/decisions/key-lights.md).
 
-The key source is moved as well, to where N ln(error there / error here) says more than its distance in units of the
-deviation that predicted directions have.
+The key source is moved as well, to where N ln(error there / error here) says more than its distance in units
+of the deviation that predicted directions have.
 
-The uncertainty of a source is one standard deviation of its irradiance relative to it: that of the above, from its
-inverse Hessian, and the one that fitted key lights have against true ones where the object is a reconstructed one, as
-a photo cannot tell what its object gets wrong. A direction has one of the same two parts.
+The uncertainty of a source is one standard deviation of its irradiance relative to it: that of the above,
+from its inverse Hessian, and the one that fitted key lights have against true ones where the object is a
+reconstructed one, as a photo cannot tell what its object gets wrong. A direction has one of the same two
+parts.
 """
 
 import math
@@ -49,7 +52,9 @@ _ROUNDS = 4  # of weights, clipped pixels and v
 _SEARCH_ROUNDS = 2  # the same while the key source is looked for
 _FLOOR = 0.005  # displayed error below which all pixels count alike
 _SHADOW_SIDE = 256  # pixels of a depth map
-_DRAFTED = 32  # texels along a cubemap edge up to which the refinement's prefilter does, as it is there already
+_DRAFTED = (
+    32  # texels along a cubemap edge up to which the refinement's prefilter does, as it is there already
+)
 _RINGS = tuple(math.radians(angle) for angle in (8.0, 4.0, 2.0))  # of directions that are tried
 _AROUND = 6  # on each ring
 _TINY = 1e-12  # relative; what is smaller is rounding
@@ -79,16 +84,26 @@ class _Pixels:
         rows = observation.rows[chosen]
         seen = observation.gbuffer.select(rows)
         outward = torch.nn.functional.normalize(face_normals(mesh.vertices, mesh.faces), dim=1, eps=1e-20)
-        maps = DepthMaps.of(mesh.vertices, mesh.faces, seen.position, gather_rows(outward, seen.face), _SHADOW_SIDE)
+        maps = DepthMaps.of(
+            mesh.vertices, mesh.faces, seen.position, gather_rows(outward, seen.face), _SHADOW_SIDE
+        )
         accuracy = DRAFT if resolution <= _DRAFTED else None
         transport = Transport(seen, prefilters.cached(resolution, rows.device, accuracy))
         return _Pixels(
-            replace(observation, gbuffer=seen), transport, maps, rows, reflectance(seen).diffuse,
-            observation.pixels.color[chosen], observation.clipped[chosen], resolution,
-        )  # fmt: skip
+            replace(observation, gbuffer=seen),
+            transport,
+            maps,
+            rows,
+            reflectance(seen).diffuse,
+            observation.pixels.color[chosen],
+            observation.clipped[chosen],
+            resolution,
+        )
 
     def lit(self, source: LightSource, *, as_point: bool = False) -> Tensor:
-        """Return the image (P, 3) of a source, with the shadows that it casts by its extent, or from its middle."""
+        """Return the image (P, 3) of a source, with the shadows that it casts by its extent, or from its
+        middle.
+        """
         texels = source.texels(self.resolution, self.rows.device)
         image = self.transport.apply(texels)
         gbuffer = self.observation.gbuffer
@@ -122,10 +137,12 @@ class _Solution:
 
 @torch.no_grad()
 def fitted_sources(observation: Observation, environment: Environment, mesh: Mesh, seed: int) -> SplitLight:
-    """Return a predicted light as its sources, fitted to the photo it was predicted from, and the rest as predicted.
+    """Return a predicted light as its sources, fitted to the photo it was predicted from, and the rest as
+    predicted.
 
-    A source that the photo shows nothing of is left out; the doubt of a direction is of the one that was the strongest.
-    `mesh`: of the object that `observation` is of. Deterministic; the sources scale with the photo's exposure.
+    A source that the photo shows nothing of is left out; the doubt of a direction is of the one that was the
+    strongest. `mesh`: of the object that `observation` is of. Deterministic; the sources scale with the
+    photo's exposure.
     """
     split = split_light(environment)
     if not split.sources:
@@ -152,7 +169,8 @@ def _scaled(source: LightSource, solved: _Solution, index: int) -> LightSource:
 
 
 def _moved(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> tuple[LightSource, float]:
-    """Return the key source where it explains the photo best beside the images `others`, and its direction's doubt.
+    """Return the key source where it explains the photo best beside the images `others`, and its direction's
+    doubt.
 
     While it is looked for, it throws the shadows of a point: a fifth of the depth maps.
     """
@@ -179,7 +197,8 @@ def _error(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> float:
 
 
 def _direction_doubt(least: float, errors: list[tuple[float, float]]) -> float:
-    """Return the deviation of a direction, in radians, by how the error grows on rings (radius, mean error) around it.
+    """Return the deviation of a direction, in radians, by how the error grows on rings (radius, mean error)
+    around it.
 
     exp(-N error / (2 least)) is a Gaussian of the direction where the error is a parabola.
     """
@@ -208,14 +227,16 @@ def _solve(pixels: _Pixels, columns: list[Tensor], rounds: int = _ROUNDS) -> _So
     deviation = torch.linalg.inv(hessian).diagonal(dim1=1, dim2=2).sqrt()
     render = (matrix @ factors[..., None])[..., 0].T
     shown = tone_slope(render / unit) * one_sided_residual(render, photo, clipped) / unit
-    return _Solution(factors.cpu().numpy(), float(shown.square().mean().clamp(min=1e-8)), deviation.cpu().numpy())
+    return _Solution(
+        factors.cpu().numpy(), float(shown.square().mean().clamp(min=1e-8)), deviation.cpu().numpy()
+    )
 
 
 def _non_negative(hessian: Tensor, right: Tensor) -> Tensor:
     """Return x >= 0 (M,) that minimises x^T H x / 2 - x^T r for a positive definite H (M, M).
 
-    The active set of Lawson and Hanson on the normal equations (Bro and de Jong 1997). SciPy's has to load all of
-    `scipy.optimize`, a fifth of a second of the first prediction of a process.
+    The active set of Lawson and Hanson on the normal equations (Bro and de Jong 1997). SciPy's has to load
+    all of `scipy.optimize`, a fifth of a second of the first prediction of a process.
     """
     h, r = hessian.cpu().double().numpy(), right.cpu().double().numpy()
     x = np.linalg.solve(h, r)
@@ -228,7 +249,9 @@ def _non_negative(hessian: Tensor, right: Tensor) -> Tensor:
             break
         free[downhill.argmax()] = True
         wanted = _free_minimum(h, r, free)
-        while (wanted[free] <= 0).any():  # back to where the first of them meets its bound, which holds it from then on
+        while (
+            wanted[free] <= 0
+        ).any():  # back to where the first of them meets its bound, which holds it from then on
             low = free & (wanted <= 0)
             x += (x[low] / (x[low] - wanted[low])).min() * (wanted - x)
             free &= x > _TINY * x.max()
@@ -254,7 +277,9 @@ def _ring(middle: Tensor, angle: float) -> Tensor:
 
 
 def _disc(towards: Tensor, radius: float) -> Tensor:
-    """Return five directions (5, 3) that stand for a disc: its middle, and four at its root mean square radius."""
+    """Return five directions (5, 3) that stand for a disc: its middle, and four at its root mean square
+    radius.
+    """
     first, second, axis = frames(towards[None])[0]
     angle = radius / math.sqrt(2) * math.sqrt(5 / 4)
     across = torch.stack([first, -first, second, -second])

@@ -1,21 +1,22 @@
 """Whether a photo can be what it is taken for: this object, seen by this camera, under one light.
 
-A map can be fitted to any photo, and one fitted to nonsense looks as sure as another. But with object and camera known
-the photo is linear in its light, and no light explains nonsense. A light E >= 0 of 6 x 4 x 4 texels is fitted to the
-photo's pixels in the white squares of a chess board laid over it and judged on those in the black ones, and the other
-way round:
+A map can be fitted to any photo, and one fitted to nonsense looks as sure as another. But with object and
+camera known the photo is linear in its light, and no light explains nonsense. A light E >= 0 of 6 x 4 x 4
+texels is fitted to the photo's pixels in the white squares of a chess board laid over it and judged on those
+in the black ones, and the other way round:
 
     residual    root mean square of t(A E) - t(I) on the pixels that E was not fitted to
     explained   1 - residual^2 / (contrast^2 + noise^2),  contrast^2 = variance of t(I), per channel
 
 A is the photo's coarse transport (`render.coarse_transport`), I its colours at a usual exposure, t(x) =
-sRGB(log(1 + x)) as in Phase I, so that differences are displayed ones. 1 says that all the photo shows is this object
-under some light, 0 that one colour all over would have done as well. Clipped pixels are one-sided. The same of t(I)
-less its grey tells colours in a wrong order, which tinted light explains in part. Mask and rasterised object tell a
-wrong pose even of an object that looks alike from everywhere: `overlap` and `offset` (`Observation`).
+sRGB(log(1 + x)) as in Phase I, so that differences are displayed ones. 1 says that all the photo shows is
+this object under some light, 0 that one colour all over would have done as well. Clipped pixels are
+one-sided. The same of t(I) less its grey tells colours in a wrong order, which tinted light explains in part.
+Mask and rasterised object tell a wrong pose even of an object that looks alike from everywhere: `overlap` and
+`offset` (`Observation`).
 
-Photos that are said to show one light are judged together, and one E for all of them must explain them about as well as
-an E for each: `apart`, the mean over photos of the logarithm of the ratio of the two residuals.
+Photos that are said to show one light are judged together, and one E for all of them must explain them about
+as well as an E for each: `apart`, the mean over photos of the logarithm of the ratio of the two residuals.
 
 The verdict is about the photo, not about the method that predicts its light: every method gets the same.
 """
@@ -43,8 +44,8 @@ _SQUARES = 6  # of the chess board, along the side of a square with the object's
 _NOISE = 0.02  # displayed; contrast below it is as good as none
 _LEAST = 1e-6  # displayed residual whose logarithm is taken
 
-# The limits lie between 36 good test photos of three objects, two of them trained briefly, and the same photos spoilt
-# (docs/decisions/photo-verdict.md).
+# The limits lie between 36 good test photos of three objects, two of them trained briefly, and the same
+# photos spoilt (docs/decisions/photo-verdict.md).
 _BLACK = 1e-5  # a photo without light; what is nearly black and cannot be read is found unexplained
 _ALL_WHITE = 0.9  # white: 1; eight times too bright: at most .83
 _NOTHING_EXPLAINED = 0.0  # negatives, grey, noise: below, the last just below on a smooth object
@@ -53,8 +54,12 @@ _CHROMA_EXPLAINED = 0.55  # good: .71 and more; red, green and blue exchanged: a
 _MUCH_CLIPPED = 0.4  # good: at most .11; three times too bright: .48, eight times: .25 to .83
 _SAME_PLACE = 0.8  # right cameras have more than .94, also on photos from the internet
 _BESIDE = 0.025  # good: .001, the cape's own masks and hull .024; moved by .05 across the view: .049 and more
-_APART = 0.25  # two to four photos of one light: at most .24; of different lights: .04 and more, most above .3
-_DOUBT = 0.3  # doubtful photos of the demo: their maps err by .16 to .38 more in ln radiance than the good ones
+_APART = (
+    0.25  # two to four photos of one light: at most .24; of different lights: .04 and more, most above .3
+)
+_DOUBT = (
+    0.3  # doubtful photos of the demo: their maps err by .16 to .38 more in ln radiance than the good ones
+)
 _SUSPECTS = (
     "is the camera this photo's own, the object the one that was trained and trained long enough, and are the colours "
     "neither inverted nor swapped?"
@@ -149,7 +154,8 @@ class Verdict:
 
 
 def tells_nothing(clipped: float, level: float) -> str | None:
-    """Return why a photo tells nothing about its light, by its `Verdict`'s share of clipped values and level; or None.
+    """Return why a photo tells nothing about its light, by its `Verdict`'s share of clipped values and level;
+    or None.
 
     Needs no model of the object: it is black, or white all over.
     """
@@ -187,7 +193,10 @@ def judge_together(photos: Sequence[Observation], joint: Observation, seed: int)
     singly = [_Judged.of(photo, unit, joint.light_level, seed) for photo in photos]
     common = _Judged.joined(singly).lights()
     logs = [
-        [math.log(max(_root_mean_square(one.difference(lights)), _LEAST)) for lights in (common, one.lights())]
+        [
+            math.log(max(_root_mean_square(one.difference(lights)), _LEAST))
+            for lights in (common, one.lights())
+        ]
         for one in singly
     ]
     return replace(verdict, apart=sum(together - alone for together, alone in logs) / len(logs))
@@ -221,7 +230,8 @@ class _Judged:
     def joined(photos: "Sequence[_Judged]") -> "_Judged":
         """Return the pixels of all photos, of one level."""
         parts = {
-            key: torch.cat([vars(one)[key] for one in photos], -1) for key in ("color", "clipped", "black", "weight")
+            key: torch.cat([vars(one)[key] for one in photos], -1)
+            for key in ("color", "clipped", "black", "weight")
         }
         return _Judged(matrix=torch.cat([one.matrix for one in photos], 1), level=photos[0].level, **parts)
 
@@ -246,7 +256,9 @@ def _root_mean_square(difference: Tensor) -> float:
 
 
 def _explained(difference: Tensor, target: Tensor) -> float:
-    """Return which share of the variance of `target` (3, P), of each channel about its mean, is not `difference`."""
+    """Return which share of the variance of `target` (3, P), of each channel about its mean, is not
+    `difference`.
+    """
     contrast = (target - target.mean(1, keepdim=True)).square().mean()
     return 1 - float(difference.square().mean() / (contrast + _NOISE**2))
 
@@ -263,10 +275,12 @@ def _broader(matrix: Tensor) -> Tensor:
 
 
 def _fitted(matrix: Tensor, observed: Tensor, weight: Tensor, level: Tensor) -> Tensor:
-    """Return lights (2, 3, T) >= 0 that explain the pixels best, one for each of two weights; ridge regression.
+    """Return lights (2, 3, T) >= 0 that explain the pixels best, one for each of two weights; ridge
+    regression.
 
-    matrix (3, P, T) >= 0, observed (3, P), weight (2, 3, P) >= 0. Where no pixel has weight the light is `level` ().
-    Projected gradient steps with Nesterov's momentum, scaled by the row sums of the normal matrix, its majorant.
+    matrix (3, P, T) >= 0, observed (3, P), weight (2, 3, P) >= 0. Where no pixel has weight the light is
+    `level` (). Projected gradient steps with Nesterov's momentum, scaled by the row sums of the normal
+    matrix, its majorant.
     """
     weight = weight / weight.sum(-1, keepdim=True).clamp(min=1e-12)
     normal = (matrix.mT * weight[..., None, :]) @ matrix

@@ -1,7 +1,8 @@
-"""What is worked out is kept beside the scene, so that the same command goes on: one file a step, each with its key.
+"""What is worked out is kept beside the scene, so that the same command goes on: one file a step, each with
+its key.
 
-A key is the checksum of all that a step depends on. A file is written whole or not at all, and one of another key is
-as good as none.
+A key is the checksum of all that a step depends on. A file is written whole or not at all, and one of another
+key is as good as none.
 """
 
 import hashlib
@@ -22,8 +23,22 @@ from lightprobe.core.files import named_file, write_bytes
 HIDDEN = ".prepare"  # the folder in a scene that holds them
 _LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
 # What the parsers of the archive and of the arrays in it run into.
-_DAMAGE = (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, SyntaxError, RecursionError, MemoryError,
-           RuntimeError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
+_DAMAGE = (
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    EOFError,
+    OverflowError,
+    SyntaxError,
+    RecursionError,
+    MemoryError,
+    RuntimeError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _VERSION = 6  # of all steps: raised when what they keep, or how they find it, changes
 
 
@@ -39,8 +54,12 @@ class Cache:
     def __init__(self, folder: Path):
         self.folder = Path(folder)
 
-    def arrays(self, name: str, key: str, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        """Return the arrays, of any shape, of step `name`: those kept under `key`, or those that `make` returns."""
+    def arrays(
+        self, name: str, key: str, make: Callable[[], Mapping[str, np.ndarray]]
+    ) -> dict[str, np.ndarray]:
+        """Return the arrays, of any shape, of step `name`: those kept under `key`, or those that `make`
+        returns.
+        """
         found = self.find(name, key)
         if found is None:
             found = dict(make())
@@ -59,7 +78,9 @@ class Cache:
 
 
 def _read(path: Path, key: str) -> dict[str, np.ndarray] | None:
-    """Return the arrays (of any shape) of a file, None when there is none, it is damaged or it has another key."""
+    """Return the arrays (of any shape) of a file, None when there is none, it is damaged or it has another
+    key.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(part.file_size for part in archive.infolist()) > _LARGEST:

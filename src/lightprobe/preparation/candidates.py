@@ -1,4 +1,6 @@
-"""Several reconstructions of the same photos, and the one that is kept: with a still background the first one lies."""
+"""Several reconstructions of the same photos, and the one that is kept: with a still background the first one
+lies.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,10 +22,16 @@ from lightprobe.preparation.solution import Solution
 
 WHOLE, MOVING, SECOND, MASKED = "whole photos", "what moves", "what moves against the rest", "within masks"
 _NEARLY_ALL = 0.9  # of the photos registered: other lenses are not tried then
-_EXPLAINED = 0.8  # share of the object's matches from which a reconstruction is believed to be that of the object
-_SECOND_PAIRS = 0.5  # pairs per photo that fit together in another way than the cameras say, from which it is looked at
+_EXPLAINED = (
+    0.8  # share of the object's matches from which a reconstruction is believed to be that of the object
+)
+_SECOND_PAIRS = (
+    0.5  # pairs per photo that fit together in another way than the cameras say, from which it is looked at
+)
 _BETTER = 1.1  # times the score that another reconstruction needs to take the place of an earlier one
-_MANY_LENSES = 0.1  # focal lengths per photo: so many are those of photos from anywhere, whose EXIF means little
+_MANY_LENSES = (
+    0.1  # focal lengths per photo: so many are those of photos from anywhere, whose EXIF means little
+)
 
 
 @dataclass(frozen=True)
@@ -34,14 +42,18 @@ class Candidate:
     solution: Solution
     verdict: Verdict
     lenses: Lenses
-    apart: tuple[tuple[int, ...], ...] = ()  # photos of each model that does not join this one, the largest first
+    apart: tuple[
+        tuple[int, ...], ...
+    ] = ()  # photos of each model that does not join this one, the largest first
 
     def to_json(self) -> dict[str, object]:
         """Return it as prepare.json has it."""
         return {
-            "reconstruction": self.name, **self.verdict.to_json(), "lenses": str(self.lenses),
+            "reconstruction": self.name,
+            **self.verdict.to_json(),
+            "lenses": str(self.lenses),
             "other_models_photos": [len(photos) for photos in self.apart],
-        }  # fmt: skip
+        }
 
 
 @dataclass(frozen=True)
@@ -55,13 +67,19 @@ class Choice:
     moving: bool  # what was reconstructed moves before a background: all of it is the object
 
 
-def choose(photos: Sequence[Features], matches: Matches, focal: Sequence[float | None],
-           inside: Sequence[np.ndarray] | None, *, seed: int = 0,
-           on_model: Callable[[str], None] = lambda name: None) -> Choice:  # fmt: skip
+def choose(
+    photos: Sequence[Features],
+    matches: Matches,
+    focal: Sequence[float | None],
+    inside: Sequence[np.ndarray] | None,
+    *,
+    seed: int = 0,
+    on_model: Callable[[str], None] = lambda name: None,
+) -> Choice:
     """Return the best reconstruction of matches (M, 2) without masks.
 
-    inside: the features that are known, or thought, to lie on the object, (N,) bool for each photo; None: those around
-    the middle. Raises `InputError` when nothing can be reconstructed.
+    inside: the features that are known, or thought, to lie on the object, (N,) bool for each photo; None:
+    those around the middle. Raises `InputError` when nothing can be reconstructed.
     """
     regions = central(photos) if inside is None else inside
     if from_one_tripod(photos, matches):
@@ -86,9 +104,15 @@ def choose(photos: Sequence[Features], matches: Matches, focal: Sequence[float |
     return _against_second(photos, matches, focal, regions, whole, seed, on_model)
 
 
-def _against_second(photos: Sequence[Features], matches: Matches, focal: Sequence[float | None],
-                    regions: Sequence[np.ndarray], whole: Candidate, seed: int,
-                    on_model: Callable[[str], None]) -> Choice:  # fmt: skip
+def _against_second(
+    photos: Sequence[Features],
+    matches: Matches,
+    focal: Sequence[float | None],
+    regions: Sequence[np.ndarray],
+    whole: Candidate,
+    seed: int,
+    on_model: Callable[[str], None],
+) -> Choice:
     """Return the whole photos' reconstruction, or that of what does not fit it where this is the object."""
     good = f"it explains {whole.verdict.explained:.0%} of the matches on the object"
     plain = Choice(whole, (whole,), good, None, False)
@@ -116,9 +140,16 @@ def _against_second(photos: Sequence[Features], matches: Matches, focal: Sequenc
     return Choice(second, (whole, second), why, trap, True)
 
 
-def within_masks(photos: Sequence[Features], focal: Sequence[float | None],
-                 inside: Sequence[np.ndarray], choice: Choice, *, seed: int = 0) -> Choice:  # fmt: skip
-    """Return the choice after a reconstruction from the features `inside` the masks alone, (N,) bool for each photo.
+def within_masks(
+    photos: Sequence[Features],
+    focal: Sequence[float | None],
+    inside: Sequence[np.ndarray],
+    choice: Choice,
+    *,
+    seed: int = 0,
+) -> Choice:
+    """Return the choice after a reconstruction from the features `inside` the masks alone, (N,) bool for each
+    photo.
 
     It is made where the one that is kept explains too little of the object, and kept where it is better.
     """
@@ -145,12 +176,19 @@ def within_masks(photos: Sequence[Features], focal: Sequence[float | None],
     return Choice(found, (*choice.tried, found), why, trap, choice.moving)
 
 
-def best_lenses(name: str, photos: Sequence[Features], matches: Matches, focal: Sequence[float | None],
-                asked: ObjectMatches, seed: int) -> Candidate | None:  # fmt: skip
-    """Return the reconstruction of matches (M, 2) with the lenses that register most photos, None when none does.
+def best_lenses(
+    name: str,
+    photos: Sequence[Features],
+    matches: Matches,
+    focal: Sequence[float | None],
+    asked: ObjectMatches,
+    seed: int,
+) -> Candidate | None:
+    """Return the reconstruction of matches (M, 2) with the lenses that register most photos, None when none
+    does.
 
-    Of several models that do not join, the one that does best on the object. Between lenses, matches and photos being
-    the same, what registers more is better: a wrong lens loses photos.
+    Of several models that do not join, the one that does best on the object. Between lenses, matches and
+    photos being the same, what registers more is better: a wrong lens loses photos.
     """
     best: Candidate | None = None
     for lenses in _trials(photos, focal):
@@ -170,7 +208,9 @@ def best_lenses(name: str, photos: Sequence[Features], matches: Matches, focal: 
 
 def _trials(photos: Sequence[Features], focal: Sequence[float | None]) -> list[Lenses]:
     """Return which lenses to try, in order."""
-    told = {(f.width, f.height, None if r is None else round(r, 3)) for f, r in zip(photos, focal, strict=True)}
+    told = {
+        (f.width, f.height, None if r is None else round(r, 3)) for f, r in zip(photos, focal, strict=True)
+    }
     sizes = {(f.width, f.height) for f in photos}
     anywhere = len(told) > max(3, _MANY_LENSES * len(photos))
     order = [Lenses.BY_SIZE] if anywhere or not any(focal) else [Lenses.AS_TOLD, Lenses.BY_SIZE]

@@ -10,15 +10,18 @@ LOW_AGREEMENT = 0.8  # IoU of mask and hull below which a mask is doubtful
 
 
 def outlined(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Return a photo (h, w, 3) uint8 with what lies outside its mask (h, w) bool dimmed, and the outline drawn."""
+    """Return a photo (h, w, 3) uint8 with what lies outside its mask (h, w) bool dimmed, and the outline
+    drawn.
+    """
     picture = np.where(mask[..., None], color, color // 3).astype(np.uint8)
     width = max(1, round(max(mask.shape) / 200))
     picture[outline(mask, width)] = _LINE
     return picture
 
 
-def photo_cell(name: str, color: np.ndarray, mask: np.ndarray, agreement: float | None
-               ) -> tuple[str, np.ndarray, tuple[int, int, int]]:  # fmt: skip
+def photo_cell(
+    name: str, color: np.ndarray, mask: np.ndarray, agreement: float | None
+) -> tuple[str, np.ndarray, tuple[int, int, int]]:
     """Return caption, picture (h, w, 3) uint8 and the caption's colour of a photo with a camera."""
     doubtful = agreement is None or agreement < LOW_AGREEMENT
     score = "" if agreement is None else f" {agreement:.2f}"

@@ -1,4 +1,5 @@
-"""The object cut out of one photo: graph cut with colour models of this photo, between what is known for sure.
+"""The object cut out of one photo: graph cut with colour models of this photo, between what is known for
+sure.
 
 A trimap holds one of four labels for each pixel, OpenCV's: surely or probably background or object.
 """
@@ -11,7 +12,12 @@ import scipy
 from lightprobe.core.threads import in_threads
 from lightprobe.preparation.libraries import opencv_library
 
-BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = 0, 1, 2, 3  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
+BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = (
+    0,
+    1,
+    2,
+    3,
+)  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
 _ROUNDS = 3  # of fitting colours and cutting
 _SMALLEST = 0.02  # of the largest piece's pixels: smaller pieces and holes are noise
 
@@ -19,7 +25,8 @@ _SMALLEST = 0.02  # of the largest piece's pixels: smaller pieces and holes are 
 def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
     """Return the object (h, w) bool in a photo (h, w, 3) uint8, by a trimap (h, w) uint8.
 
-    Where the trimap has no object or no background at all, it is the answer. Raises `ConfigError` without OpenCV.
+    Where the trimap has no object or no background at all, it is the answer. Raises `ConfigError` without
+    OpenCV.
     """
     cv2 = opencv_library()
     box = _box(trimap != BACKGROUND)
@@ -38,10 +45,11 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
 
 
 def masks_of(work: Callable[[int], np.ndarray], photos: Iterable[int]) -> dict[int, np.ndarray]:
-    """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's lock.
+    """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's
+    lock.
 
-    Results do not depend on the number of threads, as each has random numbers of its own, which are seeded before use.
-    As for `in_threads`, Numba's loops are not for `work`.
+    Results do not depend on the number of threads, as each has random numbers of its own, which are seeded
+    before use. As for `in_threads`, Numba's loops are not for `work`.
     """
     each = list(photos)
     return dict(zip(each, in_threads(work, each), strict=True))
@@ -61,7 +69,9 @@ def tidy(mask: np.ndarray) -> np.ndarray:
 
 
 def _box(chosen: np.ndarray) -> tuple[slice, slice] | None:
-    """Return the rows and columns around the chosen pixels (h, w) with a margin for a model of the background."""
+    """Return the rows and columns around the chosen pixels (h, w) with a margin for a model of the
+    background.
+    """
     if not chosen.any():
         return None
     rows, columns = np.flatnonzero(chosen.any(axis=1)), np.flatnonzero(chosen.any(axis=0))

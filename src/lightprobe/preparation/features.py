@@ -1,6 +1,8 @@
-"""Features of photos under changing light: SIFT by COLMAP on pictures of even contrast, and which of two photos match.
+"""Features of photos under changing light: SIFT by COLMAP on pictures of even contrast, and which of two
+photos match.
 
-Descriptors are compared by their scalar product, as COLMAP stores them: 128 bytes each, of nearly equal length.
+Descriptors are compared by their scalar product, as COLMAP stores them: 128 bytes each, of nearly equal
+length.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,14 +16,20 @@ from PIL import Image
 from lightprobe.preparation.libraries import pycolmap_library
 from lightprobe.preparation.temporary import working_folder
 
-MOST = 2500  # features of a photo: twice as many take four times as long to match and registered no photo more
-_PEAK = 0.0015  # contrast from which a blob is a feature, a quarter of COLMAP's: objects are smoother than houses
+MOST = (
+    2500  # features of a photo: twice as many take four times as long to match and registered no photo more
+)
+_PEAK = (
+    0.0015  # contrast from which a blob is a feature, a quarter of COLMAP's: objects are smoother than houses
+)
 _RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
 _FEW = 300  # features of a photo that are compared to find out which photos match at all
 _THREADS = 4  # at most: each takes half a gigabyte for a picture of 1600 pixels
 _ROW = 200  # bytes of a feature in COLMAP's database, or a little less
-_LEAST_SIDE = 32  # pixels of a picture in which features are looked for: COLMAP's affine ones end the process below 16
+_LEAST_SIDE = (
+    32  # pixels of a picture in which features are looked for: COLMAP's affine ones end the process below 16
+)
 PARTNERS = 24  # photos that each photo is matched with; all others, where there are few
 STILL = 0.004  # of the longer side: what moves less between two photos stands still in them
 
@@ -41,8 +49,8 @@ class Features:
 
 
 def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
-    """Return the features of each picture (H, W) uint8, several pictures at a time; raises `ConfigError` without
-    pycolmap.
+    """Return the features of each picture (H, W) uint8, several pictures at a time; raises `ConfigError`
+    without pycolmap.
     """
     pycolmap = pycolmap_library()
     options = pycolmap.FeatureExtractionOptions()
@@ -57,9 +65,13 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
         for name, picture in looked_at.items():
             Image.fromarray(picture).save(folder / name, compress_level=0)
         pycolmap.extract_features(
-            database, folder, list(looked_at), pycolmap.CameraMode.PER_IMAGE, extraction_options=options,
+            database,
+            folder,
+            list(looked_at),
+            pycolmap.CameraMode.PER_IMAGE,
+            extraction_options=options,
             device=pycolmap.Device.cpu,
-        )  # fmt: skip
+        )
         opened = pycolmap.Database.open(database)
         found = [_stored(opened, name, picture) for name, picture in named.items()]
         opened.close()
@@ -76,18 +88,24 @@ def _stored(database: Any, name: str, picture: np.ndarray) -> Features:
     rows = np.asarray(database.read_keypoints(number), np.float32)
     if not len(rows):
         return none
-    size = np.abs(rows[:, 2] * rows[:, 5] - rows[:, 3] * rows[:, 4])  # of x, y and the matrix from circle to blob
+    size = np.abs(
+        rows[:, 2] * rows[:, 5] - rows[:, 3] * rows[:, 4]
+    )  # of x, y and the matrix from circle to blob
     order = np.argsort(-size, kind="stable")[:MOST]
     data = np.asarray(database.read_descriptors(number).data, np.uint8).reshape(len(rows), 128)
     return Features(rows[order, :2].copy(), data[order], width, height)
 
 
 def match(a: Features, b: Features) -> np.ndarray:
-    """Return the matches (M, 2) uint32 of two photos: features that are each other's nearest by a clear margin."""
+    """Return the matches (M, 2) uint32 of two photos: features that are each other's nearest by a clear
+    margin.
+    """
     if min(len(a.points), len(b.points)) < 2:
         return np.zeros((0, 2), np.uint32)
     scores = _unit(a.descriptors) @ _unit(b.descriptors).T
-    column = torch.from_numpy(scores.numpy().argmax(axis=1))  # NumPy's takes a quarter of the time of PyTorch's
+    column = torch.from_numpy(
+        scores.numpy().argmax(axis=1)
+    )  # NumPy's takes a quarter of the time of PyTorch's
     rows = torch.arange(len(column))
     best, back = scores[rows, column], scores.amax(dim=0)[column]
     scores[rows, column] = -1.0
@@ -98,14 +116,20 @@ def match(a: Features, b: Features) -> np.ndarray:
     return found[np.sort(np.unique(found[:, 1], return_index=True)[1])]  # of two alike the first
 
 
-def match_photos(photos: Sequence[Features], allowed: Sequence[np.ndarray] | None = None,
-                 on_pair: Callable[[int, int], None] = lambda done, total: None,
-                 ) -> dict[tuple[int, int], np.ndarray]:  # fmt: skip
+def match_photos(
+    photos: Sequence[Features],
+    allowed: Sequence[np.ndarray] | None = None,
+    on_pair: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[tuple[int, int], np.ndarray]:
     """Return the matches (M, 2) uint32 of all pairs worth it, by the features' indices.
 
-    allowed: the features (N,) bool of each photo that may be matched; what is left out cannot take a match from others.
+    allowed: the features (N,) bool of each photo that may be matched; what is left out cannot take a match
+    from others.
     """
-    rows = [np.arange(len(f.points)) if allowed is None else np.flatnonzero(allowed[i]) for i, f in enumerate(photos)]
+    rows = [
+        np.arange(len(f.points)) if allowed is None else np.flatnonzero(allowed[i])
+        for i, f in enumerate(photos)
+    ]
     chosen = [features.select(kept) for features, kept in zip(photos, rows, strict=True)]
     pairs, found = likely_pairs(chosen), {}
     for done, (i, j) in enumerate(pairs):
@@ -126,10 +150,11 @@ def _relative(features: Features) -> np.ndarray:
 
 
 def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
-    """Return the pairs (i, j), i < j, that are worth matching: all, or where photos are many each one's best partners.
+    """Return the pairs (i, j), i < j, that are worth matching: all, or where photos are many each one's best
+    partners.
 
-    Found by matching the largest features alone; what stands still counts little, as between photos from one tripod it
-    would drown what does not.
+    Found by matching the largest features alone; what stands still counts little, as between photos from one
+    tripod it would drown what does not.
     """
     count = len(photos)
     everything = [(i, j) for i in range(count) for j in range(i + 1, count)]

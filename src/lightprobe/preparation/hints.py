@@ -39,36 +39,49 @@ def stored_hint(scene: Path) -> str | None:
     box = value.get("box") if isinstance(value, dict) else None
     numbers = [number for number in box if type(number) is int] if isinstance(box, list) else []
     if len(numbers) != 4 or not isinstance(value.get("photo"), str):
-        raise InputError(f"{path} holds no photo and box of four whole numbers; remove it, or draw the box again.")
+        raise InputError(
+            f"{path} holds no photo and box of four whole numbers; remove it, or draw the box again."
+        )
     return f"{value['photo']}={','.join(map(str, numbers))}"
 
 
 def find_photo(photos: Sequence[SourcePhoto], name: str, option: str) -> int:
-    """Return the index of the photo of a file name, with or without its suffix and the folders that it lies in.
+    """Return the index of the photo of a file name, with or without its suffix and the folders that it lies
+    in.
 
     Raises `ConfigError` for none, or for several of that name in different folders.
     """
     parts = PurePath(name).parts
     found = [
-        index for index, photo in enumerate(photos)
+        index
+        for index, photo in enumerate(photos)
         if name == photo.name
-        or (parts and parts in (photo.path.parts[-len(parts) :], photo.path.with_suffix("").parts[-len(parts) :]))
-    ]  # fmt: skip
+        or (
+            parts
+            and parts in (photo.path.parts[-len(parts) :], photo.path.with_suffix("").parts[-len(parts) :])
+        )
+    ]
     if len(found) == 1:
         return found[0]
     if found:
         paths = [PurePath(*photos[index].path.parts[-len(parts) - 1 :]).as_posix() for index in found]
         listed = ", ".join(paths[:4])
-        raise ConfigError(f"{option}: there are {len(found)} photos '{shown(name)}'; say which one: {listed}.")
+        raise ConfigError(
+            f"{option}: there are {len(found)} photos '{shown(name)}'; say which one: {listed}."
+        )
     example = photos[0].path.name
-    raise ConfigError(f"{option}: there is no photo '{shown(name)}'; give the name of a file, such as {example}.")
+    raise ConfigError(
+        f"{option}: there is no photo '{shown(name)}'; give the name of a file, such as {example}."
+    )
 
 
 def read_hint(text: str, photos: Sequence[SourcePhoto], source: str = "--hint") -> tuple[int, np.ndarray]:
-    """Return the index of a photo and the mask (H, W) float32, at its full size, that PHOTO=MASK or PHOTO=BOX means.
+    """Return the index of a photo and the mask (H, W) float32, at its full size, that PHOTO=MASK or PHOTO=BOX
+    means.
 
-    A box is x0,y0,x1,y1 in pixels of the photo turned upright. source: where it was told. Raises `ConfigError` for text
-    of another form or a box outside of the photo, `InputError` for a mask that cannot be read or shows nothing.
+    A box is x0,y0,x1,y1 in pixels of the photo turned upright. source: where it was told. Raises
+    `ConfigError` for text of another form or a box outside of the photo, `InputError` for a mask that cannot
+    be read or shows nothing.
     """
     name, equals, value = text.partition("=")
     if not equals:
@@ -86,15 +99,18 @@ def read_hint(text: str, photos: Sequence[SourcePhoto], source: str = "--hint") 
             "a mask has the shape of its photo."
         )
     if not 0 < (mask >= 0.5).mean() < 1:
-        raise InputError(f"{value} shows {'nothing' if mask.max() < 0.5 else 'no background'}; paint the object white.")
+        raise InputError(
+            f"{value} shows {'nothing' if mask.max() < 0.5 else 'no background'}; paint the object white."
+        )
     return index, resize_area(mask, photo.height, photo.width)
 
 
 def all_hints(hint: str | None, scene: Path, photos: Sequence[SourcePhoto]) -> dict[int, np.ndarray]:
-    """Return the masks (H, W) float32 of `read_hint`, by photo, of a `hint` and of the box that was drawn in a scene.
+    """Return the masks (H, W) float32 of `read_hint`, by photo, of a `hint` and of the box that was drawn in
+    a scene.
 
-    Of two in one photo the drawn one holds: it corrects what the first led to. A drawn one that cannot be used beside a
-    `hint` is left out with a warning. Raises as `read_hint` and `stored_hint`.
+    Of two in one photo the drawn one holds: it corrects what the first led to. A drawn one that cannot be
+    used beside a `hint` is left out with a warning. Raises as `read_hint` and `stored_hint`.
     """
     found = {} if hint is None else dict([read_hint(hint, photos)])
     try:
@@ -104,7 +120,9 @@ def all_hints(hint: str | None, scene: Path, photos: Sequence[SourcePhoto]) -> d
     except (ConfigError, InputError) as error:
         if hint is None:
             raise
-        warnings.warn(f"The box that was drawn in the scene is not used. {error}", LightprobeWarning, stacklevel=3)
+        warnings.warn(
+            f"The box that was drawn in the scene is not used. {error}", LightprobeWarning, stacklevel=3
+        )
     return found
 
 

@@ -1,8 +1,10 @@
-"""Which of several reconstructions is that of the object: judged by what happens on it, not by how much registered.
+"""Which of several reconstructions is that of the object: judged by what happens on it, not by how much
+registered.
 
-Before a still background an object that is turned moves against everything else: the background then gives cameras
-without flaw, and wrong ones for the object. So the matches of two photos on the object are asked: which share of those
-that fit together in any way (some fundamental matrix) fits the cameras, within `_OFF` of the photo's side?
+Before a still background an object that is turned moves against everything else: the background then gives
+cameras without flaw, and wrong ones for the object. So the matches of two photos on the object are asked:
+which share of those that fit together in any way (some fundamental matrix) fits the cameras, within `_OFF` of
+the photo's side?
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,11 +21,15 @@ from lightprobe.scene.camera import Camera
 
 _OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
 _ENOUGH = 12  # matches of a pair on the object that say something
-_TRIALS = 10_000  # of a pair's geometry, as COLMAP has it for two views; where few matches fit, more take seconds
+_TRIALS = (
+    10_000  # of a pair's geometry, as COLMAP has it for two views; where few matches fit, more take seconds
+)
 _MOST_PAIRS = 600  # pairs that are asked; the strongest
 _STILL_PAIR = 0.5  # share of still matches of a pair from one tripod
 _STILL_SCENE = 0.5  # share of such pairs in photos from one tripod
-_STILL_OFTEN = 2  # photos in which a feature stands at its place: neighbouring ones do where an axis of rotation shows
+_STILL_OFTEN = (
+    2  # photos in which a feature stands at its place: neighbouring ones do where an axis of rotation shows
+)
 _CENTRAL = 0.25  # of the longer side around the middle: what is photographed is there
 _HOPS = 2  # from a photo with a hint along its matches
 
@@ -45,10 +51,12 @@ class Verdict:
     def to_json(self) -> dict[str, float | int]:
         """Return the verdict as prepare.json has it."""
         return {
-            "registered": self.registered, "object_matches_explained": round(self.explained, 4),
-            "object_points": self.points, "reprojection_error_px": round(self.error, 4),
+            "registered": self.registered,
+            "object_matches_explained": round(self.explained, 4),
+            "object_points": self.points,
+            "reprojection_error_px": round(self.error, 4),
             "triangulation_angle_deg": round(self.angle, 2),
-        }  # fmt: skip
+        }
 
 
 def still_share(photos: Sequence[Features], matches: Matches) -> float:
@@ -74,11 +82,13 @@ def moving_features(photos: Sequence[Features], matches: Matches) -> list[np.nda
 
 
 def inside_masks(photos: Sequence[Features], masks: Mapping[int, np.ndarray]) -> list[np.ndarray]:
-    """Return which features lie inside the masks (h, w) of their photos, (N,) bool each; without a mask none does."""
+    """Return which features lie inside the masks (h, w) of their photos, (N,) bool each; without a mask none
+    does.
+    """
     return [
         sampled(masks[index], features) if index in masks else np.zeros(len(features.points), bool)
         for index, features in enumerate(photos)
-    ]  # fmt: skip
+    ]
 
 
 def sampled(mask: np.ndarray, features: Features) -> np.ndarray:
@@ -113,13 +123,21 @@ def central(photos: Sequence[Features]) -> list[np.ndarray]:
 class ObjectMatches:
     """The matches of pairs on the object that fit together in some way."""
 
-    def __init__(self, photos: Sequence[Features], matches: Matches, inside: Sequence[np.ndarray], seed: int = 0):
+    def __init__(
+        self, photos: Sequence[Features], matches: Matches, inside: Sequence[np.ndarray], seed: int = 0
+    ):
         """Find them; `matches` (M, 2) by pair, `inside` (N,) bool: the features on the object."""
         self._photos, self._inside = photos, inside
-        chosen = {(i, j): rows[inside[i][rows[:, 0]] & inside[j][rows[:, 1]]] for (i, j), rows in matches.items()}
-        strong = sorted((pair for pair in chosen if len(chosen[pair]) >= _ENOUGH), key=lambda p: (-len(chosen[p]), p))
+        chosen = {
+            (i, j): rows[inside[i][rows[:, 0]] & inside[j][rows[:, 1]]] for (i, j), rows in matches.items()
+        }
+        strong = sorted(
+            (pair for pair in chosen if len(chosen[pair]) >= _ENOUGH), key=lambda p: (-len(chosen[p]), p)
+        )
         asked = strong[:_MOST_PAIRS]
-        fitting = in_threads(lambda pair: _fitting(photos[pair[0]], photos[pair[1]], chosen[pair], seed), asked)
+        fitting = in_threads(
+            lambda pair: _fitting(photos[pair[0]], photos[pair[1]], chosen[pair], seed), asked
+        )
         fits = zip(asked, fitting, strict=True)
         self.pairs = {pair: chosen[pair][kept] for pair, kept in fits if kept.sum() >= _ENOUGH}
 
@@ -137,9 +155,12 @@ class ObjectMatches:
             on_object[solution.seen[mine][self._inside[photo][solution.feature[mine]]]] = True
         errors = solution.errors[on_object]
         return Verdict(
-            len(cameras), fits / total if total else 0.0, int(on_object.sum()),
-            float(errors.mean()) if len(errors) else 0.0, _angle(solution, on_object),
-        )  # fmt: skip
+            len(cameras),
+            fits / total if total else 0.0,
+            int(on_object.sum()),
+            float(errors.mean()) if len(errors) else 0.0,
+            _angle(solution, on_object),
+        )
 
 
 def unexplained(photos: Sequence[Features], matches: Matches, solution: Solution) -> Matches:
@@ -165,12 +186,19 @@ def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarra
     return np.zeros(len(rows), bool) if found is None else np.asarray(found["inlier_mask"], bool)
 
 
-def _epipolar_distance(photos: Sequence[Features], pair: tuple[int, int], rows: np.ndarray,
-                       cameras: Mapping[int, Camera], bends: Mapping[int, float]) -> np.ndarray:  # fmt: skip
+def _epipolar_distance(
+    photos: Sequence[Features],
+    pair: tuple[int, int],
+    rows: np.ndarray,
+    cameras: Mapping[int, Camera],
+    bends: Mapping[int, float],
+) -> np.ndarray:
     """Return Sampson's distance (M,) of matches from the epipolar geometry of their cameras, in longer sides."""
     (i, j), first, second = pair, cameras[pair[0]], cameras[pair[1]]
     x, y = (
-        np.concatenate([_rays(cameras[k], bends[k], photos[k].points[rows[:, column]]), np.ones((len(rows), 1))], 1)
+        np.concatenate(
+            [_rays(cameras[k], bends[k], photos[k].points[rows[:, column]]), np.ones((len(rows), 1))], 1
+        )
         for k, column in ((i, 0), (j, 1))
     )
     flip = np.diag([1.0, -1.0, -1.0])
@@ -190,9 +218,14 @@ def _rays(camera: Camera, k: float, points: np.ndarray) -> np.ndarray:
 
 
 def _angle(solution: Solution, chosen: np.ndarray) -> float:
-    """Return the median over `chosen` points (P,) of the widest angle between the cameras that see one, degrees."""
+    """Return the median over `chosen` points (P,) of the widest angle between the cameras that see one,
+    degrees.
+    """
     place = {int(photo): pose[:3, 3] for photo, pose in zip(solution.photo, solution.pose, strict=True)}
-    rays = np.array([place[int(photo)] for photo in solution.seen_by]).reshape(-1, 3) - solution.points[solution.seen]
+    rays = (
+        np.array([place[int(photo)] for photo in solution.seen_by]).reshape(-1, 3)
+        - solution.points[solution.seen]
+    )
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
     order = np.argsort(solution.seen, kind="stable")
     starts = np.searchsorted(solution.seen[order], np.arange(len(solution.points) + 1))

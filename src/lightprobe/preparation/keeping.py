@@ -21,22 +21,29 @@ def kept_choice(cache: Cache, name: str, key: str, make: Callable[[], Choice]) -
 def _to_arrays(choice: Choice) -> dict[str, np.ndarray]:
     """Return a choice as arrays of any shape; of those that were not kept only what is said of them."""
     words = {
-        "why": choice.why, "trap": choice.trap, "moving": choice.moving, "kept": _words(choice.kept),
+        "why": choice.why,
+        "trap": choice.trap,
+        "moving": choice.moving,
+        "kept": _words(choice.kept),
         "tried": [_words(candidate) for candidate in choice.tried],
-    }  # fmt: skip
+    }
     solution = {field.name: getattr(choice.kept.solution, field.name) for field in fields(Solution)}
     return {**solution, "words": np.array(json.dumps(words))}
 
 
 def _words(candidate: Candidate) -> dict[str, object]:
     return {
-        "name": candidate.name, "verdict": asdict(candidate.verdict), "lenses": candidate.lenses.name,
+        "name": candidate.name,
+        "verdict": asdict(candidate.verdict),
+        "lenses": candidate.lenses.name,
         "apart": candidate.apart,
-    }  # fmt: skip
+    }
 
 
 def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
-    """Return the choice of `_to_arrays`, arrays of any shape; those that were not kept come without their cameras."""
+    """Return the choice of `_to_arrays`, arrays of any shape; those that were not kept come without their
+    cameras.
+    """
     words = json.loads(str(arrays["words"]))
     solution = Solution(**{field.name: arrays[field.name] for field in fields(Solution)})
 

@@ -1,4 +1,6 @@
-"""Every photo decoded once: its features, a small picture and the user's mask, kept for the same command to go on."""
+"""Every photo decoded once: its features, a small picture and the user's mask, kept for the same command to
+go on.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,10 +31,14 @@ class Seen:
     sharpness: float
 
 
-def look_at_all(photos: Sequence[SourcePhoto], cache: Cache, on_photo: OnPhoto = lambda done, total: None
-                ) -> list[Seen]:  # fmt: skip
+def look_at_all(
+    photos: Sequence[SourcePhoto], cache: Cache, on_photo: OnPhoto = lambda done, total: None
+) -> list[Seen]:
     """Return what is kept of each photo, shapes as in `Seen`; raises `InputError` for a damaged file."""
-    keys = [key_of(photo.checksum, None if photo.mask is None else _stamp(photo), photo.cutout) for photo in photos]
+    keys = [
+        key_of(photo.checksum, None if photo.mask is None else _stamp(photo), photo.cutout)
+        for photo in photos
+    ]
     kept = [cache.find(_step(photo), key) for photo, key in zip(photos, keys, strict=True)]
     missing = [index for index, values in enumerate(kept) if values is None]
     if len(missing) < len(photos):
@@ -56,12 +62,15 @@ def _looked_at(photos: Sequence[SourcePhoto]) -> list[dict[str, np.ndarray]]:
     found = find_features([each.grey for each in pictures])
     return [
         {
-            "points": features.points, "descriptors": features.descriptors, "color": each.color,
-            "size": np.array([features.width, features.height]), "sharpness": np.array(each.sharpness),
+            "points": features.points,
+            "descriptors": features.descriptors,
+            "color": each.color,
+            "size": np.array([features.width, features.height]),
+            "sharpness": np.array(each.sharpness),
             **({} if each.alpha is None else {"given": each.alpha}),
         }
         for each, features in zip(pictures, found, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _seen(kept: Mapping[str, np.ndarray]) -> Seen:
@@ -84,7 +93,11 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
         found = match_photos([each.features for each in seen], _allowed(photos, seen), on_pair)
         pairs = np.array(list(found), np.int64).reshape(-1, 2)
         rows = np.concatenate([np.zeros((0, 2), np.uint32), *found.values()])
-        return {"pairs": pairs, "rows": rows, "counts": np.array([len(each) for each in found.values()], np.int64)}
+        return {
+            "pairs": pairs,
+            "rows": rows,
+            "counts": np.array([len(each) for each in found.values()], np.int64),
+        }
 
     kept = cache.arrays("matches", key_of([[photo.checksum, photo.cutout] for photo in photos]), make)
     parts = np.split(kept["rows"], np.cumsum(kept["counts"])[:-1]) if len(kept["counts"]) else []
@@ -114,12 +127,17 @@ def refuse_copies(photos: Sequence[SourcePhoto], fewest: int) -> None:
 
 
 def reason_lost(
-    photo: SourcePhoto, each: Seen, best_match: int, median_sharpness: float, original: str | None,
+    photo: SourcePhoto,
+    each: Seen,
+    best_match: int,
+    median_sharpness: float,
+    original: str | None,
     together: Sequence[str] = (),
-) -> str:  # fmt: skip
+) -> str:
     """Return why a photo has no camera, in a few words.
 
-    together: the other photos of the reconstruction it is part of, where that one does not join the one that is kept.
+    together: the other photos of the reconstruction it is part of, where that one does not join the one that
+    is kept.
     """
     if original is not None:
         return f"the same file as {original}"

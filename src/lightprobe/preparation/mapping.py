@@ -23,7 +23,10 @@ _FALLBACK_FOCAL = 1.2  # in the longer side, where nothing tells: COLMAP's
 _LARGEST_BEND = 0.6  # k beyond which no lens with a name is; what goes there has come apart
 _STOP = 1e-6  # relative change of the error that ends an adjustment
 _INIT_INLIERS, _INIT_DEGREES = 60, 8.0  # of the first pair: objects have fewer features than houses
-_POSE_INLIERS, _POSE_SHARE = 12, 0.1  # of a photo that is added: with 20 and .2, 24 of 40 turntable photos were
+_POSE_INLIERS, _POSE_SHARE = (
+    12,
+    0.1,
+)  # of a photo that is added: with 20 and .2, 24 of 40 turntable photos were
 _TRIALS = 1500  # of a pair's geometry: 10000, COLMAP's, take three times as long and found no match more
 
 
@@ -36,19 +39,25 @@ class Lenses(StrEnum):
     EACH_ITS_OWN = "one for each photo"
 
 
-def reconstruct(photos: Sequence[Features], matches: Matches, focal: Sequence[float | None], lenses: Lenses,
-                seed: int = 0) -> list[Solution]:  # fmt: skip
-    """Return the models that COLMAP makes of matches (M, 2), the one with most photos first; empty when there is none.
+def reconstruct(
+    photos: Sequence[Features], matches: Matches, focal: Sequence[float | None], lenses: Lenses, seed: int = 0
+) -> list[Solution]:
+    """Return the models that COLMAP makes of matches (M, 2), the one with most photos first; empty when there
+    is none.
 
-    focal: focal length over the longer side of each photo, None where unknown. One thread, so that equal seeds give
-    equal models. Raises `ConfigError` without pycolmap.
+    focal: focal length over the longer side of each photo, None where unknown. One thread, so that equal
+    seeds give equal models. Raises `ConfigError` without pycolmap.
     """
     pycolmap = pycolmap_library()
-    needed = sum(_POINT * len(each.points) for each in photos) + sum(_MATCH * len(rows) for rows in matches.values())
+    needed = sum(_POINT * len(each.points) for each in photos) + sum(
+        _MATCH * len(rows) for rows in matches.values()
+    )
     with working_folder(needed) as folder:
         database = folder / "database.db"
         pycolmap.set_random_seed(seed)
-        guessed = lenses is Lenses.BY_SIZE and any(focal)  # pairs are verified without it: a wrong one loses matches
+        guessed = lenses is Lenses.BY_SIZE and any(
+            focal
+        )  # pairs are verified without it: a wrong one loses matches
         _write(pycolmap, database, photos, matches, focal, Lenses.EACH_ITS_OWN if guessed else lenses)
         verifier, geometry = pycolmap.GeometricVerifierOptions(), pycolmap.TwoViewGeometryOptions()
         verifier.num_threads = os.cpu_count() or 1  # each pair is seeded for itself
@@ -65,15 +74,18 @@ def reconstruct(photos: Sequence[Features], matches: Matches, focal: Sequence[fl
     return sorted(found, key=lambda model: -len(model.photo))
 
 
-def _shared(pycolmap: Any, verified: Path, photos: Sequence[Features], matches: Matches,
-            focal: Sequence[float | None]) -> Path:  # fmt: skip
+def _shared(
+    pycolmap: Any, verified: Path, photos: Sequence[Features], matches: Matches, focal: Sequence[float | None]
+) -> Path:
     """Return a database with the pairs' geometry of `verified`, and one lens for all photos of a size.
 
     It starts from the middle of the focal lengths that files tell, which need not be right for any one photo.
     """
     start = float(np.median([ratio for ratio in focal if ratio is not None]))
     path = verified.with_name("shared.db")
-    _write(pycolmap, path, photos, matches, [start] * len(photos), Lenses.AS_TOLD)  # one told length: one lens by size
+    _write(
+        pycolmap, path, photos, matches, [start] * len(photos), Lenses.AS_TOLD
+    )  # one told length: one lens by size
     before, after = pycolmap.Database.open(verified), pycolmap.Database.open(path)
     for (i, j), rows in matches.items():
         if len(rows) >= FEWEST_MATCHES:
@@ -84,7 +96,9 @@ def _shared(pycolmap: Any, verified: Path, photos: Sequence[Features], matches: 
 
 
 def _options(pycolmap: Any, lenses: Lenses, seed: int) -> Any:
-    """Return COLMAP's settings; a lens that photos merely are thought to share, or that few tell of, is straight."""
+    """Return COLMAP's settings; a lens that photos merely are thought to share, or that few tell of, is
+    straight.
+    """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed, options.extract_colors = 1, seed, False
     options.min_model_size, options.max_num_models = 4, 6
@@ -93,12 +107,21 @@ def _options(pycolmap: Any, lenses: Lenses, seed: int) -> Any:
     options.max_extra_param = _LARGEST_BEND
     options.mapper.max_extra_param = options.triangulation.max_extra_param = _LARGEST_BEND
     options.mapper.init_min_num_inliers, options.mapper.init_min_tri_angle = _INIT_INLIERS, _INIT_DEGREES
-    options.mapper.abs_pose_min_num_inliers, options.mapper.abs_pose_min_inlier_ratio = _POSE_INLIERS, _POSE_SHARE
+    options.mapper.abs_pose_min_num_inliers, options.mapper.abs_pose_min_inlier_ratio = (
+        _POSE_INLIERS,
+        _POSE_SHARE,
+    )
     return options
 
 
-def _write(pycolmap: Any, path: Path, photos: Sequence[Features], matches: Matches, focal: Sequence[float | None],
-           lenses: Lenses) -> None:  # fmt: skip
+def _write(
+    pycolmap: Any,
+    path: Path,
+    photos: Sequence[Features],
+    matches: Matches,
+    focal: Sequence[float | None],
+    lenses: Lenses,
+) -> None:
     """Write the database that COLMAP works on; the photo of index i is image i + 1."""
     groups: dict[Any, int] = {}
     database = pycolmap.Database.open(path)
@@ -139,7 +162,9 @@ def _write_camera(pycolmap: Any, database: Any, size: tuple[int, int], told: flo
 
 def _solution(model: Any) -> Solution:
     """Return COLMAP's model with OpenGL's axes."""
-    images = sorted((model.image(number) for number in model.reg_image_ids()), key=lambda image: int(image.name))
+    images = sorted(
+        (model.image(number) for number in model.reg_image_ids()), key=lambda image: int(image.name)
+    )
     poses, lens, sizes = [], [], []
     for image in images:
         to_camera = np.eye(4)
@@ -151,14 +176,21 @@ def _solution(model: Any) -> Solution:
     points = [model.points3D[number] for number in sorted(model.points3D)]
     sightings = [
         (index[element.image_id], element.point2D_idx, row)
-        for row, point in enumerate(points) for element in point.track.elements
-    ]  # fmt: skip
+        for row, point in enumerate(points)
+        for element in point.track.elements
+    ]
     table = np.array(sightings, np.int64).reshape(-1, 3)
     return Solution(
-        np.array([int(image.name) for image in images], np.int64), np.array(poses), np.array(lens),
-        np.array(sizes, np.int64), np.array([point.xyz for point in points]).reshape(-1, 3),
-        np.array([point.error for point in points]), table[:, 0], table[:, 1], table[:, 2],
-    )  # fmt: skip
+        np.array([int(image.name) for image in images], np.int64),
+        np.array(poses),
+        np.array(lens),
+        np.array(sizes, np.int64),
+        np.array([point.xyz for point in points]).reshape(-1, 3),
+        np.array([point.error for point in points]),
+        table[:, 0],
+        table[:, 1],
+        table[:, 2],
+    )
 
 
 def match_counts(matches: Matches) -> dict[int, int]:

@@ -1,8 +1,9 @@
-"""A mask cut anew around the hull of all masks: where its outline may be, what decides there, and what is known.
+"""A mask cut anew around the hull of all masks: where its outline may be, what decides there, and what is
+known.
 
-From a margin beyond the hull's outline to one and a half within it these decide, the later over the earlier: what the
-mask was, the colours nearby, points that the photo itself saw. An opening that is looked through counts in all of the
-hull, the user's hint everywhere.
+From a margin beyond the hull's outline to one and a half within it these decide, the later over the earlier:
+what the mask was, the colours nearby, points that the photo itself saw. An opening that is looked through
+counts in all of the hull, the user's hint everywhere.
 """
 
 import numpy as np
@@ -19,8 +20,11 @@ _EXACT_POINT = 1.0  # pixels of mean error up to which a point marks its pixel
 _MARK = 1.5  # pixels around a point that it marks
 
 
-def point_marks(view: View, solution: Solution, labels: np.ndarray, photo: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return where points that this photo itself saw show the object, and where its surroundings, (h, w) bool each.
+def point_marks(
+    view: View, solution: Solution, labels: np.ndarray, photo: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where points that this photo itself saw show the object, and where its surroundings, (h, w) bool
+    each.
 
     labels (P,): of the points, as from `masks.object_points`.
     """
@@ -35,13 +39,18 @@ def rim(shape: np.ndarray, margin: float) -> float:
 
 
 def cut_near_hull(
-    view: View, shape: np.ndarray, mask: np.ndarray, margin: float, opening: np.ndarray | None = None,
+    view: View,
+    shape: np.ndarray,
+    mask: np.ndarray,
+    margin: float,
+    opening: np.ndarray | None = None,
     marks: tuple[np.ndarray, np.ndarray] | None = None,
-) -> np.ndarray:  # fmt: skip
-    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h, w).
+) -> np.ndarray:
+    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h,
+    w).
 
-    opening: where the photo seems to look through the hull, (h, w) bool; there and around it the colours decide.
-    marks: of points, as from `point_marks`.
+    opening: where the photo seems to look through the hull, (h, w) bool; there and around it the colours
+    decide. marks: of points, as from `point_marks`.
     """
     if view.fixed and view.given is not None:
         return view.given

@@ -1,7 +1,7 @@
 """Which side of an outline a pixel belongs to, by the colours that are near it on either side.
 
-Models of all the object's and all the surroundings' colours confuse a rim with whatever has its colour elsewhere in the
-photo; what lies next to it tells them apart.
+Models of all the object's and all the surroundings' colours confuse a rim with whatever has its colour
+elsewhere in the photo; what lies next to it tells them apart.
 """
 
 import numpy as np
@@ -18,11 +18,12 @@ _SMOOTH = 0.7  # pixels over which the answer is averaged: noise of single pixel
 
 
 def likelier_inside(color: np.ndarray, inside: np.ndarray, outside: np.ndarray, reach: float) -> np.ndarray:
-    """Return how much likelier the colour of each pixel is `inside` than `outside`, the natural logarithm, (h, w).
+    """Return how much likelier the colour of each pixel is `inside` than `outside`, the natural logarithm,
+    (h, w).
 
-    color: (h, w, 3) uint8 sRGB. inside, outside: (h, w) bool, pixels whose side is known. reach: pixels, the deviation
-    with which those that are farther away count less. Nearly 0 where either has none within some times that, or the
-    colour is like neither's.
+    color: (h, w, 3) uint8 sRGB. inside, outside: (h, w) bool, pixels whose side is known. reach: pixels, the
+    deviation with which those that are farther away count less. Nearly 0 where either has none within some
+    times that, or the colour is like neither's.
     """
     cv2 = opencv_library()
     lab = cv2.cvtColor(color, cv2.COLOR_RGB2LAB).astype(np.float32)
@@ -31,7 +32,9 @@ def likelier_inside(color: np.ndarray, inside: np.ndarray, outside: np.ndarray, 
         return np.zeros(color.shape[:2], np.float32)
     cv2.setRNGSeed(0)
     end = cv2.TERM_CRITERIA_MAX_ITER, _ROUNDS, 0.0
-    kinds = cv2.kmeans(known[:: max(1, len(known) // _SAMPLES)], _KINDS, None, end, 1, cv2.KMEANS_PP_CENTERS)[2]
+    kinds = cv2.kmeans(known[:: max(1, len(known) // _SAMPLES)], _KINDS, None, end, 1, cv2.KMEANS_PP_CENTERS)[
+        2
+    ]
     alike = np.stack([_alike(lab, kind) for kind in kinds])
     share = alike / np.maximum(alike.sum(0), _STRANGE)  # what is like none of them is undecided
     height, width = color.shape[:2]

@@ -1,9 +1,10 @@
-"""Openings that the hull closes: places deep inside its outline where a photo sees what lies behind the object.
+"""Openings that the hull closes: places deep inside its outline where a photo sees what lies behind the
+object.
 
-Masks that close an opening have a hull that is solid there, and a cut around the hull would take what is deep inside
-it for the object. Two things together tell otherwise: points behind the hull that the photo, or one from nearly the
-same place, saw although much of the hull lies before them; and the colours around them, which are those of the
-surroundings and not those of the object's points.
+Masks that close an opening have a hull that is solid there, and a cut around the hull would take what is deep
+inside it for the object. Two things together tell otherwise: points behind the hull that the photo, or one
+from nearly the same place, saw although much of the hull lies before them; and the colours around them, which
+are those of the surroundings and not those of the object's points.
 """
 
 from collections.abc import Mapping
@@ -39,13 +40,17 @@ _STEPS = 128  # along a ray's way through the hull's grid
 
 
 def openings(
-    solution: Solution, views: Mapping[int, View], labels: np.ndarray, cutout: Cutout, shapes: Mapping[int, np.ndarray],
+    solution: Solution,
+    views: Mapping[int, View],
+    labels: np.ndarray,
+    cutout: Cutout,
+    shapes: Mapping[int, np.ndarray],
     margin: float,
-) -> dict[int, np.ndarray]:  # fmt: skip
+) -> dict[int, np.ndarray]:
     """Return where photos seem to look through the hull of `cutout`, (h, w) bool, for those that do.
 
-    labels (P,): of the points, as from `masks.object_points`. shapes: the hull's picture (h, w) bool in each photo.
-    margin: as in `near_hull.cut_near_hull`.
+    labels (P,): of the points, as from `masks.object_points`. shapes: the hull's picture (h, w) bool in each
+    photo. margin: as in `near_hull.cut_near_hull`.
     """
     if cutout.hull is None or cutout.similarity is None:
         return {}
@@ -53,7 +58,8 @@ def openings(
     through, found = {photo: depths.through(photo, view.camera) for photo, view in views.items()}, {}
     for photo, view in views.items():
         near = photos_from_near(solution, photo, solution.points[labels == 1], _OTHERS)
-        # A neighbour's point that it saw beside the object tells nothing here, although much of the hull may hide it.
+        # A neighbour's point that it saw beside the object tells nothing here, although much of the hull may
+        # hide it.
         candidates = np.unique(np.concatenate([through[other] for other in near if other in through]))
         behind = depths.within(candidates, view.camera, _THICK, np.inf)
         if len(behind) < _FEWEST:
@@ -78,10 +84,13 @@ class _Depths:
 
     def through(self, photo: int, camera: Camera) -> np.ndarray:
         """Return the points (K,) int64 that a photo saw through the hull."""
-        return self.within(np.flatnonzero(self._behind & seen_by(self._solution, [photo])), camera, _THICK, np.inf)
+        return self.within(
+            np.flatnonzero(self._behind & seen_by(self._solution, [photo])), camera, _THICK, np.inf
+        )
 
     def within(self, chosen: np.ndarray, camera: Camera, least: float, most: float) -> np.ndarray:
-        """Return those of the points `chosen` (K,) in the frame that have so much of the hull before them, (M,) int64.
+        """Return those of the points `chosen` (K,) in the frame that have so much of the hull before them,
+        (M,) int64.
 
         least, most: relative to the object's size.
         """
@@ -93,7 +102,9 @@ class _Depths:
 def _hull_before(hull: Hull, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return how much of the way from `eye` (3,) to each of the `points` (K, 3) lies in the hull, (K,)."""
     away = points - eye
-    with np.errstate(divide="ignore", invalid="ignore"):  # along an axis a ray enters nowhere, or is within for good
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # along an axis a ray enters nowhere, or is within for good
         ends = np.sort(np.stack([(hull.lo - eye) / away, (hull.hi - eye) / away]), axis=0)
     enters, leaves = np.nanmax(ends[0], axis=1).clip(0, 1), np.nanmin(ends[1], axis=1).clip(0, 1)
     solid = np.zeros((_STEPS, len(points)))
@@ -104,7 +115,9 @@ def _hull_before(hull: Hull, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _distance(hull: Hull, points: np.ndarray) -> np.ndarray:
-    """Return how far from the hull each of the `points` (P, 3) lies, (P,) voxels; infinite beyond the hull's grid."""
+    """Return how far from the hull each of the `points` (P, 3) lies, (P,) voxels; infinite beyond the hull's
+    grid.
+    """
     distance = np.full(len(points), np.inf)
     inside, voxel = _voxels(hull, points)
     distance[inside] = scipy.ndimage.distance_transform_edt(~hull.occupancy)[tuple(voxel[inside].T)]
@@ -117,11 +130,14 @@ def _voxels(hull: Hull, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ((voxel >= 0) & (voxel < hull.occupancy.shape)).all(-1), voxel
 
 
-def opening_around(view: View, shape: np.ndarray, behind: np.ndarray, front: np.ndarray, margin: float) -> np.ndarray:
-    """Return the pieces (h, w) bool of the hull's `shape` (h, w) like the surroundings that show points behind it.
+def opening_around(
+    view: View, shape: np.ndarray, behind: np.ndarray, front: np.ndarray, margin: float
+) -> np.ndarray:
+    """Return the pieces (h, w) bool of the hull's `shape` (h, w) like the surroundings that show points
+    behind it.
 
-    behind, front (K, 3): points seen through the hull, and the object's. margin: of the object's size, beyond which the
-    surroundings begin.
+    behind, front (K, 3): points seen through the hull, and the object's. margin: of the object's size, beyond
+    which the surroundings begin.
     """
     dot = dot_radius(shape.shape)
     known = shape & (away_from(view.camera, front) < dot)
@@ -135,7 +151,9 @@ def opening_around(view: View, shape: np.ndarray, behind: np.ndarray, front: np.
 
 
 def _likelier_around(color: np.ndarray, known: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return how much likelier each pixel's colour is `around` the object than where it is `known`, (h, w), as ln."""
+    """Return how much likelier each pixel's colour is `around` the object than where it is `known`, (h, w),
+    as ln.
+    """
     red, green, blue = np.moveaxis(color.astype(int) * _BINS // 256, -1, 0)
     kind = (red * _BINS + green) * _BINS + blue
     logarithms = []

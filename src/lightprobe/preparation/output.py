@@ -29,7 +29,14 @@ from lightprobe.preparation.upright import (
     up_of_level_cameras,
     up_of_photo,
 )
-from lightprobe.preparation.writing import full_size, straight, write_images, write_masks, write_sheet, write_transforms
+from lightprobe.preparation.writing import (
+    full_size,
+    straight,
+    write_images,
+    write_masks,
+    write_sheet,
+    write_transforms,
+)
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.consistency import overlap
 
@@ -39,10 +46,18 @@ _LOST_OF_HINT = 0.8  # IoU of the boxes around hint and mask below which a part 
 _FEWEST = 3  # photos with cameras that make a scene
 
 
-def write_scene(output: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches, cutting: Cutting,
-                options: PrepareOptions, key: str,
-                on_progress: Callable[[str, int, int], None]) -> dict[str, Any]:  # fmt: skip
-    """Write images/, masks/, contact.png, prepare.json and at last transforms.json; return what prepare.json holds.
+def write_scene(
+    output: Path,
+    photos: Sequence[SourcePhoto],
+    seen: Sequence[Seen],
+    matches: Matches,
+    cutting: Cutting,
+    options: PrepareOptions,
+    key: str,
+    on_progress: Callable[[str, int, int], None],
+) -> dict[str, Any]:
+    """Write images/, masks/, contact.png, prepare.json and at last transforms.json; return what prepare.json
+    holds.
 
     matches (M, 2) by pair. Raises `InputError` where too few photos have cameras.
     """
@@ -62,7 +77,9 @@ def write_scene(output: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen
     report = {**_report(photos, cutting, up, scale, lost), "key": key}
     _write_sheet(output / "contact.png", photos, seen, cutting, lost)
     write_json(output / "prepare.json", report)
-    write_transforms(output / "transforms.json", {photos[i].name: camera for i, camera in full.items()}, files)
+    write_transforms(
+        output / "transforms.json", {photos[i].name: camera for i, camera in full.items()}, files
+    )
     on_progress("scene", 2, 2)
     return report
 
@@ -80,7 +97,9 @@ def finished(output: Path, key: str) -> dict[str, Any] | None:
     return report if same and all(file.is_file() for file in masks.values()) else None
 
 
-def _upright(photos: Sequence[SourcePhoto], cutting: Cutting, options: PrepareOptions) -> tuple[Solution, Up, dict]:
+def _upright(
+    photos: Sequence[SourcePhoto], cutting: Cutting, options: PrepareOptions
+) -> tuple[Solution, Up, dict]:
     """Return the solution with z up and in the user's unit, which way was up, and what is said of the scale."""
     solution = cutting.choice.kept.solution
     up = _find_up(photos, solution, options)
@@ -106,15 +125,24 @@ def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: Prepare
     index = find_photo(photos, options.up_photo, "--up-photo") if options.up_photo else int(solution.photo[0])
     rows = np.flatnonzero(solution.photo == index)
     if not len(rows):
-        raise InputError(f"--up-photo {photos[index].path.name} has no camera; name a photo that was registered.")
+        raise InputError(
+            f"--up-photo {photos[index].path.name} has no camera; name a photo that was registered."
+        )
     pose = solution.pose[rows[0]]
     if options.up is None:
         return up_of_photo(pose, photos[index].path.name)
-    return Up(pose[:3, :3] @ parse_up(options.up), f"--up {options.up} in the axes of {photos[index].path.name}")
+    return Up(
+        pose[:3, :3] @ parse_up(options.up), f"--up {options.up} in the axes of {photos[index].path.name}"
+    )
 
 
-def _write_masks(output: Path, photos: Sequence[SourcePhoto], cutting: Cutting, cameras: Mapping[int, Camera],
-                 bends: Mapping[int, float]) -> None:  # fmt: skip
+def _write_masks(
+    output: Path,
+    photos: Sequence[SourcePhoto],
+    cutting: Cutting,
+    cameras: Mapping[int, Camera],
+    bends: Mapping[int, float],
+) -> None:
     """Write the masks at full size, those that the user corrected as they are, and what they were written as."""
     corrected, folder = output / HIDDEN / "corrected", output / "masks"
     names, before = [photos[index].name for index in cutting.masks], dict[str, list[str]]()
@@ -142,7 +170,9 @@ def _write_masks(output: Path, photos: Sequence[SourcePhoto], cutting: Cutting, 
 
 
 def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -> np.ndarray:
-    """Return the mask (H, W) float32 of a photo at its full size: the user's own, or the small one (h, w) enlarged."""
+    """Return the mask (H, W) float32 of a photo at its full size: the user's own, or the small one (h, w)
+    enlarged.
+    """
     given = given_mask(photo, (photo.height, photo.width))
     if given is not None:
         return straight(given, camera, k)
@@ -163,7 +193,9 @@ def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:
     return np.clip((large - 0.5) * height / mask.shape[0] + 0.5, 0, 1).astype(np.float32)
 
 
-def _lost(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches, cutting: Cutting) -> dict[str, str]:
+def _lost(
+    photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches, cutting: Cutting
+) -> dict[str, str]:
     """Return why each photo without a camera has none."""
     counts, again = match_counts(matches), copies(photos)
     middle = float(np.median([each.sharpness for each in seen]))
@@ -176,22 +208,30 @@ def _lost(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Matches,
     return {photo.name: reason(i, photo) for i, photo in enumerate(photos) if i not in cutting.views}
 
 
-def _report(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapping[str, Any],
-            lost: Mapping[str, str]) -> dict[str, Any]:  # fmt: skip
+def _report(
+    photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapping[str, Any], lost: Mapping[str, str]
+) -> dict[str, Any]:
     agreement = {photos[i].name: round(value, 4) for i, value in cutting.cutout.agreement.items()}
     mean = float(np.mean(list(agreement.values()))) if agreement else None
     kept = cutting.choice.kept
     return {
-        "registered": len(cutting.views), "total": len(photos), "without_camera": dict(lost),
+        "registered": len(cutting.views),
+        "total": len(photos),
+        "without_camera": dict(lost),
         "apart": [[photos[i].name for i in group] for group in kept.apart],
-        "kept": kept.to_json(), "why": cutting.choice.why, "trap": cutting.choice.trap,
+        "kept": kept.to_json(),
+        "why": cutting.choice.why,
+        "trap": cutting.choice.trap,
         "tried": [candidate.to_json() for candidate in cutting.choice.tried],
         "reprojection_error_px": float(kept.solution.errors.mean()) if len(kept.solution.errors) else None,
-        "mask_hull_iou_mean": mean, "mask_hull_iou": agreement,
+        "mask_hull_iou_mean": mean,
+        "mask_hull_iou": agreement,
         "hint_box_iou": {photos[i].name: round(value, 4) for i, value in hint_overlaps(cutting).items()},
-        "up": up.source, **scale, "masks_corrected": sorted(cutting.own),
+        "up": up.source,
+        **scale,
+        "masks_corrected": sorted(cutting.own),
         "warnings": _warnings(photos, cutting, up, mean),
-    }  # fmt: skip
+    }
 
 
 def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: float | None) -> list[str]:
@@ -211,7 +251,9 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
     if mean is None:
         found.append("The masks do not fit together in space; look at contact.png and give a --hint.")
     elif mean < _DOUBTFUL_HULL:
-        found.append(f"Masks and visual hull agree at IoU {mean:.2f} only; look at contact.png before training.")
+        found.append(
+            f"Masks and visual hull agree at IoU {mean:.2f} only; look at contact.png before training."
+        )
     for index, value in hint_overlaps(cutting).items():
         if value < _LOST_OF_HINT:
             found.append(
@@ -220,7 +262,9 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
             )
     low = [photos[i].name for i, value in cutting.cutout.agreement.items() if value < LOW_AGREEMENT]
     if low and mean is not None:
-        found.append(f"{len(low)} masks disagree with the others, such as that of {low[0]}; correct them in masks/.")
+        found.append(
+            f"{len(low)} masks disagree with the others, such as that of {low[0]}; correct them in masks/."
+        )
     return found
 
 
@@ -244,8 +288,9 @@ def _boxed(mask: np.ndarray) -> np.ndarray:
     return picture
 
 
-def _write_sheet(path: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], cutting: Cutting,
-                 lost: Mapping[str, str]) -> None:  # fmt: skip
+def _write_sheet(
+    path: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], cutting: Cutting, lost: Mapping[str, str]
+) -> None:
     cells = [
         photo_cell(photos[i].name, view.color, cutting.masks[i], cutting.cutout.agreement.get(i))
         for i, view in cutting.views.items()

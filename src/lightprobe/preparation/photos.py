@@ -1,4 +1,6 @@
-"""The photos of a plain folder: which there are, what their files tell, and small pictures of them to work on."""
+"""The photos of a plain folder: which there are, what their files tell, and small pictures of them to work
+on.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -47,7 +49,8 @@ class SourcePhoto:
 def source_photos(folder: Path) -> list[SourcePhoto]:
     """Return the photos of `folder`, or of `images/` in it, in sorted order.
 
-    Masks are alpha channels or files in `masks/`. Raises `InputError` for fewer than four photos or a damaged file.
+    Masks are alpha channels or files in `masks/`. Raises `InputError` for fewer than four photos or a damaged
+    file.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -105,7 +108,8 @@ def _side_within(photo: SourcePhoto, side: int) -> tuple[int, int]:
 
 
 def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
-    """Return the user's mask of a photo at `size`, (height, width) float32: its file or the photo's alpha, or None.
+    """Return the user's mask of a photo at `size`, (height, width) float32: its file or the photo's alpha, or
+    None.
 
     Raises `InputError` for a mask of another shape.
     """
@@ -124,7 +128,8 @@ def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
 def even_contrast(luminance: np.ndarray) -> np.ndarray:
     """Return linear luminance (H, W) as (H, W) uint8 whose local contrast depends little on the light.
 
-    Logarithm of the luminance over its median, black at -5 and white at +3 stops: a light twice as bright shifts it.
+    Logarithm of the luminance over its median, black at -5 and white at +3 stops: a light twice as bright
+    shifts it.
     """
     middle = max(float(np.median(luminance)), 1e-3)
     stops = np.log2(np.maximum(luminance, 0) / middle + 2**-5)

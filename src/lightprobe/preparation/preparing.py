@@ -1,4 +1,6 @@
-"""Plain photos in, a scene folder out: the steps in their order, each kept, and what they say in prepare.json."""
+"""Plain photos in, a scene folder out: the steps in their order, each kept, and what they say in
+prepare.json.
+"""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -41,15 +43,18 @@ class Prepared:
         return list(self.report["warnings"])
 
 
-def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions(),  # noqa: B008
-            on_progress: OnProgress = lambda stage, done, total: None) -> Prepared:  # fmt: skip
+def prepare(
+    folder: Path,
+    output: Path,
+    options: PrepareOptions = PrepareOptions(),  # noqa: B008
+    on_progress: OnProgress = lambda stage, done, total: None,
+) -> Prepared:
     """Find cameras, masks and an upright frame for the photos in `folder`, and write a scene into `output`.
 
-    The scene has images/, masks/, transforms.json, prepare.json and contact.png; hidden in it lies what is worked out,
-    so that the same call goes on after an interruption, with masks that were corrected in masks/, or with a box that
-    hint.json there names.
-    Raises `InputError` for photos from which no scene can be made, `ConfigError` for options that cannot be used,
-    `ResourceError` when another process writes `output`.
+    The scene has images/, masks/, transforms.json, prepare.json and contact.png; hidden in it lies what is
+    worked out, so that the same call goes on after an interruption, with masks that were corrected in masks/,
+    or with a box that hint.json there names. Raises `InputError` for photos from which no scene can be made,
+    `ConfigError` for options that cannot be used, `ResourceError` when another process writes `output`.
     """
     photos = source_photos(Path(folder))
     refuse_copies(photos, FEWEST)
@@ -57,7 +62,9 @@ def prepare(folder: Path, output: Path, options: PrepareOptions = PrepareOptions
     if options.up is not None:
         parse_up(options.up)
     if options.height is not None and not 0 < options.height < float("inf"):
-        raise ConfigError(f"--height {options.height:g} is no length; give the object's height as a number above 0.")
+        raise ConfigError(
+            f"--height {options.height:g} is no length; give the object's height as a number above 0."
+        )
     if options.up_photo is not None:
         find_photo(photos, options.up_photo, "--up-photo")
     output = Path(output)
@@ -80,14 +87,22 @@ def _key(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options
     return key_of([photo.checksum for photo in photos], masks, told, options.seed)
 
 
-def _work(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options: PrepareOptions, key: str,
-          output: Path, on_progress: OnProgress) -> dict[str, Any]:  # fmt: skip
+def _work(
+    photos: Sequence[SourcePhoto],
+    hints: Mapping[int, np.ndarray],
+    options: PrepareOptions,
+    key: str,
+    output: Path,
+    on_progress: OnProgress,
+) -> dict[str, Any]:
     """Do what is left to do, and return what prepare.json holds."""
     cache = Cache(output / HIDDEN)
     seen = look_at_all(photos, cache, lambda done, total: on_progress("features", done, total))
     matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
     cutting = _solve(photos, seen, matches, hints, options, key, cache, output, on_progress)
-    return write_scene(output, photos, seen, matches, cutting, options, key_of(key, asdict(options)), on_progress)
+    return write_scene(
+        output, photos, seen, matches, cutting, options, key_of(key, asdict(options)), on_progress
+    )
 
 
 def check_output(output: Path) -> None:
@@ -96,42 +111,68 @@ def check_output(output: Path) -> None:
         raise ConfigError(f"{output} is a file; choose another folder with -o.")
     ours = (output / HIDDEN / _LOCK).is_file()  # frames of a video alone may lie there, too
     if not ours and holds_files(output):
-        raise ConfigError(f"{output} is not empty and was not made by prepare; choose another folder with -o.")
+        raise ConfigError(
+            f"{output} is not empty and was not made by prepare; choose another folder with -o."
+        )
 
 
-def _solve(photos: Sequence[SourcePhoto], seen: Sequence[Seen], matches: Mapping, hints: Mapping[int, np.ndarray],
-           options: PrepareOptions, key: str, cache: Cache, output: Path, on_progress: OnProgress,
-           ) -> Cutting:  # fmt: skip
-    """Return cameras and masks: a reconstruction, masks by it, and a second one within masks where the first failed."""
+def _solve(
+    photos: Sequence[SourcePhoto],
+    seen: Sequence[Seen],
+    matches: Mapping,
+    hints: Mapping[int, np.ndarray],
+    options: PrepareOptions,
+    key: str,
+    cache: Cache,
+    output: Path,
+    on_progress: OnProgress,
+) -> Cutting:
+    """Return cameras and masks: a reconstruction, masks by it, and a second one within masks where the first
+    failed.
+    """
     features = [each.features for each in seen]
     given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
     known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
     inside = _region(features, matches, known)
     focal = [photo.focal_ratio for photo in photos]
     choice = kept_choice(
-        cache, "cameras", key,
-        lambda: choose(features, matches, focal, inside, seed=options.seed,
-                       on_model=lambda name: on_progress(f"cameras: {name}", 0, 1)),
-    )  # fmt: skip
+        cache,
+        "cameras",
+        key,
+        lambda: choose(
+            features,
+            matches,
+            focal,
+            inside,
+            seed=options.seed,
+            on_model=lambda name: on_progress(f"cameras: {name}", 0, 1),
+        ),
+    )
     own = own_masks(photos, output)
     cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
     if all(photo.cutout for photo in photos):
         return cutting  # nothing but the object was matched
     otherwise = (
-        moving_features(features, matches) if choice.moving else [np.ones(len(f.points), bool) for f in features]
+        moving_features(features, matches)
+        if choice.moving
+        else [np.ones(len(f.points), bool) for f in features]
     )
     inside = features_inside(cutting, features, otherwise)
     second = kept_choice(
-        cache, "cameras-within-masks", key_of(key, [key_of(flags.tolist()) for flags in inside]),
+        cache,
+        "cameras-within-masks",
+        key_of(key, [key_of(flags.tolist()) for flags in inside]),
         lambda: within_masks(features, focal, inside, choice, seed=options.seed),
-    )  # fmt: skip
+    )
     if second.kept.name == choice.kept.name:
         return replace(cutting, choice=second)
     return cut_rounds(photos, seen, second, known, set(given), own, options, on_progress)
 
 
 def _region(features, matches, known):
-    """Return the features that are thought to lie on the object before there are masks, None where nothing tells."""
+    """Return the features that are thought to lie on the object before there are masks, None where nothing
+    tells.
+    """
     if not known:
         return None
     inside = inside_masks(features, known)

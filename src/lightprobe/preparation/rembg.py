@@ -21,5 +21,7 @@ def rembg_mask(color: np.ndarray) -> np.ndarray:
         ) from error
     mask = np.asarray(rembg.remove(np.ascontiguousarray(color), only_mask=True))
     if mask.shape != color.shape[:2]:
-        raise ConfigError("--masker rembg gave no mask of the photo's size; update rembg, or leave --masker out.")
+        raise ConfigError(
+            "--masker rembg gave no mask of the photo's size; update rembg, or leave --masker out."
+        )
     return mask >= 128

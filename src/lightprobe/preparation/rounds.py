@@ -56,13 +56,20 @@ class Cutting:
         return self.cutout.masks
 
 
-def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choice, known: Mapping[int, np.ndarray],
-               fixed: set[int], own: Mapping[str, np.ndarray], options: PrepareOptions,
-               on_progress: OnProgress) -> Cutting:  # fmt: skip
+def cut_rounds(
+    photos: Sequence[SourcePhoto],
+    seen: Sequence[Seen],
+    choice: Choice,
+    known: Mapping[int, np.ndarray],
+    fixed: set[int],
+    own: Mapping[str, np.ndarray],
+    options: PrepareOptions,
+    on_progress: OnProgress,
+) -> Cutting:
     """Return the masks of all photos that have a camera.
 
-    known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own: masks
-    (H, W) bool, by name, that the user corrected in the scene. Errors as in `object_points`.
+    known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own:
+    masks (H, W) bool, by name, that the user corrected in the scene. Errors as in `object_points`.
     """
     views = {
         int(index): _view(photos[index], seen[index], camera, k, known.get(index), index in fixed, own)
@@ -72,15 +79,21 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
     }
     if all(view.fixed for view in views.values()):
         cutout = carve(views, {index: view.given for index, view in views.items() if view.given is not None})
-        return Cutting(choice, views, cutout, np.ones(len(choice.kept.solution.points), np.int8), frozenset(own))
+        return Cutting(
+            choice, views, cutout, np.ones(len(choice.kept.solution.points), np.int8), frozenset(own)
+        )
     labels = object_points(choice.kept.solution, views, choice.moving)
     if options.masker is Masker.REMBG:
-        masks = {i: v.given if v.fixed and v.given is not None else rembg_mask(v.color) for i, v in views.items()}
+        masks = {
+            i: v.given if v.fixed and v.given is not None else rembg_mask(v.color) for i, v in views.items()
+        }
     else:
         masks = cut_all(views, choice.kept.solution, labels)
     cutout, opened = carve(views, masks, AGREEMENTS[0]), dict[int, np.ndarray]()
     marks = {
-        index: point_marks(view, choice.kept.solution, labels, index) for index, view in views.items() if not view.fixed
+        index: point_marks(view, choice.kept.solution, labels, index)
+        for index, view in views.items()
+        if not view.fixed
     }
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
@@ -96,15 +109,30 @@ def cut_rounds(photos: Sequence[SourcePhoto], seen: Sequence[Seen], choice: Choi
     return Cutting(choice, views, cutout, labels, frozenset(own))
 
 
-def _cut_again(views: Mapping[int, View], shapes: Masks, masks: Masks, opened: Masks,
-               marks: Mapping[int, tuple[np.ndarray, np.ndarray]], margin: float, photo: int
-               ) -> np.ndarray:  # fmt: skip
+def _cut_again(
+    views: Mapping[int, View],
+    shapes: Masks,
+    masks: Masks,
+    opened: Masks,
+    marks: Mapping[int, tuple[np.ndarray, np.ndarray]],
+    margin: float,
+    photo: int,
+) -> np.ndarray:
     """Return the mask (h, w) bool of a photo cut anew around the hull's shape."""
-    return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opened.get(photo), marks.get(photo))
+    return cut_near_hull(
+        views[photo], shapes[photo], masks[photo], margin, opened.get(photo), marks.get(photo)
+    )
 
 
-def _view(photo: SourcePhoto, each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool,
-          own: Mapping[str, np.ndarray]) -> View:  # fmt: skip
+def _view(
+    photo: SourcePhoto,
+    each: Seen,
+    camera: Camera,
+    k: float,
+    known: np.ndarray | None,
+    fixed: bool,
+    own: Mapping[str, np.ndarray],
+) -> View:
     """Return one photo as through a pinhole, with what is known of its mask."""
     height, width = each.color.shape[:2]
     small = camera.resized(width, height)
@@ -113,12 +141,20 @@ def _view(photo: SourcePhoto, each: Seen, camera: Camera, k: float, known: np.nd
         return View(small, color, resize_area(own[photo.name].astype(np.float32), height, width) >= 0.5, True)
     if known is None:
         return View(small, color, None, False)
-    mask = known if known.shape == (height, width) else resize_area(known.astype(np.float32), height, width) >= 0.5
+    mask = (
+        known
+        if known.shape == (height, width)
+        else resize_area(known.astype(np.float32), height, width) >= 0.5
+    )
     return View(small, color, straight(mask.astype(np.float32), small, k) >= 0.5, fixed)
 
 
-def features_inside(cutting: Cutting, photos: Sequence[Features], otherwise: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return which features lie inside the masks, (N,) bool for each photo; `otherwise` those of photos without one."""
+def features_inside(
+    cutting: Cutting, photos: Sequence[Features], otherwise: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """Return which features lie inside the masks, (N,) bool for each photo; `otherwise` those of photos
+    without one.
+    """
     cameras, bends = cutting.choice.kept.solution.cameras(), cutting.choice.kept.solution.distortion()
     inside = []
     for index, features in enumerate(photos):
@@ -136,8 +172,8 @@ def features_inside(cutting: Cutting, photos: Sequence[Features], otherwise: Seq
 def written_masks(output: Path) -> dict[str, list[Any]]:
     """Return the checksums of a scene's masks as they were written, by name, none where none were.
 
-    The newest come first; one before it is there for a run that ended while masks took each other's place. Raises
-    `InputError` for a record that is damaged.
+    The newest come first; one before it is there for a run that ended while masks took each other's place.
+    Raises `InputError` for a record that is damaged.
     """
     record = output / HIDDEN / WRITTEN
     found = read_object(record, "remove it and prepare the scene anew") if record.is_file() else {}
@@ -151,7 +187,10 @@ def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarr
     written, corrected = written_masks(output), output / HIDDEN / "corrected"
     found = {}
     for photo in photos:
-        path, kept = named_file(output / "masks", photo.name, ".png"), named_file(corrected, photo.name, ".png")
+        path, kept = (
+            named_file(output / "masks", photo.name, ".png"),
+            named_file(corrected, photo.name, ".png"),
+        )
         if path.is_file() and checksum(path) not in written.get(photo.name, ()):
             found[photo.name] = read_mask(path) >= 0.5
         elif kept.is_file():

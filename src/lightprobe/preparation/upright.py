@@ -1,8 +1,9 @@
-"""Which way is up, and how long is a metre: what structure from motion cannot tell and an environment map needs.
+"""Which way is up, and how long is a metre: what structure from motion cannot tell and an environment map
+needs.
 
-Some telephones write which way their acceleration sensors felt up to be. Else people are taken to hold cameras level:
-all x axes of the cameras are horizontal then, and up is the direction in which they vary least; the y axes tell its
-sign.
+Some telephones write which way their acceleration sensors felt up to be. Else people are taken to hold
+cameras level: all x axes of the cameras are horizontal then, and up is the direction in which they vary
+least; the y axes tell its sign.
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,9 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 
-_SURE = 0.2  # spread of the x axes along up over that across, beyond which cameras were not held level all around
+_SURE = (
+    0.2  # spread of the x axes along up over that across, beyond which cameras were not held level all around
+)
 _FEWEST_TOLD = 3  # photos whose sensors tell up: fewer may be one mistake
 _AGREEING = 0.98  # length of the mean of their unit directions: within about eleven degrees of each other
 _ARC = 0.05  # least spread across: cameras that all stand on one side leave the horizon open
@@ -36,10 +39,14 @@ def up_of_level_cameras(poses: np.ndarray) -> Up:
     source = "the cameras' horizons: photos are taken to be held level"
     if values[1] < _ARC:  # nearly parallel x axes: only their mean y axis is left
         mean = mean / max(float(np.linalg.norm(mean)), 1e-12)
-        return Up(mean, "the mean of the photos' vertical axes", (
-            "All photos are taken from nearly one side, so that up is only the mean of their vertical axes; give it "
-            "with --up x,y,z or --up-photo."
-        ))  # fmt: skip
+        return Up(
+            mean,
+            "the mean of the photos' vertical axes",
+            (
+                "All photos are taken from nearly one side, so that up is only the mean of their vertical axes; give it "
+                "with --up x,y,z or --up-photo."
+            ),
+        )
     doubt = None
     if np.sqrt(max(values[0], 0) / values[1]) > _SURE:
         doubt = (
@@ -52,8 +59,8 @@ def up_of_level_cameras(poses: np.ndarray) -> Up:
 def up_of_gravity(poses: np.ndarray, gravity: Sequence[np.ndarray | None]) -> Up | None:
     """Return the mean direction that cameras' sensors call up, or None unless a few photos tell it and agree.
 
-    poses (K, 4, 4), OpenGL axes; gravity: of each photo the direction (3,) up in its camera's axes, where its file has
-    one (`imaging.gravity`).
+    poses (K, 4, 4), OpenGL axes; gravity: of each photo the direction (3,) up in its camera's axes, where its
+    file has one (`imaging.gravity`).
     """
     told = [pose[:3, :3] @ up for pose, up in zip(poses, gravity, strict=True) if up is not None]
     if len(told) < _FEWEST_TOLD:

@@ -48,7 +48,9 @@ def straight(picture: np.ndarray, camera: Camera, k: float) -> np.ndarray:
     if largest_bend(camera, k) <= _SMALL_BEND:
         return picture
     result = np.empty_like(picture)
-    for top, rows in straight_strips(lambda first, last: picture[first:last], camera, k, cubic=picture.ndim == 3):
+    for top, rows in straight_strips(
+        lambda first, last: picture[first:last], camera, k, cubic=picture.ndim == 3
+    ):
         result[top : top + len(rows)] = rows
     return result
 
@@ -58,8 +60,8 @@ def straight_strips(
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the first row and the rows (h, W) or (h, W, 3) of strips of a picture as a pinhole shows it.
 
-    `read(first, last)` returns the lens' picture's rows first..last - 1, which is never held whole. cubic: whether it
-    is interpolated so; else linearly.
+    `read(first, last)` returns the lens' picture's rows first..last - 1, which is never held whole. cubic:
+    whether it is interpolated so; else linearly.
     """
     cv2 = opencv_library()
     step = max(1, STRIP // camera.width)
@@ -77,7 +79,9 @@ def largest_bend(camera: Camera, k: float) -> float:
 
 
 def write_images(photos: Mapping[str, tuple[SourcePhoto, Camera, float]], folder: Path) -> dict[str, str]:
-    """Write the photos, each with its full-size camera and the lens' k, into a new folder; return their file names."""
+    """Write the photos, each with its full-size camera and the lens' k, into a new folder; return their file
+    names.
+    """
     files = {}
     with atomic_folder(folder) as temporary:
         for name, (photo, camera, k) in photos.items():
@@ -114,13 +118,16 @@ def _write_straight(photo: SourcePhoto, camera: Camera, k: float, folder: Path, 
 
 
 def write_masks(
-    masks: Iterable[tuple[str, np.ndarray]], ready: Mapping[str, Path], folder: Path,
+    masks: Iterable[tuple[str, np.ndarray]],
+    ready: Mapping[str, Path],
+    folder: Path,
     written: Callable[[Path], None] = lambda new: None,
-) -> None:  # fmt: skip
-    """Write masks into a new folder: (H, W) float32 with names, as grey PNG one by one as they come, and `ready` files.
+) -> None:
+    """Write masks into a new folder: (H, W) float32 with names, as grey PNG one by one as they come, and
+    `ready` files.
 
-    A file that does not say how it is stored is upright, and says so here: otherwise a scene's reader would turn it
-    along with its photo. written: called with the new folder before it takes the place of `folder`.
+    A file that does not say how it is stored is upright, and says so here: otherwise a scene's reader would
+    turn it along with its photo. written: called with the new folder before it takes the place of `folder`.
     """
     with atomic_folder(folder) as temporary:
         for name, mask in masks:
@@ -138,12 +145,18 @@ def write_transforms(path: Path, cameras: Mapping[str, Camera], files: Mapping[s
     """Write the cameras of full-size photos, OpenGL axes, z up."""
     frames: list[dict[str, Any]] = [
         {
-            "file_path": f"images/{files[name]}", "mask_path": f"masks/{name}.png",
-            "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
-            "w": camera.width, "h": camera.height, "transform_matrix": camera.camera_to_world.tolist(),
+            "file_path": f"images/{files[name]}",
+            "mask_path": f"masks/{name}.png",
+            "fl_x": camera.fx,
+            "fl_y": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+            "w": camera.width,
+            "h": camera.height,
+            "transform_matrix": camera.camera_to_world.tolist(),
         }
         for name, camera in cameras.items()
-    ]  # fmt: skip
+    ]
     write_json(path, {"camera_model": "PINHOLE", "frames": frames})
 
 
@@ -154,8 +167,9 @@ def full_size(camera: Camera, photo: SourcePhoto) -> Camera:
 
 def write_sheet(path: Path, cells: Sequence[tuple[str, np.ndarray, tuple[int, int, int]]]) -> None:
     """Write a sheet of pictures (h, w, 3) uint8, each with its caption and the caption's colour, as PNG."""
-    sheet = contact_sheet([Cell(words, _small(picture), ink) for words, picture, ink in cells], side=_CELL,
-                          letters=32, font=12)  # fmt: skip
+    sheet = contact_sheet(
+        [Cell(words, _small(picture), ink) for words, picture, ink in cells], side=_CELL, letters=32, font=12
+    )
     with atomic_path(path) as temporary:
         sheet.save(temporary, format="PNG")
 

@@ -1,13 +1,14 @@
 """Whether parts of an object agree about their light: evidence on the material that needs no truth.
 
-A light solved from all pixels of a photo bends to whatever the surface is taken for, and so does one that is solved
-for a held-out photo. One that is solved from a part of the pixels cannot bend to the others. Reflections that do not
-take the surface's colour weigh more on dark surfaces than on bright ones: a surface that is taken for too bright asks
-for too dim a light where it is bright and for the right one where it is dark, and neither part explains the other.
+A light solved from all pixels of a photo bends to whatever the surface is taken for, and so does one that is
+solved for a held-out photo. One that is solved from a part of the pixels cannot bend to the others.
+Reflections that do not take the surface's colour weigh more on dark surfaces than on bright ones: a surface
+that is taken for too bright asks for too dim a light where it is bright and for the right one where it is
+dark, and neither part explains the other.
 
-Half the pixels know less of the light than all of them, and how much less depends on the surface, too: a dark one shows
-more of it. So what counts is by how much the parts explain each other worse than they would explain each other's share
-of a photo that this surface and some light explain in full.
+Half the pixels know less of the light than all of them, and how much less depends on the surface, too: a dark
+one shows more of it. So what counts is by how much the parts explain each other worse than they would explain
+each other's share of a photo that this surface and some light explain in full.
 """
 
 import torch
@@ -33,20 +34,28 @@ def part_solver(config: DecomposeConfig, device: torch.device, pixels: int) -> L
 
 @torch.no_grad()
 def disagreement(
-    pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, solver: LightSolver, random: torch.Generator
+    pixels: GBuffer,
+    observed: Tensor,
+    clipped: Tensor,
+    light: Tensor,
+    solver: LightSolver,
+    random: torch.Generator,
 ) -> Tensor | None:
-    """Return by how much each half of the pixels fails to explain the other, (SPLITS,) float64, or None for too few.
+    """Return by how much each half of the pixels fails to explain the other, (SPLITS,) float64, or None for
+    too few.
 
-    It is the root of the squared displayed error of each half under the light of the other, less that in a photo which
-    the surface explains. The halves are the darker and the brighter surfaces, and two at random. observed (P, 3):
-    linear colours of the P pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): the one that explains them all;
-    solver: a `part_solver` for half of the pixels, rounded up.
+    It is the root of the squared displayed error of each half under the light of the other, less that in a
+    photo which the surface explains. The halves are the darker and the brighter surfaces, and two at random.
+    observed (P, 3): linear colours of the P pixels in a photo; clipped (P, 3) bool; light (6, R, R, 3): the
+    one that explains them all; solver: a `part_solver` for half of the pixels, rounded up.
     """
     count = len(pixels.pixel)
     if count < _FEWEST_PIXELS:
         return None
     chance = torch.randperm(count, generator=random).to(light.device)
-    dark_first = chance[pixels.base_color.mean(1)[chance].argsort(stable=True)]  # equally bright ones by chance
+    dark_first = chance[
+        pixels.base_color.mean(1)[chance].argsort(stable=True)
+    ]  # equally bright ones by chance
     explained, unclipped = shade_under(pixels, light), torch.zeros_like(clipped)
     found = []
     for order in (dark_first, chance):
@@ -59,8 +68,12 @@ def disagreement(
     return torch.tensor(found, dtype=torch.float64)
 
 
-def _error(pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, solver: LightSolver, half: Half) -> float:
-    """Return the displayed error of the rest under a light solved from a part alone, of the mean colour of `light`."""
+def _error(
+    pixels: GBuffer, observed: Tensor, clipped: Tensor, light: Tensor, solver: LightSolver, half: Half
+) -> float:
+    """Return the displayed error of the rest under a light solved from a part alone, of the mean colour of
+    `light`.
+    """
     part, rest = half
     start = light.mean((0, 1, 2)).expand_as(light).contiguous()
     found = solver(observed, clipped, pixels, part, start)

@@ -16,8 +16,12 @@ from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.render.asset import Asset, textured_visibility, uv_handedness
 
 
-def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tell: Callable[[str], None]) -> Asset:
-    """Return the model's surface and materials as a textured mesh; `tell` hears of what went otherwise than usual."""
+def bake(
+    model: LatticeModel, config: DecomposeConfig, device: torch.device, tell: Callable[[str], None]
+) -> Asset:
+    """Return the model's surface and materials as a textured mesh; `tell` hears of what went otherwise than
+    usual.
+    """
     vertices, faces = clean(*model.extract())
     if len(faces) == 0:
         raise ConvergenceError(
@@ -28,7 +32,9 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tel
     vertices, faces = clean(*decimate(vertices, faces, config.max_faces))
     mesh, size = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds)
     if size > config.texture_size:
-        tell(f"the unwrapper did not finish in {config.unwrap_seconds:g} s: triangles on a grid, textures of {size}²")
+        tell(
+            f"the unwrapper did not finish in {config.unwrap_seconds:g} s: triangles on a grid, textures of {size}²"
+        )
     mesh = mesh.to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
     textures = bake_textures(model, mesh, size)
@@ -38,7 +44,9 @@ def bake(model: LatticeModel, config: DecomposeConfig, device: torch.device, tel
 
 @torch.no_grad()
 def bake_textures(model: LatticeModel, mesh: Mesh, size: int) -> Textures:
-    """Return the field's material on the texels of `mesh`; texels outside all charts repeat the nearest one inside."""
+    """Return the field's material on the texels of `mesh`; texels outside all charts repeat the nearest one
+    inside.
+    """
     face, barycentric, texel = texel_points(mesh, size)
     corners = mesh.faces[face].long()
     position = (mesh.vertices[corners] * barycentric[..., None]).sum(1)

@@ -1,7 +1,8 @@
 """Cavities that a visual hull closes with a lid: the mouth of a vase, the inside of a cup or a bowl.
 
-A lid is a connected part of the surface that faces one way, flat or domed. The cavity behind it follows the rest of the
-surface at the distance of a wall, as the inside of a vessel follows its outside, down to some depth.
+A lid is a connected part of the surface that faces one way, flat or domed. The cavity behind it follows the
+rest of the surface at the distance of a wall, as the inside of a vessel follows its outside, down to some
+depth.
 
 Notation: V vertices of the surface, F faces, L vertices of the lattice; lengths are in object radii.
 """
@@ -80,11 +81,15 @@ def find_lids(surface: ClosedSurface) -> list[Lid]:
     return sorted(lids, key=lambda lid: -lid.radius)
 
 
-def hollowed(solid: LatticeSolid, surface: ClosedSurface, lid: Lid, *, wall: float, depth: float) -> np.ndarray:
-    """Return the signed distances (L,) float32, inside < 0, of a solid without the cavity behind a lid of its surface.
+def hollowed(
+    solid: LatticeSolid, surface: ClosedSurface, lid: Lid, *, wall: float, depth: float
+) -> np.ndarray:
+    """Return the signed distances (L,) float32, inside < 0, of a solid without the cavity behind a lid of its
+    surface.
 
-    The cavity stays `wall` away from all of the surface but the lid, and goes no further than `depth` from the lid.
-    Away from the surface the distances are bounds. Where there is no room they are those of the solid.
+    The cavity stays `wall` away from all of the surface but the lid, and goes no further than `depth` from
+    the lid. Away from the surface the distances are bounds. Where there is no room they are those of the
+    solid.
     """
     if lid.vertices.all():
         return solid.distance
@@ -107,8 +112,9 @@ def hollowed(solid: LatticeSolid, surface: ClosedSurface, lid: Lid, *, wall: flo
 def _depth_below(points: np.ndarray, vertices: np.ndarray, normals: np.ndarray, cell: float) -> np.ndarray:
     """Return how far points (K, 3) are below a surface, (K,), of its vertices (W, 3) and unit normals (W, 3).
 
-    The mean distance from the tangent planes of the nearest vertices (implicit moving least squares, Kolluri 2005): the
-    distance from the nearest vertex itself would have its gradient towards that vertex and not along the normal.
+    The mean distance from the tangent planes of the nearest vertices (implicit moving least squares, Kolluri
+    2005): the distance from the nearest vertex itself would have its gradient towards that vertex and not
+    along the normal.
     """
     distance, nearest = scipy.spatial.cKDTree(vertices).query(points, k=min(_NEAREST, len(vertices)))
     weight = np.exp((distance[:, :1] ** 2 - distance**2) / (_BLUR * cell) ** 2)
@@ -117,7 +123,9 @@ def _depth_below(points: np.ndarray, vertices: np.ndarray, normals: np.ndarray, 
 
 
 def _connected(chosen: np.ndarray, ends: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return which of the chosen (L,) bool are connected to a chosen one of the `ends` by edges between chosen ones."""
+    """Return which of the chosen (L,) bool are connected to a chosen one of the `ends` by edges between
+    chosen ones.
+    """
     count = len(chosen)
     kept = edges[chosen[edges].all(1)]
     links = scipy.sparse.coo_array((np.ones(len(kept)), kept.T), shape=(count, count))
@@ -130,8 +138,8 @@ def _with_dents(
 ) -> np.ndarray:
     """Return a lid, (V,) bool, with the sides of its dents, around which a pillar would be left behind it.
 
-    links (V, V): of neighbours; areas (V,): of the vertices; height (V,): along the way that the lid faces. What stands
-    out of the lid, as a knob does, is no part of it.
+    links (V, V): of neighbours; areas (V,): of the vertices; height (V,): along the way that the lid faces.
+    What stands out of the lid, as a knob does, is no part of it.
     """
     closed, top = chosen, height[chosen].max()
     for _ in range(_RINGS):

@@ -1,10 +1,12 @@
-"""Whether there is a cavity where masks show none: suspect lids are opened, and stay so where photos ask for it.
+"""Whether there is a cavity where masks show none: suspect lids are opened, and stay so where photos ask for
+it.
 
-No small step of the surface leads from a closed vessel to an open one, and materials and normal offsets hide what they
-can of the difference. So parts of the surface that may be lids, and are explained worse than the rest, are opened to
-several depths and with walls of several thicknesses, and the material is fitted to each for a short time, as it is to
-the closed surface. `reconstruction.change_evidence` decides. Where there is no cavity the lid's pixels are explained
-worse by far: what shows through an opening depends on where the camera stands.
+No small step of the surface leads from a closed vessel to an open one, and materials and normal offsets hide
+what they can of the difference. So parts of the surface that may be lids, and are explained worse than the
+rest, are opened to several depths and with walls of several thicknesses, and the material is fitted to each
+for a short time, as it is to the closed surface. `reconstruction.change_evidence` decides. Where there is no
+cavity the lid's pixels are explained worse by far: what shows through an opening depends on where the camera
+stands.
 """
 
 import copy
@@ -17,7 +19,14 @@ from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.cavities import ClosedSurface, LatticeSolid, Lid, find_lids, hollowed, without_voids
+from lightprobe.reconstruction.cavities import (
+    ClosedSurface,
+    LatticeSolid,
+    Lid,
+    find_lids,
+    hollowed,
+    without_voids,
+)
 from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence, disagreement_of
 from lightprobe.reconstruction.gauge import evenly_spaced
 from lightprobe.reconstruction.lattice_model import LatticeModel
@@ -31,10 +40,14 @@ _WALLS = (1.0, 1.3, 1.75, 3.0, 5.0)  # lattice cells, tried with the first depth
 _DEPTHS = (1.0, 0.5, 2.0)  # radii of the lid; the others are tried with the best wall
 _BAR = Bar(sure=2.5, least=0.12)  # higher than usual: one of several attempts, each with a shape of its own
 _SUSPECT = 1.5  # times the error of the rest, from which on a lid is tried
-_DOUBTFUL = 2.0  # times that error, from which on the surface follows its texture only once its lids were tried
+_DOUBTFUL = (
+    2.0  # times that error, from which on the surface follows its texture only once its lids were tried
+)
 _TRIED = 3  # lids at most, the worst first
 _SEEN = 0.03  # share of the object's pixels in a photo that a lid needs there
-_COVERED = 0.999  # share of the masks that must still be covered: a wall that is too thin for the lattice has holes
+_COVERED = (
+    0.999  # share of the masks that must still be covered: a wall that is too thin for the lattice has holes
+)
 _BEHIND = 2.0  # lattice cells that a pixel's surface moves by if it is to judge a cavity
 _FEWEST_PIXELS = 20  # of those, among the ones that a trial draws from a photo
 
@@ -79,7 +92,8 @@ class _Suspect:
 def best_opening(
     model: LatticeModel, targets: Sequence[Target], lights: Lights, fraction: float, seed: int
 ) -> Opening | None:
-    """Return the model's surface with the cavities that photos ask for, None where they ask for none; deterministic.
+    """Return the model's surface with the cavities that photos ask for, None where they ask for none;
+    deterministic.
 
     fraction: share of the pass that is done. The model and the lights stay as they are.
     """
@@ -139,10 +153,15 @@ def _error(image: Tensor, target: Target, pixels: GBuffer, chosen: Tensor) -> fl
 def _opened(
     model: LatticeModel, surface: ClosedSurface, suspect: _Suspect, photos: _Photos
 ) -> tuple[LatticeModel, Opening] | None:
-    """Return a copy of the model with the best cavity behind a lid of its surface, None where no cavity is better."""
+    """Return a copy of the model with the best cavity behind a lid of its surface, None where no cavity is
+    better.
+    """
     photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
     closed = _Fitted.of(model, photos)
-    agreement, whole_lid = disagreement_of(closed.trial), Evidence.of(closed.trial, suspect.rows, _FEWEST_PIXELS)
+    agreement, whole_lid = (
+        disagreement_of(closed.trial),
+        Evidence.of(closed.trial, suspect.rows, _FEWEST_PIXELS),
+    )
 
     def attempts(sizes: Iterable[tuple[float, float]]) -> Iterator[_Attempt]:
         for wall, depth in sizes:
@@ -193,18 +212,21 @@ class _Attempt:
 def _by_preference(attempts: Sequence[_Attempt]) -> list[_Attempt]:
     """Return the attempts, the best first.
 
-    Of those that are as good as the one with the most gain, within its standard error, the thinnest wall: a rim that is
-    too wide stays so, as it looks like the lid that was there.
+    Of those that are as good as the one with the most gain, within its standard error, the thinnest wall: a
+    rim that is too wide stays so, as it looks like the lid that was there.
     """
     order = sorted(attempts, key=lambda attempt: -attempt.gain)
     if order:
         tied = order[0].gain - standard_error(order[0].gains)
-        order.sort(key=lambda attempt: (attempt.gain < tied, attempt.wall if attempt.gain >= tied else -attempt.gain))
+        order.sort(
+            key=lambda attempt: (attempt.gain < tied, attempt.wall if attempt.gain >= tied else -attempt.gain)
+        )
     return order
 
 
-def _with_cavity(model: LatticeModel, surface: ClosedSurface, lid: Lid, *, wall: float, depth: float
-                 ) -> LatticeModel | None:  # fmt: skip
+def _with_cavity(
+    model: LatticeModel, surface: ClosedSurface, lid: Lid, *, wall: float, depth: float
+) -> LatticeModel | None:
     """Return a copy of the model with a cavity behind a lid, None where the walls leave no room for one.
 
     wall: in lattice cells; depth: in radii of the lid.
@@ -215,7 +237,9 @@ def _with_cavity(model: LatticeModel, surface: ClosedSurface, lid: Lid, *, wall:
 
 
 def _without_voids(model: LatticeModel) -> LatticeModel:
-    """Return the model, or a copy without its voids, which would be taken for surface that a cavity keeps away from."""
+    """Return the model, or a copy without its voids, which would be taken for surface that a cavity keeps
+    away from.
+    """
     solid = _solid(model)
     filled = without_voids(solid, model.lattice.boundary.cpu().numpy())
     return model if np.array_equal(filled, solid.distance) else _reshaped(model, filled)
@@ -250,7 +274,9 @@ class _Fitted:
 
     trial: Trial
     covered: int  # how many of the photos' pixels the surface covers
-    places: dict[str, Tensor]  # photo name -> (H * W, 3) where the surface of each pixel is, nan where there is none
+    places: dict[
+        str, Tensor
+    ]  # photo name -> (H * W, 3) where the surface of each pixel is, nan where there is none
 
     @staticmethod
     def of(model: LatticeModel, photos: _Photos) -> "_Fitted":

@@ -1,8 +1,9 @@
-"""Whether photos ask for a change of the object: what speaks for it is explained better, and by more than chance.
+"""Whether photos ask for a change of the object: what speaks for it is explained better, and by more than
+chance.
 
-A change concerns a part of the object: a material that becomes metal, a lid that is opened. Its own pixels must be
-explained surely better. That alone could be a light that bends to them; so each half of the object must also be
-explained no worse by the other half's light (`reconstruction.agreement`).
+A change concerns a part of the object: a material that becomes metal, a lid that is opened. Its own pixels
+must be explained surely better. That alone could be a light that bends to them; so each half of the object
+must also be explained no worse by the other half's light (`reconstruction.agreement`).
 """
 
 import functools
@@ -39,11 +40,16 @@ class Evidence:
 
     @staticmethod
     def of(
-        trial: Trial, part: Callable[[Sample], Tensor], fewest: int, disagreement: Callable[[], Tensor] | None = None
+        trial: Trial,
+        part: Callable[[Sample], Tensor],
+        fewest: int,
+        disagreement: Callable[[], Tensor] | None = None,
     ) -> "Evidence":
-        """Return it for a fitted trial; part(sample) are the rows (K,) int64 of its pixels that belong to the part.
+        """Return it for a fitted trial; part(sample) are the rows (K,) int64 of its pixels that belong to the
+        part.
 
-        fewest: pixels that count in a photo. disagreement: where it is shared, as it does not depend on the part.
+        fewest: pixels that count in a photo. disagreement: where it is shared, as it does not depend on the
+        part.
         """
         return Evidence(_part_errors(trial, part, fewest), disagreement or disagreement_of(trial))
 
@@ -54,7 +60,9 @@ class Evidence:
     def explains_part(self, before: "Evidence", bar: Bar = BAR) -> bool:
         """Return whether the part's own pixels are explained better than `before`, over a bar."""
         own = self.own_gain(before)
-        return len(own) >= FEWEST_PHOTOS and float(own.mean()) > max(bar.least, bar.sure * standard_error(own))
+        return len(own) >= FEWEST_PHOTOS and float(own.mean()) > max(
+            bar.least, bar.sure * standard_error(own)
+        )
 
     def speaks_for_change(self, before: "Evidence", bar: Bar = BAR) -> bool:
         """Return whether `explains_part` says so, and halves of the object explain each other no worse."""
@@ -71,7 +79,9 @@ def disagreement_of(trial: Trial) -> Callable[[], Tensor]:
 
 @torch.no_grad()
 def _part_errors(trial: Trial, part: Callable[[Sample], Tensor], fewest: int) -> Tensor:
-    """Return the displayed error of the part's pixels in each photo, (J,) float64, nan where it is hardly seen."""
+    """Return the displayed error of the part's pixels in each photo, (J,) float64, nan where it is hardly
+    seen.
+    """
     errors = []
     for sample in trial.samples:
         rows = part(sample)

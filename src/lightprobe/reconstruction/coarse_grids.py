@@ -1,8 +1,9 @@
 """A scalar on the vertices of a lattice as the sum of coarse grids, beside one free value per vertex.
 
-Adam moves every value by about its rate, however small its gradient. On single lattice vertices the noise of shading is
-then as strong as what many vertices agree on; a value of a coarse grid moves its surroundings together by what they
-agree on (the idea of preconditioned shape gradients: Nicolet et al. 2021, "Large Steps in Inverse Rendering").
+Adam moves every value by about its rate, however small its gradient. On single lattice vertices the noise of
+shading is then as strong as what many vertices agree on; a value of a coarse grid moves its surroundings
+together by what they agree on (the idea of preconditioned shape gradients: Nicolet et al. 2021, "Large Steps
+in Inverse Rendering").
 """
 
 import math
@@ -40,6 +41,8 @@ class CoarseGrids(nn.Module):
 
 
 def _tents(count: int, spacing: int, device: torch.device) -> Tensor:
-    """Return the matrix (count, M) that interpolates M values, one at every `spacing`-th place, at all places."""
+    """Return the matrix (count, M) that interpolates M values, one at every `spacing`-th place, at all
+    places.
+    """
     values = torch.arange(math.ceil((count - 1) / spacing) + 1, device=device)
     return (1 - (torch.arange(count, device=device)[:, None] / spacing - values).abs()).clamp(min=0)

@@ -49,7 +49,9 @@ class FormingObject:
                 return self._lattice_surface(tensors, config, state)
             return _mesh_surface(_present_asset(tensors, config, state, self._device), stage)
         except (KeyError, ValueError, RuntimeError) as error:
-            raise InputError(f"The newest checkpoint does not fit this run's scene and settings ({error}).") from error
+            raise InputError(
+                f"The newest checkpoint does not fit this run's scene and settings ({error})."
+            ) from error
 
     def _lattice_surface(
         self, tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any]
@@ -60,7 +62,9 @@ class FormingObject:
         return FormingSurface(_FIRST, vertices, faces, model.material(vertices)[:, :3])
 
     def _model(self, config: DecomposeConfig, state: Mapping[str, Any]) -> LatticeModel:
-        """Return a model for checkpoints to be loaded into; a network of distances is fitted to the start once."""
+        """Return a model for checkpoints to be loaded into; a network of distances is fitted to the start
+        once.
+        """
         if self._made is None or self._made[0] != state["config"]:
             photos = split_validation(self._scene.train, config.validation_photos)[0]
             targets = load_targets(self._scene, photos, config.pass1_side, self._device)

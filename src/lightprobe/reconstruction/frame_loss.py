@@ -1,4 +1,5 @@
-"""nvdiffrec's losses of an image and of its colours' roughness (Munkberg et al. 2022), which the paper says it adopts.
+"""nvdiffrec's losses of an image and of its colours' roughness (Munkberg et al. 2022), which the paper says
+it adopts.
 
 Means run over the whole frame, so that all of these weigh less for an object that fills less of it.
 """
@@ -12,7 +13,13 @@ _RAMP = 500  # steps over which smoothness comes in
 
 
 def frame_loss(
-    render: Tensor, cover: Tensor, photo: Tensor, alpha: Tensor, background: Tensor, weight: float, kind: ImageLoss
+    render: Tensor,
+    cover: Tensor,
+    photo: Tensor,
+    alpha: Tensor,
+    background: Tensor,
+    weight: float,
+    kind: ImageLoss,
 ) -> Tensor:
     """Return the loss of colours within the photo's mask plus `weight` times the mean squared coverage error.
 
@@ -28,7 +35,8 @@ def frame_loss(
 
 
 def color_change(here: Tensor, there: Tensor, covered: float, step: int) -> Tensor:
-    """Return the mean difference of base colours (K, 3) at visible points and beside them, at `step` of a pass.
+    """Return the mean difference of base colours (K, 3) at visible points and beside them, at `step` of a
+    pass.
 
     covered: the share of the frame that shows the surface.
     """

@@ -1,15 +1,16 @@
 """Whether lights know where the camera stands: evidence on brightness that does not come from any one photo.
 
-The light around an object and the place that it is photographed from have nothing to do with each other, so that over
-many photos no more light comes from the camera's side than from behind the object. Lights that were solved under a
-wrong brightness differ there. Light from behind is seen at grazing angles, where every surface reflects about as much
-and in no colour of its own; light from the camera's side takes the surface's colour. A surface that is taken for too
-bright therefore asks for light that is too dim on the camera's side and right behind, for too dark a surface it is the
-other way round, and each photo is explained by such a light.
+The light around an object and the place that it is photographed from have nothing to do with each other, so
+that over many photos no more light comes from the camera's side than from behind the object. Lights that were
+solved under a wrong brightness differ there. Light from behind is seen at grazing angles, where every surface
+reflects about as much and in no colour of its own; light from the camera's side takes the surface's colour. A
+surface that is taken for too bright therefore asks for light that is too dim on the camera's side and right
+behind, for too dark a surface it is the other way round, and each photo is explained by such a light.
 
-Only the horizontal is looked at: cameras look down more often than up, and light comes from above. Photographers like
-to have the sun in their back, so that more light from the camera's side says less than more light from behind. Photos
-of an object on a turntable have one light as the camera sees it: they count as one.
+Only the horizontal is looked at: cameras look down more often than up, and light comes from above.
+Photographers like to have the sun in their back, so that more light from the camera's side says less than
+more light from behind. Photos of an object on a turntable have one light as the camera sees it: they count as
+one.
 
 Notation: N photos, R of a light's edge, T texels.
 """
@@ -36,8 +37,8 @@ class FrontBias:
     """By how much more light comes from the camera's side than from behind the object."""
 
     mean: float
-    """Over photos, of three times the mean of (direction x horizontal direction to the camera) weighted by radiance: 0
-    where both sides are alike, at most 3."""
+    """Over photos, of three times the mean of (direction x horizontal direction to the camera) weighted by
+    radiance: 0 where both sides are alike, at most 3."""
     error: float
     """Its standard error, photos of one light counted as one."""
 
@@ -50,7 +51,8 @@ class FrontBias:
     @staticmethod
     @torch.no_grad()
     def of(lights: Sequence[Tensor], towards: Sequence[Tensor], up: Tensor) -> "FrontBias | None":
-        """Return the bias of N lights (6, R, R, 3), each with a direction (3,) towards its camera; `up` (3,) is a unit.
+        """Return the bias of N lights (6, R, R, 3), each with a direction (3,) towards its camera; `up` (3,)
+        is a unit.
 
         None for fewer than eight photos whose camera is not right above or below.
         """
@@ -66,7 +68,9 @@ class FrontBias:
 
 
 def _frame(towards: Tensor, up: Tensor) -> Tensor | None:
-    """Return the rotation (3, 3) of z to `up` (3,) and x to the horizontal part of `towards` (3,), None without one."""
+    """Return the rotation (3, 3) of z to `up` (3,) and x to the horizontal part of `towards` (3,), None
+    without one.
+    """
     towards, up = towards.cpu(), up.cpu()
     across = towards - (towards @ up) * up
     length = across.norm()

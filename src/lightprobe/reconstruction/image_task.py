@@ -92,7 +92,8 @@ class ImageTask(PassTask):
         self.lights.dim(factor)
 
     def _try_materials(self, model: LatticeModel, fraction: float, *, anew: bool) -> None:
-        """Give the model the material of another brightness, new or rescaled, where parts agree better under it.
+        """Give the model the material of another brightness, new or rescaled, where parts agree better under
+        it.
 
         A new one also finds out whether there are lids in doubt, a rescaled one opens them first.
         """
@@ -163,7 +164,9 @@ class ImageTask(PassTask):
         crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, pixel, view)
         cover = coverage(pixel, crossings, view.height * view.width)
         image = spread_color(radiance, pixel, crossings, cover)
-        background = to_device(torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device)
+        background = to_device(
+            torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device
+        )
         kind, weight = self.config.image_loss, self.config.coverage_weight
         if kind is ImageLoss.OBJECT:
             loss = image_loss(image, cover, target, background, weight)
@@ -171,7 +174,9 @@ class ImageTask(PassTask):
             loss = frame_loss(image, cover, target.color, target.alpha, background, weight, kind)
         loss = loss + seen.regularisation
         if self.config.color_gauge > 0:  # the cast takes a look at every light
-            loss = loss + self.config.color_gauge * color_gauge(seen.gbuffer.base_color, self.lights.color_cast())
+            loss = loss + self.config.color_gauge * color_gauge(
+                seen.gbuffer.base_color, self.lights.color_cast()
+            )
         return loss + self._few_metals(seen.gbuffer, step)
 
     def _few_metals(self, gbuffer: GBuffer, step: int) -> Tensor:
@@ -180,7 +185,9 @@ class ImageTask(PassTask):
         if weight == 0 or len(gbuffer.pixel) == 0:
             return gbuffer.base_color.new_zeros(())
         random = generator(self.seed, "parsimony", step)
-        rows = to_device(torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random), gbuffer.pixel.device)
+        rows = to_device(
+            torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random), gbuffer.pixel.device
+        )
         material = (gbuffer.base_color, gbuffer.roughness, gbuffer.metallic)
         return weight * metal_parsimony(*(channel.index_select(0, rows) for channel in material))
 

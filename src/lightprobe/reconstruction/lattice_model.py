@@ -70,7 +70,9 @@ class DistanceMlp(nn.Module):
         )
         count = min(_FITTED, len(points))
         for step in range(steps):
-            descent.step(step, to_device(torch.randint(0, len(points), (count,), generator=random), points.device))
+            descent.step(
+                step, to_device(torch.randint(0, len(points), (count,), generator=random), points.device)
+            )
         descent.end()
 
 
@@ -94,19 +96,23 @@ class LatticeModel(nn.Module):
             self.distance = nn.Parameter(initial)
             self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
-        # Whether a lid may close a cavity: until the first trial has looked for one and, if there is, the second has
-        # tried to open it. Never where the texture is to move the surface from the start. On the CPU: each step asks.
+        # Whether a lid may close a cavity: until the first trial has looked for one and, if there is, the
+        # second has tried to open it. Never where the texture is to move the surface from the start. On the
+        # CPU: each step asks.
         self.lid_in_doubt = torch.tensor(0 < config.texture_gradient_from < 1 and lids_tried(config))
         self.visibility: MovingVisibility | None = None
         self.material = ScaledMaterial(START, config, device, seed)
 
     def groups(self) -> list[ParameterGroup]:
-        """Return the parameters and their rates, of distances in object radii, of offsets before the bounding tanh."""
+        """Return the parameters and their rates, of distances in object radii, of offsets before the bounding
+        tanh.
+        """
         rate = self.config.learning_rate_geometry
         if self.config.sdf is SdfMode.MLP:
             shape = [ParameterGroup(_named("mlp", self.mlp), self.config.sdf_rate * rate)]
         else:
-            # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths of a cell.
+            # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths
+            # of a cell.
             cells = rate * self.lattice.cell
             coarse = _named("coarse", self.coarse)
             shape = [ParameterGroup({"distance": self.distance}, cells)]
@@ -122,7 +128,9 @@ class LatticeModel(nn.Module):
         return {"brightness": self.material.brightness, "lid_in_doubt": self.lid_in_doubt}
 
     def distances(self) -> Tensor:
-        """Return the signed distances (V,), forced positive on the lattice's border so that the surface is closed."""
+        """Return the signed distances (V,), forced positive on the lattice's border so that the surface is
+        closed.
+        """
         if self.config.sdf is SdfMode.MLP:
             free = self.mlp(self.lattice.vertices)
         else:
@@ -134,13 +142,16 @@ class LatticeModel(nn.Module):
         return self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
 
     def surface(self, distance: Tensor, crossing: Crossing) -> tuple[Tensor, Tensor]:
-        """Return vertices (N, 3) and faces (F, 3) of the zero set; raise `ConvergenceError` when there is none.
+        """Return vertices (N, 3) and faces (F, 3) of the zero set; raise `ConvergenceError` when there is
+        none.
 
         distance (V,): the signed distances at the lattice's vertices, whose sign changes `crossing` holds.
         """
         vertices, faces = marching_tetrahedra(self.lattice, crossing, self.positions(), distance)
         if len(faces) == 0:
-            raise ConvergenceError("The surface vanished while fitting; check the masks and cameras with `inspect`.")
+            raise ConvergenceError(
+                "The surface vanished while fitting; check the masks and cameras with `inspect`."
+            )
         return vertices, faces
 
     @property
@@ -156,7 +167,8 @@ class LatticeModel(nn.Module):
 
     @torch.no_grad()
     def reshape(self, distance: Tensor) -> None:
-        """Take the surface whose signed distances at the lattice's vertices are `distance` (V,), where these are free.
+        """Take the surface whose signed distances at the lattice's vertices are `distance` (V,), where these
+        are free.
 
         Raises `ValueError` where distances are those of a network.
         """
@@ -176,7 +188,9 @@ class LatticeModel(nn.Module):
         loss = weight * sign_change_loss(self.lattice, crossing, distance)
         covered = len(gbuffer.position) / (gbuffer.height * gbuffer.width)
         points = gbuffer.position.detach()
-        if self._texture_moves(progress):  # what a material costs must not move the surface to where it is cheaper
+        if self._texture_moves(
+            progress
+        ):  # what a material costs must not move the surface to where it is cheaper
             points = self._some(points, step)
             material = self.material(points)
         loss = loss + self.material.loss(points, material, step, covered)
@@ -197,21 +211,25 @@ class LatticeModel(nn.Module):
         return points.index_select(0, to_device(rows, points.device))
 
     def _texture_moves(self, progress: float) -> bool:
-        """Return whether the surface follows its texture: whether the picture has a gradient to where points are.
+        """Return whether the surface follows its texture: whether the picture has a gradient to where points
+        are.
 
-        Not yet where a lid is in doubt: it would bend to what photos show behind it, and look closed when it is tried.
+        Not yet where a lid is in doubt: it would bend to what photos show behind it, and look closed when it
+        is tried.
         """
         return progress >= self.config.texture_gradient_from and not self.lid_in_doubt
 
-    def _shown(self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float
-               ) -> tuple[GBuffer, Tensor]:  # fmt: skip
+    def _shown(
+        self, view: View, vertices: Tensor, faces: Tensor, screen: Tensor, progress: float
+    ) -> tuple[GBuffer, Tensor]:
         """Return the G-buffer of a surface projected to `screen`, and the material (P, 8) of its pixels."""
         surface = visible_surface(vertices, faces, view, screen)
         visibility = None if self.visibility is None else self.visibility.at(vertices, faces, surface)
         position = surface.position
         material = self.material(position if self._texture_moves(progress) else position.detach())
         normal = surface.interpolate(vertex_normals(vertices, faces), faces)
-        # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape early on.
+        # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape
+        # early on.
         ramp = self.config.normal_ramp
         share = 1.0 if ramp == 0 else min(1.0, progress / ramp)
         normal = face_camera(

@@ -1,7 +1,7 @@
 """The environments of the training photos while the asset is still changing.
 
-With geometry and material held, a photo is linear in its light. So each visit can solve for the light in closed form
-(`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
+With geometry and material held, a photo is linear in its light. So each visit can solve for the light in
+closed form (`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
 """
 
 from collections.abc import Callable, Mapping
@@ -22,18 +22,27 @@ from lightprobe.training.recording import RecordedStep, Recorder, recorder_for
 
 
 def solve_target_light(
-    observed: Tensor, clipped: Tensor, gbuffer: GBuffer, start: Tensor, rows: Tensor | None, config: DecomposeConfig,
-    times: int = 1, *, regularisation: float | None = None,
-) -> Tensor:  # fmt: skip
-    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from `start`.
+    observed: Tensor,
+    clipped: Tensor,
+    gbuffer: GBuffer,
+    start: Tensor,
+    rows: Tensor | None,
+    config: DecomposeConfig,
+    times: int = 1,
+    *,
+    regularisation: float | None = None,
+) -> Tensor:
+    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from
+    `start`.
 
-    observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. It is solved so
-    `times` times, each time from the last light. Places that the pixels do not pin are pulled towards the mean colour
-    of the light it starts from, with `regularisation` or, by default, the weaker pull that `config` has while the asset
-    changes: a light that is too smooth asks for a surface that is too glossy.
+    observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. It is
+    solved so `times` times, each time from the last light. Places that the pixels do not pin are pulled
+    towards the mean colour of the light it starts from, with `regularisation` or, by default, the weaker pull
+    that `config` has while the asset changes: a light that is too smooth asks for a surface that is too
+    glossy.
 
-    Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows there: what
-    either takes for a highlight weighs little (docs/decisions/light-weights.md).
+    Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows
+    there: what either takes for a highlight weighs little (docs/decisions/light-weights.md).
     """
     transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
     pull = config.light_regularisation if regularisation is None else regularisation
@@ -43,10 +52,16 @@ def solve_target_light(
         weight = tone_weight(torch.maximum(observed.mean(1), last.radiance.mean(1)))
         prior = light.mean((0, 1, 2)).expand_as(light)
         solved = solve_light(
-            transport, observed, weight, clipped, prior,
-            regularisation=pull, iterations=config.light_solve_iterations, start=last,
+            transport,
+            observed,
+            weight,
+            clipped,
+            prior,
+            regularisation=pull,
+            iterations=config.light_solve_iterations,
+            start=last,
             chroma=config.light_chroma,
-        )  # fmt: skip
+        )
         light = refit_contrast(transport, solved, observed, clipped)
     return light
 
@@ -54,8 +69,8 @@ def solve_target_light(
 class LightSolver:
     """`solve_target_light` from up to `pixels` pixels of a photo, recorded on a GPU: many small operators.
 
-    The record holds for a surface of one number of vertices. It reads `pixels` pixels, so that on a GPU the pixels of a
-    photo that has fewer count as often as it takes.
+    The record holds for a surface of one number of vertices. It reads `pixels` pixels, so that on a GPU the
+    pixels of a photo that has fewer count as often as it takes.
     """
 
     def __init__(self, config: DecomposeConfig, device: torch.device, pixels: int, times: int = 1):
@@ -66,8 +81,11 @@ class LightSolver:
         self._solve: RecordedStep | None = None
 
     @torch.no_grad()
-    def __call__(self, observed: Tensor, clipped: Tensor, gbuffer: GBuffer, rows: Tensor, start: Tensor) -> Tensor:
-        """Return the light from `start` (6, R, R, 3) that explains the rows (K,) int64 of the G-buffer, K > 0, best.
+    def __call__(
+        self, observed: Tensor, clipped: Tensor, gbuffer: GBuffer, rows: Tensor, start: Tensor
+    ) -> Tensor:
+        """Return the light from `start` (6, R, R, 3) that explains the rows (K,) int64 of the G-buffer, K >
+        0, best.
 
         observed (P, 3), clipped (P, 3) bool: as in `solve_target_light`, of all pixels of the G-buffer.
         """
@@ -91,7 +109,9 @@ class LightSolver:
 
 
 class Lights:
-    """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights alone."""
+    """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights
+    alone.
+    """
 
     def __init__(self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int):
         """Start with grey lights of the photos `names`."""
@@ -106,7 +126,9 @@ class Lights:
         self._solver = LightSolver(config, device, config.light_solve_pixels)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
-        """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without replacement."""
+        """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without
+        replacement.
+        """
         inside = target.inside(gbuffer.pixel)
         draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
         return inside[to_device(draw[:count], inside.device)]
@@ -130,7 +152,9 @@ class Lights:
         return self.config.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
 
     def color_cast(self) -> Tensor:
-        """Return by how much the lights are brighter in each channel than on the average, (3,), in logarithms."""
+        """Return by how much the lights are brighter in each channel than on the average, (3,), in
+        logarithms.
+        """
         means = self.stacked().mean((1, 2, 3)).clamp(min=1e-4).log().mean(0)
         return means - means.mean()
 

@@ -1,20 +1,22 @@
 """The first pass's material fitted from several brightnesses, and the one kept under which parts agree best.
 
-Bright and matte, or dark and glossy: either explains most photos when roughness, metallic and lights have fitted
-themselves to it, so that no small step leads from one to the other. So each is fitted for a short time on the surface
-as it is, which costs a fraction of as many steps of the pass, and judged by `reconstruction.agreement`. On a rough
-surface the material is fitted from nothing; on one that is nearly finished the present one is brightened or darkened
-and fitted on, as what it has learnt tells brightnesses apart better than a material without detail can. There a change
-needs to be clearly better: errors of shape, as between a chair's bars, favour a wrong brightness by a little.
+Bright and matte, or dark and glossy: either explains most photos when roughness, metallic and lights have
+fitted themselves to it, so that no small step leads from one to the other. So each is fitted for a short time
+on the surface as it is, which costs a fraction of as many steps of the pass, and judged by
+`reconstruction.agreement`. On a rough surface the material is fitted from nothing; on one that is nearly
+finished the present one is brightened or darkened and fitted on, as what it has learnt tells brightnesses
+apart better than a material without detail can. There a change needs to be clearly better: errors of shape,
+as between a chair's bars, favour a wrong brightness by a little.
 
-Parts of an object whose reflections all take the surface's colour agree at any brightness. Then the lights of all
-photos tell: they must not know where the camera stands (`reconstruction.front_bias`), and be about as bright as what
-photos show around the object (`reconstruction.surroundings`). What these leave open is decided by what is usual: the
-mean base colours of most objects lie within a factor of e of .2 (docs/decisions/brightness-in-doubt.md).
+Parts of an object whose reflections all take the surface's colour agree at any brightness. Then the lights of
+all photos tell: they must not know where the camera stands (`reconstruction.front_bias`), and be about as
+bright as what photos show around the object (`reconstruction.surroundings`). What these leave open is decided
+by what is usual: the mean base colours of most objects lie within a factor of e of .2
+(docs/decisions/brightness-in-doubt.md).
 
-A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a material
-fitted to the same pixels turns into a mirror. So each step solves the light from one half of a photo's pixels, drawn at
-random, and fits the material to the other.
+A light bends to the pixels that it is solved from, the more so the sharper the lobes are that look into it; a
+material fitted to the same pixels turns into a mirror. So each step solves the light from one half of a
+photo's pixels, drawn at random, and fits the material to the other.
 """
 
 import math
@@ -40,12 +42,20 @@ from lightprobe.training import Descent, ParameterGroup
 
 PHOTOS = 32  # that a trial learns from
 STARTS = (0.5, 0.2, 0.08, 0.03)  # mean linear base colours that a new material is tried with
-FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # that the present material's are tried times, as far as they stay plausible
+FACTORS = (
+    4.0,
+    2.0,
+    1.0,
+    0.5,
+    0.25,
+)  # that the present material's are tried times, as far as they stay plausible
 _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
 _JUDGES = 8  # of the photos, or up to twice as many where their number is no multiple of it
 _ALIKE = 1.3  # a brightness within this factor of the present one is no reason to start over
-_CLEAR = 0.03  # share by which parts must agree better before a nearly finished material changes its brightness
+_CLEAR = (
+    0.03  # share by which parts must agree better before a nearly finished material changes its brightness
+)
 _SURE = 2.0  # standard errors over the photos that this gain must have as well
 _USUAL, _SPREAD = 0.2, 1.0  # mean linear base colour of objects, and the standard deviation of its logarithm
 _UNLIKELY = 2.0  # in ln probability: lights that are less likely than others by less are no evidence
@@ -75,13 +85,17 @@ class Sample:
 
     def of_material(self, material: Tensor) -> GBuffer:
         """Return the pixels with a material (P, 8), its normal offsets left out."""
-        return replace(self.pixels, base_color=material[:, :3], roughness=material[:, 3], metallic=material[:, 4])
+        return replace(
+            self.pixels, base_color=material[:, :3], roughness=material[:, 3], metallic=material[:, 4]
+        )
 
 
 class Trial:
     """A material on a fixed surface, and its lights."""
 
-    def __init__(self, material: ScaledMaterial, samples: Sequence[Sample], lights: Lights, factor: float, seed: int):
+    def __init__(
+        self, material: ScaledMaterial, samples: Sequence[Sample], lights: Lights, factor: float, seed: int
+    ):
         """Start from a material, which is changed, and from the `lights` divided by `factor`.
 
         What the samples see of the object keeps its present colours, whatever the material's brightness:
@@ -96,10 +110,17 @@ class Trial:
     def fit(self, steps: int) -> None:
         """Fit the material to the samples, one photo a step, each photo's light solved at each visit."""
         descent = Descent(
-            [ParameterGroup(dict(self.material.named_parameters()), _RATE * self.config.learning_rate_material)],
-            self._loss, schedule=lambda rate, step: rate * 0.1 ** (step / steps), betas=(0.9, 0.99), epsilon=1e-12,
+            [
+                ParameterGroup(
+                    dict(self.material.named_parameters()), _RATE * self.config.learning_rate_material
+                )
+            ],
+            self._loss,
+            schedule=lambda rate, step: rate * 0.1 ** (step / steps),
+            betas=(0.9, 0.99),
+            epsilon=1e-12,
             fused=True,
-        )  # fmt: skip
+        )
         for step in range(steps):
             descent.step(step, self.samples[step % len(self.samples)], step)
         descent.end()
@@ -107,7 +128,9 @@ class Trial:
     def _loss(self, sample: Sample, step: int) -> Tensor:
         material = self.material(sample.pixels.position)
         pixels, color, clipped = sample.of_material(material), sample.color, sample.clipped
-        order = torch.randperm(len(color), generator=generator(self.seed, f"trial-halves/{sample.name}", step))
+        order = torch.randperm(
+            len(color), generator=generator(self.seed, f"trial-halves/{sample.name}", step)
+        )
         solved, fitted = order.to(color.device).tensor_split(2)
         light = self._solver(color, clipped, pixels, solved, self.lights[sample.name])
         self.lights[sample.name] = light
@@ -132,7 +155,9 @@ class Trial:
         return errors
 
     def surprise(self) -> float:
-        """Return how unlikely such lights are with these cameras and surroundings, in ln probability; 0 is likely."""
+        """Return how unlikely such lights are with these cameras and surroundings, in ln probability; 0 is
+        likely.
+        """
         lights = [self.lights[sample.name] for sample in self.samples]
         up = torch.from_numpy(mean_up([sample.up.cpu().numpy() for sample in self.samples])).float()
         bias = FrontBias.of(lights, [sample.pixels.view.mean(0) for sample in self.samples], up)
@@ -143,9 +168,11 @@ class Trial:
 def best_new(
     samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
 ) -> tuple[Trial, float] | None:
-    """Return the trial of a new material under which parts agree best, and the best factor on its base colours.
+    """Return the trial of a new material under which parts agree best, and the best factor on its base
+    colours.
 
-    None when the brightness of the present `material` is as good, or when no sample has pixels; deterministic.
+    None when the brightness of the present `material` is as good, or when no sample has pixels;
+    deterministic.
     """
     config, device, mean = material.config, lights.maps[0].device, float(material.mean_color)
     trials = [(start, ScaledMaterial(start, config, device, seed)) for start in STARTS]
@@ -155,10 +182,11 @@ def best_new(
 def best_rescaled(
     samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int, *, settled: bool
 ) -> tuple[Trial, float] | None:
-    """Return the same of the present `material` with brighter and darker base colours, fitted for half as long.
+    """Return the same of the present `material` with brighter and darker base colours, fitted for half as
+    long.
 
-    settled: whether the present brightness was fitted together with the present metals; then it is kept, and None
-    returned, where it is not clearly worse.
+    settled: whether the present brightness was fitted together with the present metals; then it is kept, and
+    None returned, where it is not clearly worse.
     """
     mean = float(material.mean_color)
     factors = [factor for factor in FACTORS if factor == 1 or DARKEST <= mean * factor <= BRIGHTEST]
@@ -168,13 +196,18 @@ def best_rescaled(
 
 
 def _best(
-    samples: Sequence[Sample], lights: Lights, mean: float, materials: Sequence[tuple[float, ScaledMaterial]],
-    steps: int, seed: int, rival: int | None = None,
-) -> tuple[Trial, float] | None:  # fmt: skip
+    samples: Sequence[Sample],
+    lights: Lights,
+    mean: float,
+    materials: Sequence[tuple[float, ScaledMaterial]],
+    steps: int,
+    seed: int,
+    rival: int | None = None,
+) -> tuple[Trial, float] | None:
     """Return the trial of the best of the `materials` and the best factor on it.
 
-    None where it is as bright as the present one (`mean`), or not clearly better than the `rival`, one of them.
-    materials: each with its mean linear base colour.
+    None where it is as bright as the present one (`mean`), or not clearly better than the `rival`, one of
+    them. materials: each with its mean linear base colour.
     """
     samples = [sample for sample in samples if len(sample.color) > 1]  # which halve
     if not samples:
@@ -202,26 +235,32 @@ def _score(errors: Tensor) -> float:
     return float(errors.nansum(0).clamp(min=1e-9).log().mean())
 
 
-def _likeliest(found: Sequence[Tensor], scores: Sequence[float], surprises: Sequence[float], starts: Sequence[float]
-               ) -> int:  # fmt: skip
-    """Return which trial is most probable, by what parts disagree by, how unlikely its lights are, and what is usual.
+def _likeliest(
+    found: Sequence[Tensor], scores: Sequence[float], surprises: Sequence[float], starts: Sequence[float]
+) -> int:
+    """Return which trial is most probable, by what parts disagree by, how unlikely its lights are, and what
+    is usual.
 
-    found: the disagreement (J, SPLITS) of each, scores: its `_score`; starts: its mean base colour. Lights that are
-    unlikelier than others by less than `_UNLIKELY` are no evidence.
+    found: the disagreement (J, SPLITS) of each, scores: its `_score`; starts: its mean base colour. Lights
+    that are unlikelier than others by less than `_UNLIKELY` are no evidence.
     """
     least = found[min(range(len(scores)), key=scores.__getitem__)]
     excess = [surprise - min(surprises) for surprise in surprises]
     costs = [
-        _doubt(errors, least) + (more if more > _UNLIKELY else 0.0) + 0.5 * (math.log(start / _USUAL) / _SPREAD) ** 2
+        _doubt(errors, least)
+        + (more if more > _UNLIKELY else 0.0)
+        + 0.5 * (math.log(start / _USUAL) / _SPREAD) ** 2
         for errors, more, start in zip(found, excess, starts, strict=True)
     ]
     return min(range(len(costs)), key=costs.__getitem__)
 
 
 def _doubt(errors: Tensor, least: Tensor) -> float:
-    """Return how unlikely it is, in ln probability, that parts disagree by (J, SPLITS) where the `least` is right.
+    """Return how unlikely it is, in ln probability, that parts disagree by (J, SPLITS) where the `least` is
+    right.
 
-    That of Student's t over the photos, to whose chance an error comes that all photos share, as of a wrong shape.
+    That of Student's t over the photos, to whose chance an error comes that all photos share, as of a wrong
+    shape.
     """
     gain = _gains(least, errors)
     uncertainty = math.hypot(_CLEAR, standard_error(gain)) if len(gain) > 1 else _CLEAR
@@ -232,14 +271,17 @@ def _doubt(errors: Tensor, least: Tensor) -> float:
 
 
 def _clearly_less(errors: Tensor, rival: Tensor) -> bool:
-    """Return whether disagreements (J, SPLITS) are less than the rival's by more than chance and a wrong shape make."""
+    """Return whether disagreements (J, SPLITS) are less than the rival's by more than chance and a wrong
+    shape make.
+    """
     gain = _gains(errors, rival)
     uncertainty = standard_error(gain) if len(gain) > 1 else 0.0
     return float(gain.mean()) > max(_CLEAR, _SURE * uncertainty)
 
 
 def _gains(errors: Tensor, rival: Tensor) -> Tensor:
-    """Return how much less than the rival's disagreements (J, SPLITS) are, (K,), as shares of its mean over K photos.
+    """Return how much less than the rival's disagreements (J, SPLITS) are, (K,), as shares of its mean over K
+    photos.
 
     The K are those that both judge.
     """
@@ -254,7 +296,9 @@ def standard_error(values: Tensor) -> float:
 
 
 def _vertex(starts: Sequence[float], errors: Sequence[float], best: int) -> float:
-    """Return where the parabola through the least error and its neighbours is lowest, relative to the least one."""
+    """Return where the parabola through the least error and its neighbours is lowest, relative to the least
+    one.
+    """
     if not 0 < best < len(errors) - 1:
         return 1.0
     left, here, right = (math.log(starts[k]) for k in (best - 1, best, best + 1))

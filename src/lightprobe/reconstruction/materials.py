@@ -63,4 +63,6 @@ def _features(material: Tensor) -> Tensor:
     """Return what materials (N, >= 5) are compared by, (N, 5)."""
     color, roughness, metallic = material[:, :3], material[:, 3:4], material[:, 4:5]
     of_color, of_roughness, of_metallic = _ALIKE
-    return torch.cat([of_color * (color + _DARKEST).log(), of_roughness * roughness, of_metallic * metallic], 1)
+    return torch.cat(
+        [of_color * (color + _DARKEST).log(), of_roughness * roughness, of_metallic * metallic], 1
+    )

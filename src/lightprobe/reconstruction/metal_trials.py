@@ -1,13 +1,15 @@
-"""Which of an object's materials are metal: each is tried the other way, and kept so where that explains photos better.
+"""Which of an object's materials are metal: each is tried the other way, and kept so where that explains
+photos better.
 
-No small step leads from paint to metal or back, and the price of metal holds back what is not sure. So once the surface
-is nearly finished its points are sorted into a few materials by colour, roughness and metallic. For each in turn a copy
-of the present material is made metal there, or no longer metal, and held so while everything else, lights included,
-fits itself to it for a short time, as the present material does.
+No small step leads from paint to metal or back, and the price of metal holds back what is not sure. So once
+the surface is nearly finished its points are sorted into a few materials by colour, roughness and metallic.
+For each in turn a copy of the present material is made metal there, or no longer metal, and held so while
+everything else, lights included, fits itself to it for a short time, as the present material does.
 
-Two things must speak for the change over the photos: the material's own pixels are explained better, by more than
-chance; and each half of the object is explained no worse by the other half's light (`reconstruction.agreement`), as a
-metal under a light that is free to bend explains its own pixels only too well. Wrong changes are worse in both by far.
+Two things must speak for the change over the photos: the material's own pixels are explained better, by more
+than chance; and each half of the object is explained no worse by the other half's light
+(`reconstruction.agreement`), as a metal under a light that is free to bend explains its own pixels only too
+well. Wrong changes are worse in both by far.
 """
 
 import copy
@@ -34,7 +36,9 @@ _FEWEST_PIXELS = 80  # of a material in a photo that judges it
 _COPY_STEPS, _COPY_POINTS, _COPY_RATE = 250, 4096, 5e-3  # of fitting a field to another, in Adam's unit
 
 
-def best_metals(samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int) -> Trial | None:
+def best_metals(
+    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
+) -> Trial | None:
     """Return the trial of the `material` with metal where photos ask for it, None where it stays as it is.
 
     Deterministic. Its lights belong to it; its metallic is held no longer.
@@ -68,8 +72,12 @@ def _drawn(samples: Sequence[Sample], seed: int) -> Tensor:
     return every[rows]
 
 
-def _changed(material: ScaledMaterial, materials: Materials, number: int, points: Tensor, seed: int) -> ScaledMaterial:
-    """Return a copy of the material that is metal in one of the materials where it was none, or the other way."""
+def _changed(
+    material: ScaledMaterial, materials: Materials, number: int, points: Tensor, seed: int
+) -> ScaledMaterial:
+    """Return a copy of the material that is metal in one of the materials where it was none, or the other
+    way.
+    """
     with torch.no_grad():
         here = materials.at(points) == number
         metal = float(material(points)[here, 4].mean()) < 0.5
@@ -96,8 +104,10 @@ def _fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: i
     descent = Descent(
         [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
         lambda rows: (material(points[rows]) - wanted[rows]).square().mean(),
-        betas=(0.9, 0.99), epsilon=1e-12, fused=True,
-    )  # fmt: skip
+        betas=(0.9, 0.99),
+        epsilon=1e-12,
+        fused=True,
+    )
     every = torch.arange(len(points), device=points.device)
     for step in range(_COPY_STEPS):
         descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, "metals/copy", step)))
@@ -110,9 +120,14 @@ def _of_material(materials: Materials, number: int, sample: Sample) -> Tensor:
 
 
 def _with_all(
-    numbers: Sequence[int], material: ScaledMaterial, materials: Materials, points: Tensor, samples: Sequence[Sample],
-    lights: Lights, seed: int,
-) -> Trial | None:  # fmt: skip
+    numbers: Sequence[int],
+    material: ScaledMaterial,
+    materials: Materials,
+    points: Tensor,
+    samples: Sequence[Sample],
+    lights: Lights,
+    seed: int,
+) -> Trial | None:
     """Return the trial in which all the changes are made together, fitted, and then let go.
 
     Normal offsets are those of the `material`: a trial's pictures have none, and its priors flatten them.

@@ -1,4 +1,6 @@
-"""Visibility on a surface whose triangles change from step to step: that of the nearest point it was found for."""
+"""Visibility on a surface whose triangles change from step to step: that of the nearest point it was found
+for.
+"""
 
 from dataclasses import dataclass
 
@@ -28,14 +30,18 @@ class MovingVisibility:
         """Return what the mesh (V, 3), (F, 3) with base colours (V, 3) sees; `side`: pixels of a depth map."""
         visible = vertex_visibility(vertices, faces, colors[faces.long()].mean(1), side)
         points = _points(vertices, faces)
-        return MovingVisibility(points, scipy.spatial.cKDTree(points.numpy()) if _searches(points) else None, visible)
+        return MovingVisibility(
+            points, scipy.spatial.cKDTree(points.numpy()) if _searches(points) else None, visible
+        )
 
     def brightened(self, factor: float) -> "MovingVisibility":
         """Return them with base colours times `factor`."""
         return MovingVisibility(self.points, self.tree, self.vertices.brightened(factor))
 
     def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> PointVisibility:
-        """Return the visibility at the visible points of the mesh as it is now, vertices (V, 3) and faces (F, 3)."""
+        """Return the visibility at the visible points of the mesh as it is now, vertices (V, 3) and faces (F,
+        3).
+        """
         corners = faces[surface.face].long()
         seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
         seen[corners.reshape(-1)] = True
@@ -52,7 +58,8 @@ class MovingVisibility:
 
 @torch.no_grad()
 def nearest_rows(points: Tensor, stored: Tensor) -> Tensor:
-    """Return the row (K,) int64 of `stored` (V, D) that is nearest to each of `points` (K, D), by all distances.
+    """Return the row (K,) int64 of `stored` (V, D) that is nearest to each of `points` (K, D), by all
+    distances.
 
     Of points about as near as each other, within float32's rounding of a squared distance, it may be any.
     """
@@ -64,7 +71,9 @@ def nearest_rows(points: Tensor, stored: Tensor) -> Tensor:
 
 
 def _searches(points: Tensor) -> bool:
-    """Return whether a tree is quicker: on a CPU; a GPU would wait for the points, the tree and the rows it found."""
+    """Return whether a tree is quicker: on a CPU; a GPU would wait for the points, the tree and the rows it
+    found.
+    """
     return points.device.type == "cpu"
 
 

@@ -20,7 +20,9 @@ class Unknowns(Protocol):
 
 
 class PassTask:
-    """A model and the photos' lights: what a checkpoint holds of them beside parameters, and their valid ranges."""
+    """A model and the photos' lights: what a checkpoint holds of them beside parameters, and their valid
+    ranges.
+    """
 
     model: Unknowns
     lights: Lights

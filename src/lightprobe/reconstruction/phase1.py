@@ -1,4 +1,6 @@
-"""Phase I from start to end: visual hull, first pass, bake, second and third pass with their guards, final lights."""
+"""Phase I from start to end: visual hull, first pass, bake, second and third pass with their guards, final
+lights.
+"""
 
 import functools
 import statistics
@@ -87,7 +89,7 @@ def stages(config: DecomposeConfig) -> tuple[Stage, Stage, Stage]:
         schedule = exponential(length, config.warm_up_steps if number == 2 else 0)
         found.append(
             Stage(f"pass{number}", first, length, schedule, (0.9, config.adam_decay), config.adam_epsilon)
-        )  # fmt: skip
+        )
         first += length
     return found[0], found[1], found[2]
 
@@ -98,16 +100,23 @@ def split_validation(photos: tuple[Photo, ...], count: int) -> tuple[list[Photo]
     return [p for i, p in enumerate(photos) if i not in chosen], [photos[i] for i in chosen]
 
 
-def decompose(scene: Scene, config: DecomposeConfig | None = None, device: torch.device | None = None, seed: int = 0,
-              progress: Progress | None = None) -> Decomposition:  # fmt: skip
+def decompose(
+    scene: Scene,
+    config: DecomposeConfig | None = None,
+    device: torch.device | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Decomposition:
     """Return mesh, textures and one environment per training photo of a scene (paper, section 3.1).
 
-    With `progress.checkpoints`, an interrupted call goes on from the newest one and ends with the same bits on a
-    CPU. Raises `ConvergenceError` when nothing usable comes out.
+    With `progress.checkpoints`, an interrupted call goes on from the newest one and ends with the same bits
+    on a CPU. Raises `ConvergenceError` when nothing usable comes out.
     """
     config, device = config or DecomposeConfig(), full_precision(device or torch.device("cpu"))
     first, second, third = passes = stages(config)
-    training = Training("Phase I", asdict(config), seed, passes, config.checkpoint_every, progress or Progress())
+    training = Training(
+        "Phase I", asdict(config), seed, passes, config.checkpoint_every, progress or Progress()
+    )
     job = Job(scene, config, device, seed, training)
     fitted, held_out = split_validation(scene.train, config.validation_photos)
     resumed = training.latest()
@@ -139,7 +148,9 @@ def _towards(photo: Photo, scene: Scene) -> Tensor:
 
 
 def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
-    """Return what the pass of a checkpoint started from; raise `InputError` when it is not one of this training's."""
+    """Return what the pass of a checkpoint started from; raise `InputError` when it is not one of this
+    training's.
+    """
     with job.training.restoring(resumed.step):
         start = Handover.of(resumed.start, job.device)
         _lights(job, photos, start.lights)
@@ -147,7 +158,9 @@ def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
 
 
 def _lights(job: Job, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
-    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each photo."""
+    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each
+    photo.
+    """
     lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed)
     if stacked is not None:
         lights.load(stacked)
@@ -163,11 +176,14 @@ def _first_pass(job: Job, photos: list[Photo], resumed: Resumed | None) -> Hando
     lights = _lights(job, photos)
     job.training.run(ImageTask(model, targets, lights, stage, config, job.seed), stage, resumed)
     fill_unseen(model, [target.view for target in targets])
-    # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed run.
+    # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed
+    # run.
     return Handover(bake(model, config, job.device, job.tell), lights.stacked())
 
 
-def start_shape(scene: Scene, config: DecomposeConfig, seed: int, photos: list[Photo], targets: list[Target]) -> Start:
+def start_shape(
+    scene: Scene, config: DecomposeConfig, seed: int, photos: list[Photo], targets: list[Target]
+) -> Start:
     """Return the lattice and the distances that the first pass starts from, of photos with their pixels."""
     if config.start is not StartShape.HULL:
         return start_from_box(config.start, config.lattice_cells, seed)
@@ -181,8 +197,9 @@ def start_shape(scene: Scene, config: DecomposeConfig, seed: int, photos: list[P
     return start_from_hull(hull, config.lattice_cells)
 
 
-def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
-                 ) -> Handover:  # fmt: skip
+def _second_pass(
+    job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
+) -> Handover:
     """Refine the baked asset, vertices and textures, and return what the third pass starts from."""
     config, stage = job.config, job.training.stages[1]
     if config.pass2_iterations == 0:
@@ -195,8 +212,9 @@ def _second_pass(job: Job, photos: list[Photo], held_out: list[Photo], start: Ha
     return _best(job, stage, held_out, start, [model.asset()], lights)
 
 
-def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
-                ) -> Handover:  # fmt: skip
+def _third_pass(
+    job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
+) -> Handover:
     """Refine the textures at the photos' full size, where that shows more."""
     config, stage = job.config, job.training.stages[2]
     if config.pass3_iterations == 0 or not _has_detail(photos, config):
@@ -209,14 +227,17 @@ def _third_pass(job: Job, photos: list[Photo], held_out: list[Photo], start: Han
     task = TextureTask(model, pixels, lights, stage, config, job.seed)
     job.training.run(task, stage, resumed, start.tensors())
     refined = model.asset()
-    # Detail that only explains errors of the lights is worse than none; halfway there is often better than either.
+    # Detail that only explains errors of the lights is worse than none; halfway there is often better than
+    # either.
     halfway = replace(refined, textures=before.halfway(refined.textures))
     return _best(job, stage, held_out, start, [halfway, refined], lights)
 
 
-def _best(job: Job, stage: Stage, held_out: list[Photo], start: Handover, assets: list[Asset], lights: Lights
-          ) -> Handover:  # fmt: skip
-    """Return the asset that explains held-out photos best, with its lights; the last one when there are no such photos.
+def _best(
+    job: Job, stage: Stage, held_out: list[Photo], start: Handover, assets: list[Asset], lights: Lights
+) -> Handover:
+    """Return the asset that explains held-out photos best, with its lights; the last one when there are no
+    such photos.
 
     Where the asset from before the stage, `start`, is the best one, so are its lights.
     """
@@ -241,7 +262,8 @@ def _has_detail(photos: list[Photo], config: DecomposeConfig) -> bool:
 def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:
     """Return the environments of all training photos for the finished asset, photo name -> (6, R, R, 3).
 
-    Lights fitted by gradients stay as they are (paper); solved ones are solved once more, at the teacher's resolution.
+    Lights fitted by gradients stay as they are (paper); solved ones are solved once more, at the teacher's
+    resolution.
     """
     final = {}
     for photo in job.scene.train:
@@ -250,7 +272,11 @@ def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:
             continue
         (target,) = job.targets([photo], job.config.pass1_side)
         resolution = job.config.light_resolution if lights.gradient else job.config.teacher_resolution
-        start = lights.maps[lights.index[photo.name]] if photo.name in lights.index and not lights.gradient else None
+        start = (
+            lights.maps[lights.index[photo.name]]
+            if photo.name in lights.index and not lights.gradient
+            else None
+        )
         final[photo.name] = fit_light(asset, target, resolution, job.config, job.seed, start)[1]
         job.training.progress.step("lights", len(final), len(job.scene.train), 0.0)
     return final

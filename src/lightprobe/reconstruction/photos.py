@@ -23,7 +23,9 @@ class Target:
     color: Tensor  # (N, 3) linear, premultiplied
     alpha: Tensor  # (N,)
     clipped: Tensor  # (N, 3) bool: the pixel is at least as bright as its colour
-    shown: float | None = None  # level of what it shows around the object (`reconstruction.surroundings`), if known
+    shown: float | None = (
+        None  # level of what it shows around the object (`reconstruction.surroundings`), if known
+    )
 
     @property
     def covered(self) -> Tensor:
@@ -31,7 +33,8 @@ class Target:
         return self.alpha > 0.5
 
     def inside(self, pixel: Tensor) -> Tensor:
-        """Return which of the pixels `pixel` (K,) int64 lie wholly inside the mask: their places in it, (M,) int64.
+        """Return which of the pixels `pixel` (K,) int64 lie wholly inside the mask: their places in it, (M,)
+        int64.
 
         Masks that are nearly white inside, as those of some programs, count as white.
         """
@@ -52,6 +55,8 @@ def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch
 
 
 def _whitened(alpha: np.ndarray) -> np.ndarray:
-    """Return a mask (H, W) whose white is nearly 1 with a white of 1: else photos would be darker than they are."""
+    """Return a mask (H, W) whose white is nearly 1 with a white of 1: else photos would be darker than they
+    are.
+    """
     white = alpha.max(initial=0.0)
     return alpha / white if white >= OPAQUE else alpha

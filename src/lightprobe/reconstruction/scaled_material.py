@@ -17,7 +17,9 @@ _NEIGHBOURS = 4096  # points whose material is compared with that beside them
 _BESIDE = 0.01  # how far away that is, in object radii
 
 
-Held = Callable[[Tensor, Tensor], Tensor]  # points (N, 3), the field's material (N, 8) -> one with some values given
+Held = Callable[
+    [Tensor, Tensor], Tensor
+]  # points (N, 3), the field's material (N, 8) -> one with some values given
 
 
 class ScaledMaterial(nn.Module):
@@ -33,12 +35,19 @@ class ScaledMaterial(nn.Module):
         """What is given for a while and not fitted; no part of the state that is stored and taken over."""
         self.register_buffer("brightness", torch.tensor(mean / START_BASE, device=device))
         self.field = MaterialField(
-            levels=config.hash_levels, features=config.hash_features, log2_size=config.hash_log2_size,
-            coarsest=config.hash_coarsest, finest=config.hash_finest, extent=1.2, generator=generator(seed, "field"),
-        ).to(device)  # fmt: skip
+            levels=config.hash_levels,
+            features=config.hash_features,
+            log2_size=config.hash_log2_size,
+            coarsest=config.hash_coarsest,
+            finest=config.hash_finest,
+            extent=1.2,
+            generator=generator(seed, "field"),
+        ).to(device)
 
     def forward(self, points: Tensor) -> Tensor:
-        """Return the material (N, 8) at points (N, 3): the field's, with its base colours times the brightness."""
+        """Return the material (N, 8) at points (N, 3): the field's, with its base colours times the
+        brightness.
+        """
         channels = self.field(points)
         color = channels[:, :3] * self.brightness
         # At the bound the gradient goes on: a colour that shot over white could not come back without one.
@@ -66,7 +75,8 @@ class ScaledMaterial(nn.Module):
         self.load_state_dict(other.state_dict())
 
     def loss(self, position: Tensor, material: Tensor, step: int, covered: float) -> Tensor:
-        """Return what the material (N, 8) at N surface points (N, 3) costs; they cover the share `covered` of a photo.
+        """Return what the material (N, 8) at N surface points (N, 3) costs; they cover the share `covered` of
+        a photo.
 
         Smoothness under a small random displacement, and the priors of metallic, roughness and normal offset.
         """

@@ -102,7 +102,9 @@ class SurfaceModel(nn.Module):
         """Return how base colours at some visible points differ from those beside them."""
         random = generator(self.seed, "texture-jitter", step)
         count = min(_COMPARED, len(surface.pixel))
-        rows = to_device(torch.randint(0, max(len(surface.pixel), 1), (count,), generator=random), self.color.device)
+        rows = to_device(
+            torch.randint(0, max(len(surface.pixel), 1), (count,), generator=random), self.color.device
+        )
         jitter = _BESIDE * to_device(torch.randn(count, 2, generator=random), self.color.device)
         uv = surface.select(rows).interpolate(self.start.uvs, self.start.uv_faces).detach()
         size = round(len(self.color) ** 0.5)
@@ -127,7 +129,9 @@ class SurfaceModel(nn.Module):
             bends = torch.stack(self.finish.unbind(1)[2:4])
             loss = loss + 0.2 * config.normal_prior * bends.square().mean()
         if max(config.metallic_prior, config.roughness_prior, config.late_roughness_prior) > 0:
-            loss = loss + material_prior(texels, config, decided=metals_tried(config, config.pass1_iterations))
+            loss = loss + material_prior(
+                texels, config, decided=metals_tried(config, config.pass1_iterations)
+            )
         if config.brightness_anchor > 0:
             loss = loss + config.brightness_anchor * brightness_anchor(self.color, self.mean_color)
         return loss

@@ -1,12 +1,13 @@
 """What photos show around the object, as evidence on how bright it is.
 
-Light and base colour share a factor that the object alone hardly tells (`reconstruction.gauge`). A photo that is not
-cut out shows some of what lights the object, and near things that the same light falls on. So on the whole the light
-that is solved for a photo is about as bright as what the photo shows around the object: an object that is taken for ten
-times too bright gets lights that are ten times too dim for that.
+Light and base colour share a factor that the object alone hardly tells (`reconstruction.gauge`). A photo that
+is not cut out shows some of what lights the object, and near things that the same light falls on. So on the
+whole the light that is solved for a photo is about as bright as what the photo shows around the object: an
+object that is taken for ten times too bright gets lights that are ten times too dim for that.
 
-The level of a light, or of pixels, is the mean logarithm of their luma, with a floor. A mean of the luma itself would
-be that of the sun, which is hardly ever in the picture, and whose brightness the photo's white would hide.
+The level of a light, or of pixels, is the mean logarithm of their luma, with a floor. A mean of the luma
+itself would be that of the sun, which is hardly ever in the picture, and whose brightness the photo's white
+would hide.
 """
 
 from collections.abc import Sequence
@@ -41,8 +42,14 @@ class Surroundings:
     @staticmethod
     @torch.no_grad()
     def of(lights: Sequence[Tensor], shown: Sequence[float | None]) -> "Surroundings | None":
-        """Return it for N lights (6, R, R, 3) and the levels of what their photos show; None for fewer than eight."""
-        found = [light_level(light) - level for light, level in zip(lights, shown, strict=True) if level is not None]
+        """Return it for N lights (6, R, R, 3) and the levels of what their photos show; None for fewer than
+        eight.
+        """
+        found = [
+            light_level(light) - level
+            for light, level in zip(lights, shown, strict=True)
+            if level is not None
+        ]
         return Surroundings(sum(found) / len(found) - _USUAL) if len(found) >= _FEWEST else None
 
 
@@ -52,7 +59,9 @@ def light_level(light: Tensor) -> float:
 
 
 def shown_level(photo: Photo) -> float | None:
-    """Return the level of what a photo shows around the object; None where it is cut out or the object fills it."""
+    """Return the level of what a photo shows around the object; None where it is cut out or the object fills
+    it.
+    """
     background = load_background(photo)
     if background is None or background.seen.mean() < _LEAST_SHOWN:
         return None

@@ -1,7 +1,8 @@
-"""The third pass's task: the textures alone, at the photos' full size, on random pixels of several photos a step.
+"""The third pass's task: the textures alone, at the photos' full size, on random pixels of several photos a
+step.
 
-With the shape at rest, which point of the surface a pixel sees is known once and for all. So a step costs what its
-pixels cost, however large the photos are, and fine relief and print get the many visits they need.
+With the shape at rest, which point of the surface a pixel sees is known once and for all. So a step costs
+what its pixels cost, however large the photos are, and fine relief and print get the many visits they need.
 """
 
 import math
@@ -57,7 +58,9 @@ class PhotoPixels:
 
     def select(self, rows: Tensor) -> "PhotoPixels":
         """Return the pixels at `rows` (K,) int64."""
-        return PhotoPixels(self.name, self.view, self.surface.select(rows), self.color[rows], self.clipped[rows])
+        return PhotoPixels(
+            self.name, self.view, self.surface.select(rows), self.color[rows], self.clipped[rows]
+        )
 
     def sample(self, seed: int, step: int) -> "PhotoPixels":
         """Return at most `_PIXELS` of the pixels, drawn at random."""
@@ -65,7 +68,9 @@ class PhotoPixels:
         return self.select(draw_rows(every, _PIXELS, generator(seed, f"texture/{self.name}", step)))
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """Return the fields of the surface, as in `Surface`, the colours (K, 3), and where these are clipped (K, 3)."""
+        """Return the fields of the surface, as in `Surface`, the colours (K, 3), and where these are clipped
+        (K, 3).
+        """
         return *vars(self.surface).values(), self.color, self.clipped
 
 
@@ -75,9 +80,14 @@ class TextureTask(PassTask):
     model: SurfaceModel
 
     def __init__(
-        self, model: SurfaceModel, photos: list[PhotoPixels], lights: Lights, stage: Stage, config: DecomposeConfig,
+        self,
+        model: SurfaceModel,
+        photos: list[PhotoPixels],
+        lights: Lights,
+        stage: Stage,
+        config: DecomposeConfig,
         seed: int,
-    ):  # fmt: skip
+    ):
         self.model, self.lights, self.config = model, lights, config
         self._photos, self._stage, self._seed = photos, stage, seed
         self._mesh = model.start
@@ -103,8 +113,9 @@ class TextureTask(PassTask):
     def given(self, iteration: int) -> tuple[Tensor, ...]:
         """Return what `loss` needs of a step's photos, whose lights are solved anew where it is time.
 
-        Of each of the N photos `PhotoPixels.tensors`; then, for all P pixels, how far beside them to look (P, 2), in
-        texels; the photos' prefiltered lights (N, T, 3) and what these cost (); the cast (3,) of all lights.
+        Of each of the N photos `PhotoPixels.tensors`; then, for all P pixels, how far beside them to look (P,
+        2), in texels; the photos' prefiltered lights (N, T, 3) and what these cost (); the cast (3,) of all
+        lights.
         """
         step, visits = self._stage.first_step + iteration, self._visits(iteration)
         seen = [self._photos[i].sample(self._seed, step) for i, _ in visits]
@@ -113,9 +124,14 @@ class TextureTask(PassTask):
             if not self.lights.gradient and epoch % _RELIGHT == 0:
                 self.lights.maps[row] = self._solve(photo, self.lights.maps[row])
             levels.append(self.lights.prefilter.apply(self.lights.maps[row]))
-        angle = 2 * math.pi * torch.rand(
-            sum(len(photo.color) for photo in seen), generator=generator(self._seed, "texture-smoothness", step)
-        )  # fmt: skip
+        angle = (
+            2
+            * math.pi
+            * torch.rand(
+                sum(len(photo.color) for photo in seen),
+                generator=generator(self._seed, "texture-smoothness", step),
+            )
+        )
         beside = to_device(torch.stack([angle.cos(), angle.sin()], 1), seen[0].color.device)
         cost = torch.stack([self.lights.grey_cost(row) for row in rows]).mean()
         photos = (tensor for photo in seen for tensor in photo.tensors())
@@ -138,7 +154,9 @@ class TextureTask(PassTask):
             + cost
             + self.config.smoothness_detail * (material - neighbours).abs().mean()
             + self.config.normal_prior_detail * material[:, 5:7].square().mean()
-            + material_prior(material, self.config, decided=metals_tried(self.config, self.config.pass1_iterations))
+            + material_prior(
+                material, self.config, decided=metals_tried(self.config, self.config.pass1_iterations)
+            )
             + self.config.brightness_anchor * brightness_anchor(self.model.color, self.model.mean_color)
             + self.config.color_gauge * color_gauge(base, cast)
         )
@@ -154,13 +172,18 @@ class TextureTask(PassTask):
         size = round(len(self.model.color) ** 0.5)
         uv = torch.cat([surface.interpolate(self._mesh.uvs, self._mesh.uv_faces) for surface in surfaces])
         index, weight = bilinear_taps(torch.cat([uv, uv + beside / size]), size)
-        # Gathered part by part: putting the channels of all texels side by side would cost more than the pixels do.
+        # Gathered part by part: putting the channels of all texels side by side would cost more than the
+        # pixels do.
         parts = [weighted_gather(part, index, weight) for part in (self.model.color, self.model.finish)]
         material, neighbours = torch.cat(parts, 1).chunk(2)
         return material, neighbours
 
-    def _photo_loss(self, surface: Surface, seen: tuple[Tensor, Tensor], material: Tensor, levels: Tensor) -> Tensor:
-        """Return the L1 of tone-mapped colours of a photo, `seen` with where they are clipped, under its light."""
+    def _photo_loss(
+        self, surface: Surface, seen: tuple[Tensor, Tensor], material: Tensor, levels: Tensor
+    ) -> Tensor:
+        """Return the L1 of tone-mapped colours of a photo, `seen` with where they are clipped, under its
+        light.
+        """
         color, clipped = seen
         render = shade(self._gbuffer(surface, material), self.lights.prefilter, levels)
         return displayed_error(render, color, clipped)

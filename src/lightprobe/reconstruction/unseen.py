@@ -1,8 +1,9 @@
 """What no photo sees of the space in an object is filled, before its surface becomes a mesh.
 
-Inside the solid no photo holds the distances, and the first pass leaves caves there. Closed ones are dropped with their
-surface (`geometry.mesh.clean`); those with a way out, through what photos do not see either, would take triangles and
-texels from what they do see: more than half of both where an opening of the object is closed in its masks.
+Inside the solid no photo holds the distances, and the first pass leaves caves there. Closed ones are dropped
+with their surface (`geometry.mesh.clean`); those with a way out, through what photos do not see either, would
+take triangles and texels from what they do see: more than half of both where an opening of the object is
+closed in its masks.
 
 Notation: L vertices of the lattice.
 """
@@ -40,7 +41,9 @@ def fill_unseen(model: LatticeModel, views: Sequence[View]) -> None:
 
 
 def _hidden(model: LatticeModel, views: Sequence[View]) -> Tensor:
-    """Return which vertices of the lattice (L,) bool lie behind the model's surface in all views that frame them."""
+    """Return which vertices of the lattice (L,) bool lie behind the model's surface in all views that frame
+    them.
+    """
     vertices, faces = model.present()
     points = model.positions()
     shown, framed = torch.zeros((2, len(points)), dtype=torch.bool, device=points.device)

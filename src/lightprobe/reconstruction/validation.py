@@ -1,4 +1,6 @@
-"""How well an asset explains photos, as a rule such that it was not fitted to: the guard, final lights, verdict."""
+"""How well an asset explains photos, as a rule such that it was not fitted to: the guard, final lights,
+verdict.
+"""
 
 from dataclasses import replace
 
@@ -22,12 +24,20 @@ from lightprobe.render.surface import visible_surface
 
 _JUDGED = 1536  # pixels of each photo that an object is judged by
 _ROUNDS = 3  # solves from scratch, each pulled towards the mean of the one before
-_BRIGHTEST, _LEAST = 0.5, 1e-6  # of the grey light that they start from; the few steps bring none down to a dark photo
+_BRIGHTEST, _LEAST = (
+    0.5,
+    1e-6,
+)  # of the grey light that they start from; the few steps bring none down to a dark photo
 
 
 @torch.no_grad()
 def fit_light(
-    asset: Asset, target: Target, resolution: int, config: DecomposeConfig, seed: int, start: Tensor | None = None
+    asset: Asset,
+    target: Target,
+    resolution: int,
+    config: DecomposeConfig,
+    seed: int,
+    start: Tensor | None = None,
 ) -> tuple[GBuffer, Tensor]:
     """Return the G-buffer of the asset in a photo and the light (6, R, R, 3) solved for it.
 
@@ -48,15 +58,23 @@ def fit_light(
         white = shade_under(gbuffer.select(rows), torch.ones_like(grey)).mean()
         light = grey.minimum((target.color[at].mean() / white.clamp(min=_LEAST)).clamp(min=_LEAST))
     solved = solve_target_light(
-        target.color[at], target.clipped[at], gbuffer, light, rows, config, rounds,
+        target.color[at],
+        target.clipped[at],
+        gbuffer,
+        light,
+        rows,
+        config,
+        rounds,
         regularisation=config.final_light_regularisation,
-    )  # fmt: skip
+    )
     return gbuffer, solved
 
 
 @torch.no_grad()
 def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> float:
-    """Return the mean masked sRGB PSNR in dB of photos, which all show the object, under lights solved for them."""
+    """Return the mean masked sRGB PSNR in dB of photos, which all show the object, under lights solved for
+    them.
+    """
     scores = []
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
@@ -71,13 +89,19 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
 
 @torch.no_grad()
 def judge_object(
-    asset: Asset, targets: list[Target], bias: FrontBias | None, around: Surroundings | None, config: DecomposeConfig,
-    seed: int, *, held_out: bool = True,
-) -> ObjectVerdict | None:  # fmt: skip
+    asset: Asset,
+    targets: list[Target],
+    bias: FrontBias | None,
+    around: Surroundings | None,
+    config: DecomposeConfig,
+    seed: int,
+    *,
+    held_out: bool = True,
+) -> ObjectVerdict | None:
     """Return the verdict on an asset from photos; None when they show too little.
 
-    bias, around: of the lights of all training photos, where there are enough of them. held_out: whether the asset was
-    not fitted to the photos; those it was fitted to flatter it (docs/decisions/object-verdict.md).
+    bias, around: of the lights of all training photos, where there are enough of them. held_out: whether the
+    asset was not fitted to the photos; those it was fitted to flatter it (docs/decisions/object-verdict.md).
     """
     errors, solver = [], part_solver(config, asset.mesh.vertices.device, _JUDGED // 2)
     for target in targets:
@@ -85,7 +109,9 @@ def judge_object(
         inside = target.inside(gbuffer.pixel)
         pixels = gbuffer.select(draw_rows(inside, _JUDGED, generator(seed, f"judge/{target.name}")))
         color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
-        halves = disagreement(pixels, color, clipped, light, solver, generator(seed, f"judge-halves/{target.name}"))
+        halves = disagreement(
+            pixels, color, clipped, light, solver, generator(seed, f"judge-halves/{target.name}")
+        )
         if halves is not None:
             errors.append(float(halves[0]))  # of the darker and the brighter surfaces
     if not errors:

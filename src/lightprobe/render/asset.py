@@ -62,7 +62,9 @@ class Asset:
 
     @staticmethod
     def from_tensors(tensors: dict[str, Tensor], source: Path, remedy: str) -> "Asset":
-        """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` when they make no sound one."""
+        """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` when they make no
+        sound one.
+        """
         sees = "openness" in tensors
         rules = _RULES | (_VISIBILITY if sees else {})
         rules |= {"normal_faces": TensorRule(("F", 3), torch.int32, 0)} if "normal_faces" in tensors else {}
@@ -87,7 +89,9 @@ class Asset:
             return Asset.from_tensors(load_tensors(path), path, remedy)
 
 
-def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor) -> Tensor:
+def shading_normals(
+    surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor
+) -> Tensor:
     """Return `mapped_normals` (P, 3), bent until the camera sees them."""
     return face_camera(mapped_normals(surface, mesh, normals, tangents, mapped), surface.view)
 
@@ -95,8 +99,8 @@ def shading_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Ten
 def mapped_normals(surface: Surface, mesh: Mesh, normals: Tensor, tangents: Tensor, mapped: Tensor) -> Tensor:
     """Return unit normals (P, 3): tangent-space `mapped` (P, 3) in the frame of `normals` and `tangents`.
 
-    `normals` (N, 3) as `Mesh.normals`, `tangents` (U, 3) per texture vertex. The bitangent is n x t times the sign of
-    the UV orientation, with v pointing down as in glTF.
+    `normals` (N, 3) as `Mesh.normals`, `tangents` (U, 3) per texture vertex. The bitangent is n x t times the
+    sign of the UV orientation, with v pointing down as in glTF.
     """
     n = torch.nn.functional.normalize(surface.interpolate(normals, mesh.normal_index), dim=1, eps=1e-12)
     t = surface.interpolate(tangents, mesh.uv_faces)
@@ -131,20 +135,35 @@ def gbuffer_of(
 ) -> GBuffer:
     """Return the G-buffer of a visible surface with `normal` (P, 3) and `material` (P, >=5)."""
     return GBuffer(
-        height=view.height, width=view.width, pixel=surface.pixel, face=surface.face, position=surface.position,
-        normal=normal, view=surface.view, base_color=material[:, :3], roughness=material[:, 3],
-        metallic=material[:, 4], visibility=visibility,
-    )  # fmt: skip
+        height=view.height,
+        width=view.width,
+        pixel=surface.pixel,
+        face=surface.face,
+        position=surface.position,
+        normal=normal,
+        view=surface.view,
+        base_color=material[:, :3],
+        roughness=material[:, 3],
+        metallic=material[:, 4],
+        visibility=visibility,
+    )
 
 
 def textured_gbuffer(
-    surface: Surface, view: View, mesh: Mesh, flat: Tensor, tangents: Tensor, visibility: VertexVisibility | None = None
+    surface: Surface,
+    view: View,
+    mesh: Mesh,
+    flat: Tensor,
+    tangents: Tensor,
+    visibility: VertexVisibility | None = None,
 ) -> GBuffer:
     """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both."""
     material = sample(flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
     shading = shading_normals(surface, mesh, mesh.normals(), tangents, material[:, 5:])
     points = (
-        None if visibility is None else PointVisibility.of(visibility, mesh.faces, surface.face, surface.barycentric)
+        None
+        if visibility is None
+        else PointVisibility.of(visibility, mesh.faces, surface.face, surface.barycentric)
     )
     return gbuffer_of(surface, view, shading, material, points)
 
@@ -158,4 +177,6 @@ def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuff
 
 def asset_gbuffer(asset: Asset, surface: Surface, view: View) -> GBuffer:
     """Return the G-buffer of the asset's visible surface."""
-    return textured_gbuffer(surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.visibility)
+    return textured_gbuffer(
+        surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.visibility
+    )

@@ -38,7 +38,8 @@ def environment_brdf(cos_view: Tensor, roughness: Tensor) -> tuple[Tensor, Tenso
 
 
 def view_taps(cos_view: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
-    """Return index (N, 4) and weight (N, 4) that look up tables (64 * 64, C) over (roughness, sqrt(cos_view)).
+    """Return index (N, 4) and weight (N, 4) that look up tables (64 * 64, C) over (roughness,
+    sqrt(cos_view)).
 
     Bilinear; the weight is differentiable in both arguments (N,).
     """
@@ -92,9 +93,9 @@ def integrals() -> Tensor:
 def _integrate_row(roughness: Tensor) -> Tensor:
     """Return (A, B) for all cos_view at one roughness, (64, 2), by importance sampling.
 
-    Micro-normals h are drawn on a regular grid from the distribution of normals visible from v (a spherical cap around
-    the stretched view, Dupuy and Benyoub 2023); the estimator of int F D V n.l is then the mean of F G2 / G1(v).
-    The azimuth covers half a turn, as the other half is its mirror image.
+    Micro-normals h are drawn on a regular grid from the distribution of normals visible from v (a spherical
+    cap around the stretched view, Dupuy and Benyoub 2023); the estimator of int F D V n.l is then the mean of
+    F G2 / G1(v). The azimuth covers half a turn, as the other half is its mirror image.
     """
     alpha = max(float(roughness) ** 2, 1e-4)
     cos_view = (torch.linspace(0.0, 1.0, SIZE, dtype=torch.float64) ** 2).clamp(min=MIN_COS)[:, None]
@@ -132,5 +133,7 @@ def _diffuse_integral() -> Tensor:
     light_x, light_z = radius2.sqrt() * phi.cos(), (1.0 - radius2).sqrt()
     cos_view = (torch.linspace(0.0, 1.0, SIZE, dtype=torch.float64) ** 2)[:, None]
     cos_between = (1.0 - cos_view**2).sqrt() * light_x + cos_view * light_z
-    cos_half = torch.sqrt((0.5 * (1.0 + cos_between)).clamp(min=0.0))  # v.h = cos(half the angle between v and l)
+    cos_half = torch.sqrt(
+        (0.5 * (1.0 + cos_between)).clamp(min=0.0)
+    )  # v.h = cos(half the angle between v and l)
     return ((1.0 - cos_half) ** 5).mean(-1, keepdim=True)

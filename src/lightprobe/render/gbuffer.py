@@ -34,9 +34,18 @@ class GBuffer:
         """Return the pixels at `rows` (K,) int64."""
         visibility = None if self.visibility is None else self.visibility.select(rows)
         return GBuffer(
-            self.height, self.width, self.pixel[rows], self.face[rows], self.position[rows], self.normal[rows],
-            self.view[rows], self.base_color[rows], self.roughness[rows], self.metallic[rows], visibility,
-        )  # fmt: skip
+            self.height,
+            self.width,
+            self.pixel[rows],
+            self.face[rows],
+            self.position[rows],
+            self.normal[rows],
+            self.view[rows],
+            self.base_color[rows],
+            self.roughness[rows],
+            self.metallic[rows],
+            visibility,
+        )
 
     def tensors(self) -> tuple[Tensor, ...]:
         """Return all tensors, (P, ...) each, and last the four of the visibility, of which two are (V, ...)."""
@@ -51,12 +60,24 @@ class GBuffer:
         pixel, face, position, normal, view, base_color, roughness, metallic, *seen = tensors
         visibility = PointVisibility(VertexVisibility(*seen[:2]), *seen[2:]) if seen else None
         return GBuffer(
-            self.height, self.width, pixel, face, position, normal, view, base_color, roughness, metallic, visibility
-        )  # fmt: skip
+            self.height,
+            self.width,
+            pixel,
+            face,
+            position,
+            normal,
+            view,
+            base_color,
+            roughness,
+            metallic,
+            visibility,
+        )
 
     @staticmethod
     def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
-        """Return several views of one object as a single picture, each below the one before, as wide as the widest."""
+        """Return several views of one object as a single picture, each below the one before, as wide as the
+        widest.
+        """
         width, top, pixels = max(part.width for part in parts), 0, []
         for part in parts:
             row, column = torch.div(part.pixel, part.width, rounding_mode="floor"), part.pixel % part.width
@@ -66,7 +87,19 @@ class GBuffer:
             torch.cat([getattr(part, name) for part in parts]) for name in _PER_PIXEL[1:]
         )
         seen = [part.visibility for part in parts]
-        visibility = None if seen[0] is None else PointVisibility.of_all([one for one in seen if one is not None])
+        visibility = (
+            None if seen[0] is None else PointVisibility.of_all([one for one in seen if one is not None])
+        )
         return GBuffer(
-            top, width, torch.cat(pixels), face, position, normal, view, base_color, roughness, metallic, visibility
+            top,
+            width,
+            torch.cat(pixels),
+            face,
+            position,
+            normal,
+            view,
+            base_color,
+            roughness,
+            metallic,
+            visibility,
         )

@@ -1,10 +1,10 @@
 """glTF's metallic-roughness reflectance as a BSDF for the path tracer Mitsuba 3, with its normal map.
 
-Importing this module needs the extra `path` and makes `VARIANT` Mitsuba's variant. The model is that of `render.brdf`,
-here as a function to be sampled, where the project's own renderer has integrals of it.
+Importing this module needs the extra `path` and makes `VARIANT` Mitsuba's variant. The model is that of
+`render.brdf`, here as a function to be sampled, where the project's own renderer has integrals of it.
 
-Notation: directions are in the shading frame, z along the interpolated normal or, after `_bent`, along the mapped one;
-wi towards the camera, wo towards the light, h the half vector; alpha = roughness^2.
+Notation: directions are in the shading frame, z along the interpolated normal or, after `_bent`, along the
+mapped one; wi towards the camera, wo towards the light, h the half vector; alpha = roughness^2.
 """
 
 import drjit as dr
@@ -18,10 +18,11 @@ _CHANCE = 0.15, 0.95  # bounds of the chance of sampling the specular lobe
 
 
 class GltfBsdf(mi.BSDF):
-    """glTF 2.0 metallic-roughness, two-sided, single-scattering: (1-F) c_diff/pi + F D V with F = Schlick(F0).
+    """glTF 2.0 metallic-roughness, two-sided, single-scattering: (1-F) c_diff/pi + F D V with F =
+    Schlick(F0).
 
-    Properties: the textures `base_color` (linear) and `orm` (glTF's channels), and, if there is a normal map, the
-    texture `normal` (unit vectors) with the mesh attributes `tangent` (3) and `handedness` (1).
+    Properties: the textures `base_color` (linear) and `orm` (glTF's channels), and, if there is a normal map,
+    the texture `normal` (unit vectors) with the mesh attributes `tangent` (3) and `handedness` (1).
     """
 
     def __init__(self, props: mi.Properties):
@@ -46,7 +47,9 @@ class GltfBsdf(mi.BSDF):
         return mi.Frame3f(dr.normalize(n + dr.maximum(_SEEN - dr.dot(n, wi), 0) * wi))
 
     def _surface(self, si, cosine, active):
-        """Return diffuse colour, F0, alpha and the chance of sampling the specular lobe; cosine: of view and normal."""
+        """Return diffuse colour, F0, alpha and the chance of sampling the specular lobe; cosine: of view and
+        normal.
+        """
         base, orm = self.base_color.eval(si, active), self.orm.eval(si, active)
         roughness, metallic = orm.y, orm.z
         diffuse = base * (1 - metallic)
@@ -81,7 +84,9 @@ class GltfBsdf(mi.BSDF):
         return dr.select(active, value, 0), dr.select(active, pdf, 0)
 
     def sample(self, ctx, si, sample1, sample2, active=True):
-        """Sample the visible normals or the cosine, chosen by the Fresnel share; weight = value / pdf of both."""
+        """Sample the visible normals or the cosine, chosen by the Fresnel share; weight = value / pdf of
+        both.
+        """
         flip = dr.sign(si.wi.z)
         wi = mi.Vector3f(si.wi.x, si.wi.y, si.wi.z * flip)
         frame = self._bent(si, wi, active)
@@ -90,7 +95,9 @@ class GltfBsdf(mi.BSDF):
         specular = sample1 < chance
         facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, dr.maximum(alpha, 1e-3), True)
         normal, _ = facets.sample(wi, sample2)
-        wo = frame.to_world(dr.select(specular, mi.reflect(wi, normal), mi.warp.square_to_cosine_hemisphere(sample2)))
+        wo = frame.to_world(
+            dr.select(specular, mi.reflect(wi, normal), mi.warp.square_to_cosine_hemisphere(sample2))
+        )
         wo = mi.Vector3f(wo.x, wo.y, wo.z * flip)
         value, pdf = self._value_and_pdf(si, wo, active)
         sampled = dr.zeros(mi.BSDFSample3f)

@@ -1,11 +1,12 @@
 """The finished picture of an asset: several samples a pixel, and sharp shadows of suns.
 
-Phase I and the predictors look at one point of the surface per pixel. That is fast, and a picture would show it: a thin
-bar, a crease or the weave of a cloth breaks into steps, and a comparison with a photo would score the steps. Here the
-samples of a pixel are averaged as a camera's pixel averages its square, and the light is known, so that its suns are.
+Phase I and the predictors look at one point of the surface per pixel. That is fast, and a picture would show
+it: a thin bar, a crease or the weave of a cloth breaks into steps, and a comparison with a photo would score
+the steps. Here the samples of a pixel are averaged as a camera's pixel averages its square, and the light is
+known, so that its suns are.
 
-A sample of the object takes some hundreds of bytes until it is a colour. Pictures of more than a million pixels are
-therefore made in bands of rows, one after the other, each anew for every call.
+A sample of the object takes some hundreds of bytes until it is a colour. Pictures of more than a million
+pixels are therefore made in bands of rows, one after the other, each anew for every call.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,13 @@ from lightprobe.geometry.mesh import Mesh, edge_faces
 from lightprobe.light.prefilter import Prefilter
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.silhouette import Crossings, coverage, outline_vertices, silhouette_crossings, spread_color
+from lightprobe.render.silhouette import (
+    Crossings,
+    coverage,
+    outline_vertices,
+    silhouette_crossings,
+    spread_color,
+)
 from lightprobe.render.split_sum import Shading
 from lightprobe.render.suns import Suns, sharpened
 from lightprobe.render.surface import View
@@ -55,7 +62,8 @@ class Picture:
         return torch.cat(images), torch.cat(covers)
 
     def bands(self, lights: Sequence[Tensor]) -> Iterator[tuple[slice, list[tuple[Tensor, Tensor]]]]:
-        """Yield rows (h) of the picture from the top, and the image (h, W, 3) and coverage (h, W) under each light.
+        """Yield rows (h) of the picture from the top, and the image (h, W, 3) and coverage (h, W) under each
+        light.
 
         What `render` returns of every light, without holding a picture of any as a whole.
         """
@@ -70,7 +78,10 @@ class Picture:
             camera = replace(self.camera, cy=self.camera.cy - first, height=last - first)
             band = _Band.of(self.asset, camera, self.prefilter, self.device)
             rows = slice(top - first, bottom - first)
-            yield slice(top, bottom), [(image[rows], cover[rows]) for image, cover in map(band.render, lights)]
+            yield (
+                slice(top, bottom),
+                [(image[rows], cover[rows]) for image, cover in map(band.render, lights)],
+            )
 
 
 @dataclass(frozen=True)
@@ -105,6 +116,8 @@ class _Band:
             _, diffuse, _ = self.shading.factors
             radiance = (radiance + diffuse * sharpened(self.gbuffer, self.mesh, suns)).clamp(min=0)
         image = spread_color(radiance, self.gbuffer.pixel, self.crossings, self.cover)
-        samples = torch.cat([image, self.cover[:, None]], 1).T.reshape(1, 4, self.gbuffer.height, self.gbuffer.width)
+        samples = torch.cat([image, self.cover[:, None]], 1).T.reshape(
+            1, 4, self.gbuffer.height, self.gbuffer.width
+        )
         pixels = functional.avg_pool2d(samples, SAMPLES)[0].permute(1, 2, 0)
         return pixels[..., :3], pixels[..., 3]

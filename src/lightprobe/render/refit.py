@@ -1,7 +1,8 @@
 """Brightness and contrast of a solved light, fitted once more without its prior and in displayed values.
 
-A regularised least-squares light is too dim and too flat, as it is pulled towards its mean. While the material is being
-fitted that matters: too dim a light pushes on to brighter colours and too flat a one to sharper lobes, visit by visit.
+A regularised least-squares light is too dim and too flat, as it is pulled towards its mean. While the
+material is being fitted that matters: too dim a light pushes on to brighter colours and too flat a one to
+sharper lobes, visit by visit.
 """
 
 import torch
@@ -19,8 +20,9 @@ _LEAST, _MOST = 0.5, 2.0  # a light is never changed by more
 def refit_contrast(transport: Transport, solved: LitPixels, observed: Tensor, clipped: Tensor) -> Tensor:
     """Return the light a m + b (E - m) >= 0 of the `solved` one E (6, R, R, 3) with m its mean colour.
 
-    a per channel, and one b for all three, minimise the sum of absolute displayed errors of the pixels `observed`
-    (P, 3) linear; where `clipped` (P, 3) bool, a brighter render is no error. Scales with the photo's exposure.
+    a per channel, and one b for all three, minimise the sum of absolute displayed errors of the pixels
+    `observed` (P, 3) linear; where `clipped` (P, 3) bool, a brighter render is no error. Scales with the
+    photo's exposure.
     """
     unit = exposure_unit(observed)  # errors are compared as if the photo were well exposed
     light, color = solved.light, solved.light.mean((0, 1, 2))
@@ -40,11 +42,14 @@ def refit_contrast(transport: Transport, solved: LitPixels, observed: Tensor, cl
 
 
 def _least_squares(mean: Tensor, varying: Tensor, wanted: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the bounded factors of `mean`, (3,), and of `varying`, (), that come closest to `wanted`, all (P, 3)."""
+    """Return the bounded factors of `mean`, (3,), and of `varying`, (), that come closest to `wanted`, all
+    (P, 3).
+    """
     mm, mv = (weight * mean.square()).sum(0).clamp(min=1e-12), (weight * mean * varying).sum(0)
     vv = (weight * varying.square()).sum(0) + 1e-4 * mm  # a constant light has no contrast to fit
     mt, vt = (weight * mean * wanted).sum(0), (weight * varying * wanted).sum(0) + 1e-4 * mm
-    # For any b the best a is (mt - b mv) / mm; put in, each channel's error is a parabola in b, and these add up.
+    # For any b the best a is (mt - b mv) / mm; put in, each channel's error is a parabola in b, and these add
+    # up.
     steepness = (vv - mv.square() / mm).sum().clamp(min=1e-12)
     b = ((vt - mv * mt / mm).sum() / steepness).clamp(_LEAST, _MOST)
     return ((mt - b * mv) / mm).clamp(_LEAST, _MOST), b

@@ -1,9 +1,10 @@
 """Anti-aliased silhouettes whose coverage carries the gradient to the geometry.
 
-Where the outline of the mesh passes between two neighbouring pixel centres, one of them covered, it does so at a
-distance t (in pixels, 0..1) from the covered centre. Its coverage, box-filtered along that axis, is 1/2 + t; the part
-above 1 spills into the uncovered neighbour, the part below is lost by the covered one. Outline edges are enumerated
-from the mesh, not searched from the pixels, so triangles smaller than a pixel lose no gradient.
+Where the outline of the mesh passes between two neighbouring pixel centres, one of them covered, it does so
+at a distance t (in pixels, 0..1) from the covered centre. Its coverage, box-filtered along that axis, is 1/2
++ t; the part above 1 spills into the uncovered neighbour, the part below is lost by the covered one. Outline
+edges are enumerated from the mesh, not searched from the pixels, so triangles smaller than a pixel lose no
+gradient.
 """
 
 from dataclasses import dataclass
@@ -26,15 +27,19 @@ class Crossings:
 
 
 def outline_vertices(screen: Tensor, faces: Tensor) -> Tensor:
-    """Return (V,) bool, the vertices that an edge of the outline can have; `screen` (V, 3) projected vertices.
+    """Return (V,) bool, the vertices that an edge of the outline can have; `screen` (V, 3) projected
+    vertices.
 
-    Front- and back-facing triangles meet there, or the triangles around do not close: then the sum over them of the
-    vertex after it less the one before it is not zero. `edge_faces` of these alone is what an outline needs.
+    Front- and back-facing triangles meet there, or the triangles around do not close: then the sum over them
+    of the vertex after it less the one before it is not zero. `edge_faces` of these alone is what an outline
+    needs.
     """
     f = faces.long()
     front = _facing(screen, faces)
     ahead, back = (
-        torch.zeros(len(screen), dtype=torch.bool, device=screen.device).index_fill_(0, f[side].reshape(-1), True)
+        torch.zeros(len(screen), dtype=torch.bool, device=screen.device).index_fill_(
+            0, f[side].reshape(-1), True
+        )
         for side in (front, ~front)
     )
     step = (f.roll(-1, 1) - f.roll(1, 1)).reshape(-1)
@@ -85,8 +90,11 @@ def _axis_crossings(ends: Tensor, covered: Tensor, along: int) -> tuple[Tensor, 
     return torch.where(is_left, left, left + step), torch.where(is_left, left + step, left), t
 
 
-def silhouette_crossings(screen: Tensor, faces: Tensor, edges: EdgeFaces, pixel: Tensor, view: View) -> Crossings:
-    """Return the outline's crossings; `screen` (V, 3) projected vertices, `pixel` (P,) those the rasteriser covered.
+def silhouette_crossings(
+    screen: Tensor, faces: Tensor, edges: EdgeFaces, pixel: Tensor, view: View
+) -> Crossings:
+    """Return the outline's crossings; `screen` (V, 3) projected vertices, `pixel` (P,) those the rasteriser
+    covered.
 
     edges: all of the mesh, or those of `outline_vertices`.
     """
@@ -99,7 +107,8 @@ def silhouette_crossings(screen: Tensor, faces: Tensor, edges: EdgeFaces, pixel:
     upright = extent[:, 1] >= extent[:, 0]
     parts = [_axis_crossings(ends[upright], covered, 0), _axis_crossings(ends[~upright], covered, 1)]
     inner, outer, t = (torch.cat(column) for column in zip(*parts, strict=True))
-    # Thin features can cross one pair several times: the last crossing seen from inside is the visible outline.
+    # Thin features can cross one pair several times: the last crossing seen from inside is the visible
+    # outline.
     order = torch.argsort(t.detach(), stable=True)
     order = order[torch.argsort((inner * (view.width * view.height) + outer)[order], stable=True)]
     inner, outer, t = inner[order], outer[order], t.index_select(0, order)

@@ -1,12 +1,14 @@
-"""Split-sum shading: the light's two averages, by lobe and by cosine, times what the surface reflects of them.
+"""Split-sum shading: the light's two averages, by lobe and by cosine, times what the surface reflects of
+them.
 
     L = c_diff (1 - F0) (1 - C) * irradiance(n) / pi  +  (F0 A + B) * S
 
-with the symbols of `render.brdf` and S the light's average under the specular lobe, for which a mixture of prefiltered
-lobes stands (`render.specular_lobes`). Exact under a constant light.
+with the symbols of `render.brdf` and S the light's average under the specular lobe, for which a mixture of
+prefiltered lobes stands (`render.specular_lobes`). Exact under a constant light.
 
-Where the object blocks its own view, `visibility` tells: the diffuse light is the cosine average over what is open, the
-specular one is dimmed by the lobe's open share, and both get one bounce off the blocking surfaces in return.
+Where the object blocks its own view, `visibility` tells: the diffuse light is the cosine average over what is
+open, the specular one is dimmed by the lobe's open share, and both get one bounce off the blocking surfaces
+in return.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,9 @@ from lightprobe.render.visibility import PointVisibility
 
 @dataclass(frozen=True)
 class Reflectance:
-    """How P pixels reflect. The diffuse factor also carries the cosine's share of the specular lobe; all are >= 0."""
+    """How P pixels reflect. The diffuse factor also carries the cosine's share of the specular lobe; all are
+    >= 0.
+    """
 
     specular: Tensor  # (P, 3) energy of the whole specular lobe
     share: Tensor  # (P, 1) of it that the sharp lobes carry
@@ -51,7 +55,9 @@ def reflectance(gbuffer: GBuffer) -> Reflectance:
 
 
 def specular_taps(r: Reflectance, normal: Tensor, prefilter: Prefilter) -> tuple[Tensor, Tensor]:
-    """Return index (P, 16) int32 and weight (P, 16) of the look-ups of the sharp lobes; weights sum to their share."""
+    """Return index (P, 16) int32 and weight (P, 16) of the look-ups of the sharp lobes; weights sum to their
+    share.
+    """
     direction = [normal + bend[:, None] * (r.mirror - normal) for bend in r.lobes.bend.unbind(-1)]
     roughness, share = r.lobes.roughness.T.flatten(), r.lobes.share.T.flatten()
     index, weight = prefilter.specular_taps(torch.cat(direction), roughness, share)
@@ -90,7 +96,8 @@ class Shading:
 
 
 def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
-    """Return outgoing radiance (P, 3), linear, of each pixel under prefiltered `levels` (T, 3) = prefilter.apply(env).
+    """Return outgoing radiance (P, 3), linear, of each pixel under prefiltered `levels` (T, 3) =
+    prefilter.apply(env).
 
     Differentiable in the G-buffer's normal, view, base colour, roughness and metallic and in the levels.
     """
@@ -112,11 +119,12 @@ def shade_under(gbuffer: GBuffer, light: Tensor) -> Tensor:
 
 
 def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the open share (P, 1) of the specular lobe, and what a pixel reflects (P, 3) of the light around it.
+    """Return the open share (P, 1) of the specular lobe, and what a pixel reflects (P, 3) of the light around
+    it.
 
-    The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. The second is
-    what comes by way of the surfaces in the way: they have the mean base colour of what blocks it, and are taken to
-    stand in the mean light of its open directions.
+    The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. The
+    second is what comes by way of the surfaces in the way: they have the mean base colour of what blocks it,
+    and are taken to stand in the mean light of its open directions.
     """
     if gbuffer.visibility is None:
         raise ValueError("The G-buffer has no visibility.")

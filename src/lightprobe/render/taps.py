@@ -11,7 +11,9 @@ from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light.prefilter import Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
 
-Taps = list[tuple[Tensor, Tensor]]  # look-ups of index (P, K) and weight (P, K); their rows stand one below the other
+Taps = list[
+    tuple[Tensor, Tensor]
+]  # look-ups of index (P, K) and weight (P, K); their rows stand one below the other
 
 
 class SparseTaps:
@@ -27,7 +29,9 @@ class SparseTaps:
 
     @functools.cached_property
     def _operators(self) -> tuple[PrefilterPart, SparseOperator]:
-        """The levels that are looked up, and the look-ups; made for those who apply it, not for those who select."""
+        """The levels that are looked up, and the look-ups; made for those who apply it, not for those who
+        select.
+        """
         used, matrix = _tap_matrix(self._taps, self._prefilter.total)
         return PrefilterPart(self._prefilter, used), SparseOperator.build(matrix)
 
@@ -78,7 +82,9 @@ def look_up(device: torch.device) -> type[SparseTaps] | type[GatheredTaps]:
 
 
 def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]:
-    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (rows, U)."""
+    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (rows,
+    U).
+    """
     index = np.concatenate([index.numpy().ravel() for index, _ in taps])
     weight = np.concatenate([weight.numpy().ravel() for _, weight in taps])
     lengths = np.repeat([index.shape[1] for index, _ in taps], [len(index) for index, _ in taps])
@@ -90,4 +96,6 @@ def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]
     start = np.concatenate([[0], np.cumsum(lengths)])
     used = np.flatnonzero(looked_up)
     column = np.where(filled, place[index], 0)
-    return torch.from_numpy(used), scipy.sparse.csr_array((weight, column, start), shape=(len(lengths), len(used)))
+    return torch.from_numpy(used), scipy.sparse.csr_array(
+        (weight, column, start), shape=(len(lengths), len(used))
+    )

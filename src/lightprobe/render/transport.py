@@ -1,8 +1,8 @@
 """The photo as a linear function of its light, and the light that explains a photo.
 
-With geometry and material fixed, the split-sum render is A E: A = F T L, with E the light's texels, L the prefilter,
-T the look-up taps of each pixel and F what each pixel reflects per channel. A is applied, never built.
-All entries of A are non-negative.
+With geometry and material fixed, the split-sum render is A E: A = F T L, with E the light's texels, L the
+prefilter, T the look-up taps of each pixel and F what each pixel reflects per channel. A is applied, never
+built. All entries of A are non-negative.
 """
 
 import copy
@@ -22,7 +22,10 @@ from lightprobe.render.taps import look_up
 
 _TINY = 1e-30  # keeps a division by nothing finite
 _LEAST_SHARE = 0.05  # of the mean channel: fainter ones are compared as if they were this bright
-_FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps along a direction before the line search; 1 is safe, 4 still common
+_FIRST_TRIAL, _LEAST_TRIAL = (
+    4.0,
+    0.5,
+)  # steps along a direction before the line search; 1 is safe, 4 still common
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,9 @@ class LitPixels:
 
 
 class Transport:
-    """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of the chosen pixels; no autograd."""
+    """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of the chosen pixels; no
+    autograd.
+    """
 
     @torch.no_grad()
     def __init__(self, gbuffer: GBuffer, prefilter: Prefilter, rows: Tensor | None = None):
@@ -84,26 +89,34 @@ class Transport:
 
 @torch.no_grad()
 def solve_light(
-    transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float,
-    iterations: int, start: LitPixels | None = None, chroma: float = 0.0,
-) -> LitPixels:  # fmt: skip
-    """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`; deterministic.
+    transport: Transport,
+    observed: Tensor,
+    weight: Tensor,
+    clipped: Tensor,
+    prior: Tensor,
+    regularisation: float,
+    iterations: int,
+    start: LitPixels | None = None,
+    chroma: float = 0.0,
+) -> LitPixels:
+    """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`;
+    deterministic.
 
     Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,
 
         mean_w |A E - observed|^2  +  regularisation * gain^2 * mean_omega |E - prior|^2
                                    +  chroma * gain^2 * mean_omega g^2 |U - mean_c U|^2 / (1 + u)
 
-    gain^2 = mean_w |A 1|^2 is what the object reflects of a white light. So `regularisation` has no dimension: it does
-    not depend on the number of pixels, the exposure, or how dark the object is. Texels the photo does not pin go to
-    the prior. observed (P, 3) linear; weight (P,) >= 0; where clipped (P, 3) bool, a brighter render costs nothing.
-    The last term holds the channels together (`_ChannelCoupling`).
+    gain^2 = mean_w |A 1|^2 is what the object reflects of a white light. So `regularisation` has no
+    dimension: it does not depend on the number of pixels, the exposure, or how dark the object is. Texels the
+    photo does not pin go to the prior. observed (P, 3) linear; weight (P,) >= 0; where clipped (P, 3) bool, a
+    brighter render costs nothing. The last term holds the channels together (`_ChannelCoupling`).
 
-    Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0, and an
-    exact line search follows between the light and the projected point: all of that segment is valid, so an iteration
-    costs one application and one adjoint. The preconditioner M is the majorant of the Hessian that comes free with
-    A >= 0 (`_Problem`). `start` (default: the prior) warms up the search. The light comes with A E, which is known by
-    then.
+    Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0,
+    and an exact line search follows between the light and the projected point: all of that segment is valid,
+    so an iteration costs one application and one adjoint. The preconditioner M is the majorant of the Hessian
+    that comes free with A >= 0 (`_Problem`). `start` (default: the prior) warms up the search. The light
+    comes with A E, which is known by then.
     """
     state = start or transport.lit(prior)
     coupling = _ChannelCoupling.of(state.light, prior, chroma)
@@ -125,9 +138,15 @@ def solve_light(
 
 
 def _conjugate(
-    scaled: Tensor, gradient: Tensor, free: Tensor, direction: Tensor | None, previous: tuple[Tensor, Tensor] | None
+    scaled: Tensor,
+    gradient: Tensor,
+    free: Tensor,
+    direction: Tensor | None,
+    previous: tuple[Tensor, Tensor] | None,
 ) -> Tensor:
-    """Return the next search direction (Polak and Ribiere, never a negative share, restarted when it points uphill)."""
+    """Return the next search direction (Polak and Ribiere, never a negative share, restarted when it points
+    uphill).
+    """
     if direction is None or previous is None:
         return -scaled
     old_gradient, old_product = previous
@@ -138,12 +157,14 @@ def _conjugate(
 
 @dataclass(frozen=True)
 class _ChannelCoupling:
-    """The last term of `solve_light` but for gain^2 and solid angle: chroma g^2 |U - mean_c U|^2 / (1 + u), U = E / m.
+    """The last term of `solve_light` but for gain^2 and solid angle: chroma g^2 |U - mean_c U|^2 / (1 + u), U
+    = E / m.
 
-    m is the mean colour of the prior, g the mean of its channels, and u the mean of U over channels in the light that
-    the search starts from: bright places may be coloured, too. Lights differ far more in brightness than in colour,
-    while a dielectric that is taken for a coloured metal asks for a light of much contrast in one channel and little in
-    another. |U - mean_c U|^2 is at most |U|^2, so that a diagonal bounds the term's Hessian from above.
+    m is the mean colour of the prior, g the mean of its channels, and u the mean of U over channels in the
+    light that the search starts from: bright places may be coloured, too. Lights differ far more in
+    brightness than in colour, while a dielectric that is taken for a coloured metal asks for a light of much
+    contrast in one channel and little in another. |U - mean_c U|^2 is at most |U|^2, so that a diagonal
+    bounds the term's Hessian from above.
     """
 
     stiffness: Tensor  # (6, R, R, 1): all but |U - mean_c U|^2
@@ -185,8 +206,8 @@ class _ChannelCoupling:
 class _Problem:
     """The objective of `solve_light`; gradients and curvatures leave out its factor 2.
 
-    majorant: M = A^T W A 1 + diagonals of the other terms. For A >= 0, x^T A^T W A x <= x^T diag(A^T W A 1) x by
-    Cauchy-Schwarz, so a step of gradient / M never raises the objective (De Pierro 1995).
+    majorant: M = A^T W A 1 + diagonals of the other terms. For A >= 0, x^T A^T W A x <= x^T diag(A^T W A 1) x
+    by Cauchy-Schwarz, so a step of gradient / M never raises the objective (De Pierro 1995).
     """
 
     transport: Transport
@@ -200,9 +221,14 @@ class _Problem:
 
     @staticmethod
     def build(
-        transport: Transport, observed: Tensor, weight: Tensor, clipped: Tensor, prior: Tensor, regularisation: float,
+        transport: Transport,
+        observed: Tensor,
+        weight: Tensor,
+        clipped: Tensor,
+        prior: Tensor,
+        regularisation: float,
         coupling: _ChannelCoupling | None,
-    ) -> "_Problem":  # fmt: skip
+    ) -> "_Problem":
         """Return the problem; when no pixel has any weight, every light solves it."""
         weight = (weight / weight.sum().clamp(min=_TINY))[:, None]
         gain = (weight * transport.white.square()).sum(0).mean()
@@ -213,7 +239,9 @@ class _Problem:
         if coupling is not None:
             coupling = coupling.weighted(unit)
             majorant = majorant + coupling.majorant()
-        return _Problem(transport, observed, weight, clipped, prior, stiffness, majorant.clamp(min=_TINY), coupling)
+        return _Problem(
+            transport, observed, weight, clipped, prior, stiffness, majorant.clamp(min=_TINY), coupling
+        )
 
     def residual(self, render: Tensor) -> Tensor:
         """Return render - observed, zero where a clipped pixel is rendered brighter."""
@@ -226,7 +254,8 @@ class _Problem:
         return gradient if self.coupling is None else gradient + self.coupling.gradient(state.light)
 
     def step(self, state: LitPixels, move: Tensor, gradient: Tensor) -> tuple[LitPixels, Tensor]:
-        """Return the best state between the present one and `move` away, and which share () of the move that is.
+        """Return the best state between the present one and `move` away, and which share () of the move that
+        is.
 
         Exact while no clipped pixel changes sides on the way.
         """

@@ -1,4 +1,6 @@
-"""What points see of a mesh, its own vertices as a rule: one depth map per direction, as for a sun standing there."""
+"""What points see of a mesh, its own vertices as a rule: one depth map per direction, as for a sun standing
+there.
+"""
 
 import torch
 from torch import Tensor
@@ -14,7 +16,8 @@ _HORIZON = -0.2  # directions further below a vertex's horizon are blocked, what
 
 
 def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> VertexVisibility:
-    """Return what the vertices (V, 3) of a mesh (F, 3) with base colours (F, 3) see; `side`: pixels of a depth map.
+    """Return what the vertices (V, 3) of a mesh (F, 3) with base colours (F, 3) see; `side`: pixels of a
+    depth map.
 
     What nothing blocks gets the mean colour as that of its blockers, which matters to no one.
     """
@@ -23,9 +26,15 @@ def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int
 
 @torch.no_grad()
 def point_visibility(
-    vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor, side: int = SIDE,
-    *, asked: Tensor | None = None,
-) -> VertexVisibility:  # fmt: skip
+    vertices: Tensor,
+    faces: Tensor,
+    colors: Tensor,
+    points: Tensor,
+    normals: Tensor,
+    side: int = SIDE,
+    *,
+    asked: Tensor | None = None,
+) -> VertexVisibility:
     """Return what surface points (P, 3) with unit normals (P, 3) see past a mesh, their own or another.
 
     vertices (V, 3), about the origin, faces (F, 3) and base colours (F, 3): the mesh; `side` as there.

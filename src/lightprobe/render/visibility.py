@@ -1,7 +1,8 @@
-"""Visibility of the environment from a surface: which directions the object itself occludes, and of what colour it is.
+"""Visibility of the environment from a surface: which directions the object itself occludes, and of what
+colour it is.
 
-It depends on the shape alone, and is known before any light. Per vertex it is found by `render.vertex_visibility`; here
-it is interpolated at the pixels of a view.
+It depends on the shape alone, and is known before any light. Per vertex it is found by
+`render.vertex_visibility`; here it is interpolated at the pixels of a view.
 """
 
 import functools
@@ -20,9 +21,7 @@ from lightprobe.light.prefilter import BLOCKS
 class VertexVisibility:
     """Visibility from V vertices."""
 
-    unoccluded: (
-        Tensor  # (V, 384) uint8, the share of each of 6 x 8 x 8 cubemap directions that is not occluded, 0 to 255
-    )
+    unoccluded: Tensor  # (V, 384) uint8, the share of each of 6 x 8 x 8 cubemap directions that is not occluded, 0 to 255
     occluder_color: Tensor  # (V, 3) linear mean base colour of the occluders, weighted by cosine
 
     def to(self, device: torch.device) -> "VertexVisibility":
@@ -62,12 +61,18 @@ class PointVisibility:
         return PointVisibility(self.vertices.brightened(factor), self.index, self.weight)
 
     def light(self, blocks: Tensor, normal: Tensor) -> Tensor:
-        """Return `kernels.occluded_light` (P, 7) of the light `blocks` (384, 3), its average over each direction."""
+        """Return `kernels.occluded_light` (P, 7) of the light `blocks` (384, 3), its average over each
+        direction.
+        """
         directions, angles = _sphere(blocks.device, blocks.dtype)
-        return occluded_light(blocks, normal, self.vertices.unoccluded, self.index, self.weight, directions, angles)
+        return occluded_light(
+            blocks, normal, self.vertices.unoccluded, self.index, self.weight, directions, angles
+        )
 
     def adjoint(self, diffuse: Tensor, ambient: Tensor, normal: Tensor) -> Tensor:
-        """Return the transpose of the first six columns of `light`, (384, 3), on (P, 3) each; not differentiable."""
+        """Return the transpose of the first six columns of `light`, (384, 3), on (P, 3) each; not
+        differentiable.
+        """
         directions, angles = _sphere(diffuse.device, diffuse.dtype)
         arriving = torch.cat([diffuse, ambient], 1)
         return occluded_light_adjoint(

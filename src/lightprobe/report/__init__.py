@@ -1,4 +1,6 @@
-"""Numbers in, pages out: the report of an evaluation, a benchmark's records and their tables, and how each was made."""
+"""Numbers in, pages out: the report of an evaluation, a benchmark's records and their tables, and how each
+was made.
+"""
 
 from lightprobe.report.pictures import view_pictures
 from lightprobe.report.report import Report, evenly_spaced, write_report

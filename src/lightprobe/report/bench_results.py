@@ -23,7 +23,9 @@ class BenchResults:
 
     def by_scene(self, kind: Kind, label: str = "") -> dict[str, Record]:
         """Return the scenes' records of one kind, scenes that nothing was chosen with first."""
-        found = {record.scene: record for record in self.records if record.kind is kind and record.label == label}
+        found = {
+            record.scene: record for record in self.records if record.kind is kind and record.label == label
+        }
         return {scene: found[scene] for scene in ordered(found)}
 
     @cached_property
@@ -51,7 +53,9 @@ class BenchResults:
     def losses(self) -> dict[str, list[Record]]:
         """Loss of the ablation -> a record for each seed."""
         found: dict[str, list[Record]] = {}
-        for record in sorted((r for r in self.records if r.kind is Kind.LOSS), key=lambda r: (len(r.label), r.label)):
+        for record in sorted(
+            (r for r in self.records if r.kind is Kind.LOSS), key=lambda r: (len(r.label), r.label)
+        ):
             found.setdefault(record.label, []).append(record)
         return found
 
@@ -87,11 +91,15 @@ def method_name(method: str, record: Record) -> str:
 
 def whole(metrics: Metrics) -> dict[str, dict[str, float]]:
     """Return the methods that were scored on every photo, with their means; slow ones see a part of them."""
-    return {method: scores for method, scores in metrics["methods"].items() if not partial_photos(metrics, method)}
+    return {
+        method: scores for method, scores in metrics["methods"].items() if not partial_photos(metrics, method)
+    }
 
 
 def partial_photos(metrics: Metrics, method: str) -> list[Mapping[str, Mapping[str, float]]]:
-    """Return the scores, by method, of the photos that `method` saw if it did not see all; else an empty list."""
+    """Return the scores, by method, of the photos that `method` saw if it did not see all; else an empty
+    list.
+    """
     photos = [photo["methods"] for photo in metrics["photos"].values()]
     seen = [each for each in photos if method in each]
     return seen if 0 < len(seen) < len(photos) else []

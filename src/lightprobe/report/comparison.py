@@ -1,7 +1,8 @@
-"""Two runs on one page: the photos that both were tested on, side by side, and by how much their scores differ.
+"""Two runs on one page: the photos that both were tested on, side by side, and by how much their scores
+differ.
 
-Differences are the second run's score less the first one's, each with the 95 % interval of the mean over photos, which
-are paired: what makes a photo hard for both runs cancels.
+Differences are the second run's score less the first one's, each with the 95 % interval of the mean over
+photos, which are paired: what makes a photo hard for both runs cancels.
 """
 
 import html
@@ -50,7 +51,9 @@ class Comparison:
     def __post_init__(self) -> None:
         """Raise `InputError` when no photo was tested by both."""
         if not self.photos:
-            raise InputError(f"{self.names[0]} and {self.names[1]} have no test photo in common: nothing to compare.")
+            raise InputError(
+                f"{self.names[0]} and {self.names[1]} have no test photo in common: nothing to compare."
+            )
 
     @cached_property
     def photos(self) -> list[str]:
@@ -59,7 +62,9 @@ class Comparison:
         return [name for name in first if name in second]
 
     def methods(self) -> list[tuple[str, str]]:
-        """Return the methods that are compared: the defaults of both with each other, then those that both scored."""
+        """Return the methods that are compared: the defaults of both with each other, then those that both
+        scored.
+        """
         first, second = (report.metrics for report in self.reports)
         default = (first["default_method"], second["default_method"])
         same = [(method, method) for method in first["methods"] if method in second["methods"]]
@@ -82,7 +87,9 @@ class Comparison:
         values = []
         for report, method in zip(self.reports, methods, strict=True):
             scores = report.metrics["photos"][photo]
-            values.append(scores.get("methods", {}).get(method, scores if self._is_default(report, method) else {}))
+            values.append(
+                scores.get("methods", {}).get(method, scores if self._is_default(report, method) else {})
+            )
         a, b = (scores.get(key) for scores in values)
         return None if a is None or b is None else (a, b)
 
@@ -95,18 +102,25 @@ class Comparison:
                 {
                     "methods": list(methods),
                     "scores": {
-                        key: {"first": d.first, "second": d.second, "difference": d.value, "interval": d.margin,
-                              "photos": d.photos}
+                        key: {
+                            "first": d.first,
+                            "second": d.second,
+                            "difference": d.value,
+                            "interval": d.margin,
+                            "photos": d.photos,
+                        }
                         for key, d in self.differences(methods).items()
                     },
                 }
                 for methods in self.methods()
             ],
-        }  # fmt: skip
+        }
 
     def _lights(self) -> dict[str, str]:
         photos = self.reports[0].metrics["photos"]
-        return {name: photos[name]["light"] for name in self.photos if isinstance(photos[name].get("light"), str)}
+        return {
+            name: photos[name]["light"] for name in self.photos if isinstance(photos[name].get("light"), str)
+        }
 
     @staticmethod
     def _is_default(report: Report, method: str) -> bool:
@@ -163,7 +177,11 @@ def _section(found: Comparison, name: str, place: int, changes: dict[str, float]
     words = [f"{ORDERS[key].name} {_signed(ORDERS[key], change)}" for key, change in changes.items()]
     header = f"<header><b>{html.escape(name)}</b><span>{html.escape(' · '.join(words))}</span><span></span></header>"
     truth = found.reports[0].pictures[name]
-    rows = (("photo", "render"), ("true light", "predicted light"), ("spheres, true light", "spheres, predicted light"))
+    rows = (
+        ("photo", "render"),
+        ("true light", "predicted light"),
+        ("spheres, true light", "spheres, predicted light"),
+    )
     cells = []
     for true, mine in rows:
         true_cell = figure(true, truth[true]) if true in truth else "<figure></figure>"
@@ -182,7 +200,9 @@ def _method_table(found: Comparison, methods: tuple[str, str]) -> str:
     lines = []
     for key, difference in found.differences(methods).items():
         heading = SCORES[key]
-        margin = f"<small> ± {heading.text(difference.margin)}</small>" if math.isfinite(difference.margin) else ""
+        margin = (
+            f"<small> ± {heading.text(difference.margin)}</small>" if math.isfinite(difference.margin) else ""
+        )
         values = (difference.first, difference.second)
         cells = "".join(f'<td data-value="{v:.6g}">{heading.text(v)}</td>' for v in values)
         lines.append(
@@ -207,9 +227,11 @@ def _photo_table(found: Comparison) -> str:
         for key in keys:
             pair = found.pair(photo, key, methods)
             change = None if pair is None else pair[1] - pair[0]
-            cells += "<td>–</td>" if change is None else (
-                f'<td data-value="{change:.6g}">{_signed(SCORES[key], change)}</td>'
-            )  # fmt: skip
+            cells += (
+                "<td>–</td>"
+                if change is None
+                else (f'<td data-value="{change:.6g}">{_signed(SCORES[key], change)}</td>')
+            )
         lines.append(f"<tr><td>{label(photo, anchors)}</td>{cells}</tr>")
     head = "".join(f"<th>{headline(SCORES[key])}</th>" for key in keys)
     body = f"<thead><tr><th>photo</th>{head}</tr></thead><tbody>{''.join(lines)}</tbody>"

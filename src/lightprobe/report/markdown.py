@@ -38,7 +38,9 @@ def signed(value: float) -> str:
     return f"{value:+.2f}" if math.isfinite(value) else NONE
 
 
-def score_cells(scores: Mapping[str, float], interval: Mapping[str, float], columns: Mapping[str, int]) -> list[str]:
+def score_cells(
+    scores: Mapping[str, float], interval: Mapping[str, float], columns: Mapping[str, int]
+) -> list[str]:
     """Return the scores in `columns` (score -> decimals), each with its interval where there is one."""
     cells = []
     for key, decimals in columns.items():
@@ -48,11 +50,15 @@ def score_cells(scores: Mapping[str, float], interval: Mapping[str, float], colu
 
 
 def mean_cell(values: Sequence[float], decimals: int, *, with_range: bool = False) -> str:
-    """Return the mean of values that are independent of each other with its interval, and the range of the values."""
+    """Return the mean of values that are independent of each other with its interval, and the range of the
+    values.
+    """
     if not values:
         return NONE
     margin = interval(values)
-    text = number(mean(values), decimals) + (f" ± {number(margin, decimals)}" if math.isfinite(margin) else "")
+    text = number(mean(values), decimals) + (
+        f" ± {number(margin, decimals)}" if math.isfinite(margin) else ""
+    )
     both = f" ({number(min(values), decimals)} to {number(max(values), decimals)})"
     return text + both if with_range and len(values) > 1 else text
 

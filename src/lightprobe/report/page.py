@@ -31,7 +31,8 @@ def _asset(name: str) -> str:
 
 
 def figure(title: str, uri: str, caption: str | None = None) -> str:
-    """Return a picture with its caption, by default its title and the hint of its kind; the confidence with its scale.
+    """Return a picture with its caption, by default its title and the hint of its kind; the confidence with
+    its scale.
 
     uri: a data URI that has no quotes in it.
     """
@@ -45,7 +46,9 @@ def figure(title: str, uri: str, caption: str | None = None) -> str:
 def links(files: Links, folder: Path) -> list[str]:
     """Return a link to each of the files that exist, relative to `folder`."""
     found = {name: os.path.relpath(path, folder) for name, path in files.items() if path.is_file()}
-    return [f'<a href="{quote(Path(path).as_posix())}">{html.escape(name)}</a>' for name, path in found.items()]
+    return [
+        f'<a href="{quote(Path(path).as_posix())}">{html.escape(name)}</a>' for name, path in found.items()
+    ]
 
 
 def facts_line(facts: dict[str, str], more: list[str]) -> str:
@@ -56,13 +59,16 @@ def facts_line(facts: dict[str, str], more: list[str]) -> str:
 
 def key_figures(figures: dict[str, str]) -> str:
     """Return a line of large numbers, each above what it is; nothing for none."""
-    items = (f"<li><b>{html.escape(v)}</b><span>{html.escape(name)}</span></li>" for name, v in figures.items())
+    items = (
+        f"<li><b>{html.escape(v)}</b><span>{html.escape(name)}</span></li>" for name, v in figures.items()
+    )
     return f'<ul class="figures">{"".join(items)}</ul>' if figures else ""
 
 
 def _scale() -> str:
     """Return the bar of the confidence's colours, with the factor that each means."""
     marks = "".join(
-        f'<span style="left: {100 * place:.1f}%">{number}<br>{factor}</span>' for place, number, factor in ticks()
+        f'<span style="left: {100 * place:.1f}%">{number}<br>{factor}</span>'
+        for place, number, factor in ticks()
     )
     return f'<div class="scale" style="background: {css_gradient()}"></div><div class="ticks">{marks}</div>'

@@ -17,7 +17,9 @@ ORDERS: Headings = {
 """Scores that photos can be put in the order of."""
 
 
-def photo_section(name: str, place: int, pictures: Pictures, scores: dict[str, Any], file_links: list[str]) -> str:
+def photo_section(
+    name: str, place: int, pictures: Pictures, scores: dict[str, Any], file_links: list[str]
+) -> str:
     """Return a photo's section: `place` is its place in the order of the names, `file_links` are HTML."""
     header = f"<header><b>{html.escape(name)}</b><span>{html.escape(score_words(scores))}</span>"
     header += f"<span>{' · '.join(file_links)}</span></header>"
@@ -59,7 +61,9 @@ def score_attributes(scores: dict[str, Any]) -> str:
 
 
 def order_list(sections: str, all_scores: list[dict[str, Any]], of: str = "") -> str:
-    """Return the list that puts the children of the element `sections` in order; nothing where there is no choice."""
+    """Return the list that puts the children of the element `sections` in order; nothing where there is no
+    choice.
+    """
     known = {key: h for key, h in ORDERS.items() if sum(key in scores for scores in all_scores) > 1}
     if not known:
         return ""

@@ -55,7 +55,9 @@ PICTURE_HINTS = {
 
 
 def data_uri(encoded: np.ndarray, *, side: int = _SIDE) -> str:
-    """Return a picture (H, W, 3) or (H, W), already display-encoded in [0, 1], as the data URI of a small JPEG."""
+    """Return a picture (H, W, 3) or (H, W), already display-encoded in [0, 1], as the data URI of a small
+    JPEG.
+    """
     values = encoded if encoded.ndim == 3 else np.repeat(encoded[..., None], 3, axis=2)
     small = shrink_area(np.ascontiguousarray(values, np.float32), side)
     buffer = io.BytesIO()
@@ -83,12 +85,16 @@ def view_pictures(result: ViewResult) -> dict[str, str]:
 def _cut(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return the part around the object of a picture (h, w, 3) of the view, whose mask (H, W) may be larger."""
     pairs = zip(object_box(mask), mask.shape, picture.shape, strict=False)
-    rows, columns = (slice(part.start * small // full, -(-part.stop * small // full)) for part, full, small in pairs)
+    rows, columns = (
+        slice(part.start * small // full, -(-part.stop * small // full)) for part, full, small in pairs
+    )
     return picture[rows, columns]
 
 
 def object_box(mask: np.ndarray) -> tuple[slice, slice]:
-    """Return the rows and columns around the object of a mask (H, W) bool, with a margin; all when it is empty."""
+    """Return the rows and columns around the object of a mask (H, W) bool, with a margin; all when it is
+    empty.
+    """
     slices = []
     for axis in (1, 0):
         used = np.nonzero(mask.any(axis=axis))[0]

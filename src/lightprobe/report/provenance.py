@@ -1,4 +1,6 @@
-"""What made a number: the commit, the machine and its threads, what a training took, a command without folders."""
+"""What made a number: the commit, the machine and its threads, what a training took, a command without
+folders.
+"""
 
 import math
 import os
@@ -15,15 +17,20 @@ from lightprobe.core.timings import read_timings
 
 
 def without_places(command: str, places: dict[str, Path]) -> str:
-    """Return a command without this machine's folders: names stand for `places`, other absolute paths lose theirs."""
-    spellings = {str(spelling): name for name, place in places.items() for spelling in (place, place.resolve())}
+    """Return a command without this machine's folders: names stand for `places`, other absolute paths lose
+    theirs.
+    """
+    spellings = {
+        str(spelling): name for name, place in places.items() for spelling in (place, place.resolve())
+    }
     for spelling in sorted(spellings, key=len, reverse=True):  # one place may lie inside another
         command = re.sub(rf"(?<!\S){re.escape(spelling)}(?=[/\\])", spellings[spelling], command)
     return re.sub(r"(?<!\S)(?:/|[A-Za-z]:[/\\])(?:\S*[/\\])?(?=\S)", "", command)
 
 
 def training_costs(run: RunFolder) -> dict[str, float]:
-    """Return the whole seconds of each finished phase of a run and the most memory (`memory`, GiB), from timings.json.
+    """Return the whole seconds of each finished phase of a run and the most memory (`memory`, GiB), from
+    timings.json.
 
     What counts as a phase's time is said in `core.timings`. Empty for a run without such a record.
     """
@@ -39,7 +46,9 @@ def commit() -> str:
     questions = (["rev-parse", "--short", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
     try:
         name, changes = (
-            subprocess.run(["git", "-C", str(here), *words], capture_output=True, text=True, check=True).stdout.strip()
+            subprocess.run(
+                ["git", "-C", str(here), *words], capture_output=True, text=True, check=True
+            ).stdout.strip()
             for words in questions
         )
     except (OSError, subprocess.CalledProcessError):

@@ -20,8 +20,12 @@ class PublishedLight:
 
 
 PUBLISHED_LIGHTS = (
-    PublishedLight("LuxDiT", (0.077, 0.196, 0.442), "Poly Haven panoramas, from a photo of the place, no known object"),
-    PublishedLight("NeuS + Mitsuba", (0.082, 0.232, 0.424), "real objects under real light, from photos of the object"),
+    PublishedLight(
+        "LuxDiT", (0.077, 0.196, 0.442), "Poly Haven panoramas, from a photo of the place, no known object"
+    ),
+    PublishedLight(
+        "NeuS + Mitsuba", (0.082, 0.232, 0.424), "real objects under real light, from photos of the object"
+    ),
     PublishedLight("DiffusionLight", (0.113, 0.270, 0.519), "from a photo of the place, no known object"),
 )
 
@@ -42,17 +46,26 @@ PAPER_OURS = "the paper's"  # the row that the paper calls "Ours"
 
 PAPER_TABLES = (
     PaperTable(
-        1, "NeRD's synthetic scenes, varying light", {"Car": "nerd-car", "Chair": "nerd-chair", "Globe": "nerd-globe"},
+        1,
+        "NeRD's synthetic scenes, varying light",
+        {"Car": "nerd-car", "Chair": "nerd-chair", "Globe": "nerd-globe"},
         {
             "NeRF": (("21.05", ".89"), None, None, None),
             "NeRD": (("27.96", ".95"), None, None, None),
             "Neural-PIL, as published": (("29.24", ".96"), None, None, None),
-            "Neural-PIL, reproduced": (("26.33", ".88"), ("27.74", ".92"), ("29.51", ".92"), ("21.95", ".81")),
+            "Neural-PIL, reproduced": (
+                ("26.33", ".88"),
+                ("27.74", ".92"),
+                ("29.51", ".92"),
+                ("21.95", ".81"),
+            ),
             PAPER_OURS: (("27.51", ".94"), ("29.09", ".96"), ("29.61", ".95"), ("23.83", ".90")),
         },
     ),
     PaperTable(
-        2, "NeRD's real scenes, varying light", {"Gnome": "nerd-gnome", "MotherChild": "nerd-motherchild"},
+        2,
+        "NeRD's real scenes, varying light",
+        {"Gnome": "nerd-gnome", "MotherChild": "nerd-motherchild"},
         {
             "NeRF": (("20.11", ".87"), None, None),
             "NeRD": (("25.81", ".95"), None, None),
@@ -62,7 +75,9 @@ PAPER_TABLES = (
         },
     ),
     PaperTable(
-        3, "NeRD's real scenes, fixed or nearly fixed light", {"Head": "nerd-head", "Cape": "cape"},
+        3,
+        "NeRD's real scenes, fixed or nearly fixed light",
+        {"Head": "nerd-head", "Cape": "cape"},
         {
             "NeRF": (("23.34", ".85"), None, None),
             "NeRD": (("23.86", ".88"), None, None),
@@ -71,7 +86,7 @@ PAPER_TABLES = (
             PAPER_OURS: (("24.00", ".87"), ("24.01", ".89"), ("23.98", ".85")),
         },
     ),
-)  # fmt: skip
+)
 
 # Table 4: seconds to estimate the light of one image, and steps of inference
 PAPER_SECONDS = {"NeRD": ("about 3600", "1000"), "Neural-PIL": ("about 300", "100"), PAPER_OURS: ("< 1", "1")}

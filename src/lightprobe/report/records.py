@@ -1,7 +1,8 @@
-"""What a finished evaluation of a benchmark leaves: one small JSON file with every photo's scores, and how it was made.
+"""What a finished evaluation of a benchmark leaves: one small JSON file with every photo's scores, and how it
+was made.
 
-The tables are written from these files alone, so a benchmark can be made in pieces and on several days. A record holds
-the scores that have a heading, to five digits; means and intervals are taken from them anew.
+The tables are written from these files alone, so a benchmark can be made in pieces and on several days. A
+record holds the scores that have a heading, to five digits; means and intervals are taken from them anew.
 """
 
 import json
@@ -50,12 +51,18 @@ class Record:
     command: str = ""
     iterations: str = ""  # where the paper's are cut: how many of how many
     training: dict[str, float] = field(default_factory=dict)  # phase -> seconds, and `memory` in GiB
-    object_verdict: dict[str, Any] = field(default_factory=dict)  # as `ObjectVerdict.to_json`, where there is one
-    light_accuracy: dict[str, Any] = field(default_factory=dict)  # as `LightAccuracy.to_json`, where there is one
+    object_verdict: dict[str, Any] = field(
+        default_factory=dict
+    )  # as `ObjectVerdict.to_json`, where there is one
+    light_accuracy: dict[str, Any] = field(
+        default_factory=dict
+    )  # as `LightAccuracy.to_json`, where there is one
 
     @property
     def name(self) -> str:
-        """The name of its file without the suffix: the scene, and what sets it apart from the scene's other records."""
+        """The name of its file without the suffix: the scene, and what sets it apart from the scene's other
+        records.
+        """
         parts = [] if self.kind is Kind.RUN else [self.kind.value]
         parts = [f"{self.kind.value}{self.seed}"] if self.kind is Kind.SEED else parts
         parts += [re.sub(r"[^A-Za-z0-9]+", "-", self.label).strip("-")] if self.label else []
@@ -64,7 +71,9 @@ class Record:
 
     def write(self, folder: Path) -> None:
         """Write the record into `folder`, under its name."""
-        about = {key: value for key, value in vars(self).items() if key != "metrics" and value not in ("", {})}
+        about = {
+            key: value for key, value in vars(self).items() if key != "metrics" and value not in ("", {})
+        }
         content = {"format": _FORMAT, **about, **_packed(self.metrics)}
         scores = ",\n".join(f"{json.dumps(m)}: {_line(s)}" for m, s in content.pop("scores").items())
         lines = [f"{json.dumps(key)}: {_line(value)}" for key, value in content.items()]
@@ -78,10 +87,14 @@ class Record:
         try:
             if stored["format"] != _FORMAT:
                 raise ValueError(f"format {stored['format']}")
-            about = {key: stored[key] for key in Record.__dataclass_fields__ if key in stored and key != "kind"}
+            about = {
+                key: stored[key] for key in Record.__dataclass_fields__ if key in stored and key != "kind"
+            }
             return Record(**about, kind=Kind(stored["kind"]), metrics=_unpacked(stored))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
-            raise InputError(f"{path} is no record of a benchmark ({error!r}); delete it to make it anew.") from error
+            raise InputError(
+                f"{path} is no record of a benchmark ({error!r}); delete it to make it anew."
+            ) from error
 
 
 def read_records(folder: Path) -> list[Record]:
@@ -90,7 +103,9 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def _packed(metrics: Metrics) -> dict[str, Any]:
-    """Return the content of a metrics.json with one list per method and score, over photos; None where one has none."""
+    """Return the content of a metrics.json with one list per method and score, over photos; None where one
+    has none.
+    """
     photos = metrics["photos"]
     scores: dict[str, dict[str, list[float | None]]] = {}
     for method in metrics["methods"]:
@@ -123,7 +138,9 @@ def _unpacked(stored: dict[str, Any]) -> Metrics:
         }
         for method, columns in scores.items()
     }
-    means = {m: {key: sum(v.values()) / len(v) for key, v in columns.items()} for m, columns in values.items()}
+    means = {
+        m: {key: sum(v.values()) / len(v) for key, v in columns.items()} for m, columns in values.items()
+    }
     photos: dict[str, Any] = {name: {"methods": {}} for name in names}
     for method, columns in values.items():
         for key, column in columns.items():
@@ -131,10 +148,14 @@ def _unpacked(stored: dict[str, Any]) -> Metrics:
                 photos[name]["methods"].setdefault(method, {})[key] = value
     for name, light in lights.items():
         photos[name]["light"] = light
-    widths = {m: {key: photo_interval(v, lights) for key, v in columns.items()} for m, columns in values.items()}
+    widths = {
+        m: {key: photo_interval(v, lights) for key, v in columns.items()} for m, columns in values.items()
+    }
     return {
         "mean": {**means[stored["default_method"]], **stored["truth"]},
-        "interval": {m: {key: w for key, w in each.items() if math.isfinite(w)} for m, each in widths.items()},
+        "interval": {
+            m: {key: w for key, w in each.items() if math.isfinite(w)} for m, each in widths.items()
+        },
         "default_method": stored["default_method"],
         "methods": means,
         "confidence": stored["confidence"],

@@ -97,7 +97,9 @@ def _anchors(report: Report) -> dict[str, str]:
 
 def _verdicts(metrics: dict[str, Any]) -> list[str]:
     """Return what is wrong with photos: those that no light explains well, and those that are not scored."""
-    doubts = {name: verdict["sentences"] for name, verdict in metrics.get("verdicts", {}).get("photos", {}).items()}
+    doubts = {
+        name: verdict["sentences"] for name, verdict in metrics.get("verdicts", {}).get("photos", {}).items()
+    }
     told = {name: " ".join(sentences) for name, sentences in doubts.items() if sentences}
     parts = []
     if doubts:
@@ -130,8 +132,8 @@ def _commands(commands: Sequence[str]) -> str:
 def _by_method(metrics: dict[str, Any], headings: dict[str, Heading]) -> str:
     """Return a table of the methods' means.
 
-    A slow method may have seen only some of the photos; its mean is of other photos, so its row says how many they
-    are, has no interval and is never the best one.
+    A slow method may have seen only some of the photos; its mean is of other photos, so its row says how many
+    they are, has no interval and is never the best one.
     """
     seen = [photo.get("methods", metrics["methods"]) for photo in metrics["photos"].values()]
     counts = {method: sum(method in scores for scores in seen) for method in metrics["methods"]}
@@ -147,7 +149,9 @@ def _by_method(metrics: dict[str, Any], headings: dict[str, Heading]) -> str:
 
 
 def _light_tables(metrics: dict[str, Any]) -> list[str]:
-    """Return the scores of the lights and the error by confidence, or nothing where the true lights are unknown."""
+    """Return the scores of the lights and the error by confidence, or nothing where the true lights are
+    unknown.
+    """
     if not any(name in scores for scores in metrics["methods"].values() for name in LIGHTS | MAPS):
         return []
     body = ["<h3>Against the true lights: what they make of objects</h3>", _by_method(metrics, LIGHTS)]

@@ -1,4 +1,6 @@
-"""The tables of the report as HTML: arrows to the better values, the best ones in bold, and what the columns mean."""
+"""The tables of the report as HTML: arrows to the better values, the best ones in bold, and what the columns
+mean.
+"""
 
 import html
 from collections.abc import Iterable, Mapping
@@ -10,15 +12,23 @@ Rows = dict[str, dict[str, Any]]  # label -> score -> value
 
 
 def table(
-    corner: str, rows: Rows, headings: Headings, *, intervals: Rows | None = None, compared: Iterable[str] = (),
-    legend: bool = True, anchors: Mapping[str, str] | None = None,
-) -> str:  # fmt: skip
+    corner: str,
+    rows: Rows,
+    headings: Headings,
+    *,
+    intervals: Rows | None = None,
+    compared: Iterable[str] = (),
+    legend: bool = True,
+    anchors: Mapping[str, str] | None = None,
+) -> str:
     """Return a table with the columns that any row has, and the list of their meanings, folded.
 
-    A known interval stands behind its value. `compared` are the rows whose best values are bold. `anchors` leads from
-    a row's label to an element of the page.
+    A known interval stands behind its value. `compared` are the rows whose best values are bold. `anchors`
+    leads from a row's label to an element of the page.
     """
-    used = {key: heading for key, heading in headings.items() if any(key in scores for scores in rows.values())}
+    used = {
+        key: heading for key, heading in headings.items() if any(key in scores for scores in rows.values())
+    }
     head = "".join(f'<th title="{html.escape(h.note)}"{_first(h)}>{headline(h)}</th>' for h in used.values())
     best = best_cells({name: rows[name] for name in compared if name in rows}, used)
     known, places = intervals or {}, anchors or {}
@@ -55,12 +65,16 @@ def best_cells(rows: Rows, headings: Headings) -> set[tuple[str, str]]:
 
 def folded(summary: str, meanings: Iterable[tuple[str, str]]) -> str:
     """Return a list of terms and meanings that unfolds under `summary`."""
-    entries = "".join(f"<dt>{html.escape(term)}</dt><dd>{html.escape(meaning)}</dd>" for term, meaning in meanings)
+    entries = "".join(
+        f"<dt>{html.escape(term)}</dt><dd>{html.escape(meaning)}</dd>" for term, meaning in meanings
+    )
     return f"<details><summary>{html.escape(summary)}</summary><dl>{entries}</dl></details>"
 
 
 def _legend(headings: Headings) -> str:
-    return folded("What the columns mean", ((f"{h.name} {h.arrow}".strip(), h.note) for h in headings.values()))
+    return folded(
+        "What the columns mean", ((f"{h.name} {h.arrow}".strip(), h.note) for h in headings.values())
+    )
 
 
 def label(name: str, anchors: Mapping[str, str]) -> str:
@@ -81,7 +95,11 @@ def headline(heading: Heading) -> str:
 
 
 def _cells(
-    name: str, scores: dict[str, Any], interval: dict[str, Any], headings: Headings, best: set[tuple[str, str]]
+    name: str,
+    scores: dict[str, Any],
+    interval: dict[str, Any],
+    headings: Headings,
+    best: set[tuple[str, str]],
 ) -> Iterable[str]:
     for key, heading in headings.items():
         if key not in scores:

@@ -22,7 +22,11 @@ def results_page(results: BenchResults) -> str:
         ("What was said of the object beforehand", _VERDICT_NOTE, verdict_table(results)),
         ("Error by confidence", _CONFIDENCE_NOTE, tables.confidence_table(results)),
         ("Seconds per photo (Table 4)", _TIME_NOTE, tables.time_table(results)),
-        ("Weights of the loss (Table 5), and r² against r⁴", _loss_note(losses_scene), tables.loss_table(results)),
+        (
+            "Weights of the loss (Table 5), and r² against r⁴",
+            _loss_note(losses_scene),
+            tables.loss_table(results),
+        ),
         ("How each record was made", _RECORDS_NOTE, tables.record_table(results)),
     ]
     lines = ["# Results", "", _HEAD, "", *_about(results)]

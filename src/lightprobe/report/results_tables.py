@@ -1,4 +1,6 @@
-"""The tables of the results' page: each takes all records of a benchmark and returns lines of Markdown, or none."""
+"""The tables of the results' page: each takes all records of a benchmark and returns lines of Markdown, or
+none.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +28,9 @@ _AS_TRAINED = "as trained"
 
 
 def scene_table(results: BenchResults) -> list[str]:
-    """Return every scene of the program's own list and of the records: what it was used for, photos and lights."""
+    """Return every scene of the program's own list and of the records: what it was used for, photos and
+    lights.
+    """
     rows: list[tuple[list[str], Record | None]] = []
     for name in ordered([*BENCH_SCENES, *results.runs]):
         record = results.runs.get(name)
@@ -35,7 +39,9 @@ def scene_table(results: BenchResults) -> list[str]:
             continue
         photos = record.metrics["photos"].values()
         lights = {photo["light"] for photo in photos if "light" in photo}
-        rows.append(([name, role(name).value, str(len(photos)), str(len(lights)) if lights else "not named"], record))
+        rows.append(
+            ([name, role(name).value, str(len(photos)), str(len(lights)) if lights else "not named"], record)
+        )
     return rows_table(results, ["scene", "role", "test photos", "lights"], rows)
 
 
@@ -49,12 +55,28 @@ def image_table(results: BenchResults) -> list[str]:
 def light_table(results: BenchResults) -> list[str]:
     """Return the errors of the lights, method by scene, with the rows of the true object below."""
     columns = {
-        "relit_psnr": 2, "relit_psnr_scaled": 2, **_RMSE, **_ANGLES, "light_log_rmse": 2, "light_log_rmse_scaled": 2,
-        "light_log_rmse_channels": 2, **_BRIGHT,
-    }  # fmt: skip
-    heads = ["relit, raw", "scaled", *SPHERES, *(f"{s} °" for s in SPHERES), "log-RMSE, raw", "scaled", "per channel"]
+        "relit_psnr": 2,
+        "relit_psnr_scaled": 2,
+        **_RMSE,
+        **_ANGLES,
+        "light_log_rmse": 2,
+        "light_log_rmse_scaled": 2,
+        "light_log_rmse_channels": 2,
+        **_BRIGHT,
+    }
+    heads = [
+        "relit, raw",
+        "scaled",
+        *SPHERES,
+        *(f"{s} °" for s in SPHERES),
+        "log-RMSE, raw",
+        "scaled",
+        "per channel",
+    ]
     heads += ["brightest, raw", "scaled"]
-    known = [name for name, record in results.runs.items() if "light_log_rmse" in default_scores(record.metrics)]
+    known = [
+        name for name, record in results.runs.items() if "light_log_rmse" in default_scores(record.metrics)
+    ]
     return _method_table(results, heads, columns, [results.runs, results.paper, results.oracle], known)
 
 
@@ -76,7 +98,9 @@ def published_images_table(results: BenchResults) -> list[str]:
 
 
 def published_lights_table(results: BenchResults) -> list[str]:
-    """Return the three spheres in the mean of all scenes with true lights beside published ones, and what differs."""
+    """Return the three spheres in the mean of all scenes with true lights beside published ones, and what
+    differs.
+    """
     runs = [r for r in results.runs.values() if f"{SPHERES[0]}_si_rmse" in default_scores(r.metrics)]
     true = [results.oracle[r.scene] for r in runs if r.scene in results.oracle]
     lines: list[tuple[str, list[Record], str | None]] = [
@@ -88,10 +112,16 @@ def published_lights_table(results: BenchResults) -> list[str]:
     ]
     rows = []
     for label, records, method in lines:
-        scores = {r.scene: r.metrics["methods"].get(method or r.metrics["default_method"], {}) for r in records}
+        scores = {
+            r.scene: r.metrics["methods"].get(method or r.metrics["default_method"], {}) for r in records
+        }
         scores = {scene: each for scene, each in scores.items() if f"{SPHERES[0]}_si_rmse" in each}
         if scores:
-            means = {key: mean([s[key] for s in scores.values()]) for key in (*_RMSE, *_ANGLES) if _in_all(key, scores)}
+            means = {
+                key: mean([s[key] for s in scores.values()])
+                for key in (*_RMSE, *_ANGLES)
+                if _in_all(key, scores)
+            }
             cells = score_cells(means, {}, _RMSE | _ANGLES)
             rows.append([label, *cells, f"mean of {', '.join(scores)}; from one photo of a known object"])
     if not rows:
@@ -101,15 +131,25 @@ def published_lights_table(results: BenchResults) -> list[str]:
 
 
 def seed_table(results: BenchResults) -> list[str]:
-    """Return the default method over training seeds: means, intervals over seeds, and the least and the largest."""
+    """Return the default method over training seeds: means, intervals over seeds, and the least and the
+    largest.
+    """
     columns = {
-        "psnr": 2, "psnr_masked": 2, "psnr_unseen": 2, "relit_psnr": 2, "relit_psnr_scaled": 2, **_RMSE,
-        "light_log_rmse": 2, "light_log_rmse_scaled": 2,
-    }  # fmt: skip
+        "psnr": 2,
+        "psnr_masked": 2,
+        "psnr_unseen": 2,
+        "relit_psnr": 2,
+        "relit_psnr_scaled": 2,
+        **_RMSE,
+        "light_log_rmse": 2,
+        "light_log_rmse_scaled": 2,
+    }
     rows = []
     for name, records in results.seeds.items():
         means = [default_scores(record.metrics) for record in records]
-        cells = [mean_cell([m[key] for m in means if key in m], d, with_range=True) for key, d in columns.items()]
+        cells = [
+            mean_cell([m[key] for m in means if key in m], d, with_range=True) for key, d in columns.items()
+        ]
         rows.append([name, ", ".join(str(record.seed) for record in records), *cells])
     head = ["scene", "seeds", "PSNR", "PSNR object", "PSNR unseen", "relit, raw", "scaled", *SPHERES]
     return markdown_table([*head, "log-RMSE, raw", "scaled"], rows) if rows else []
@@ -128,7 +168,9 @@ def comparison_table(results: BenchResults) -> list[str]:
     return rows_table(results, ["scene", "trained", *head, "log-RMSE, raw", "scaled"], rows)
 
 
-def _gains(results: BenchResults, others: Mapping[str, Record], trained: str) -> list[tuple[list[str], Record | None]]:
+def _gains(
+    results: BenchResults, others: Mapping[str, Record], trained: str
+) -> list[tuple[list[str], Record | None]]:
     """Return the rows of one way to train the paper's method; below more than one scene stands their mean.
 
     Only scenes with known lights.
@@ -141,24 +183,33 @@ def _gains(results: BenchResults, others: Mapping[str, Record], trained: str) ->
             continue
         keys = ("relit_psnr", "relit_psnr_scaled", "psnr_masked", "psnr_unseen")
         logs = ("light_log_rmse", "light_log_rmse_scaled")
-        differences = {k: default[k] - other[k] if k in other and k in default else math.nan for k in (*keys, *logs)}
+        differences = {
+            k: default[k] - other[k] if k in other and k in default else math.nan for k in (*keys, *logs)
+        }
         ratios = [default[key] / other[key] for key in _RMSE]
         found[name] = [*(differences[k] for k in keys), *ratios, *(differences[k] for k in logs)]
     if len(found) > 1:
         found["**mean**"] = [mean(values) for values in zip(*found.values(), strict=True)]
     return [
-        ([name, trained, *map(signed, v[:4]), *(f"{ratio:.2f}" for ratio in v[4:7]), *map(signed, v[7:])],
-         others.get(name))
+        (
+            [name, trained, *map(signed, v[:4]), *(f"{ratio:.2f}" for ratio in v[4:7]), *map(signed, v[7:])],
+            others.get(name),
+        )
         for name, v in found.items()
-    ]  # fmt: skip
+    ]
 
 
 def lessons_table(results: BenchResults) -> list[str]:
     """Return the learned methods after each kind of lessons, on every scene that has more than one."""
     columns = {
-        "psnr_masked": 2, "psnr_unseen": 2, "relit_psnr": 2, "relit_psnr_scaled": 2, **_RMSE, "light_log_rmse": 2,
+        "psnr_masked": 2,
+        "psnr_unseen": 2,
+        "relit_psnr": 2,
+        "relit_psnr_scaled": 2,
+        **_RMSE,
+        "light_log_rmse": 2,
         "light_log_rmse_scaled": 2,
-    }  # fmt: skip
+    }
     every = {_AS_TRAINED: results.runs, **results.lessons}
     rows = []
     for name in results.runs:
@@ -177,9 +228,15 @@ def lessons_table(results: BenchResults) -> list[str]:
 def slow_table(results: BenchResults) -> list[str]:
     """Return the default method beside every method that was scored on a part of the photos, on that part."""
     columns = {
-        "psnr_masked": 2, "psnr_unseen": 2, "relit_psnr": 2, "relit_psnr_scaled": 2, **_RMSE, "light_log_rmse": 2,
-        "light_log_rmse_scaled": 2, "seconds": 2,
-    }  # fmt: skip
+        "psnr_masked": 2,
+        "psnr_unseen": 2,
+        "relit_psnr": 2,
+        "relit_psnr_scaled": 2,
+        **_RMSE,
+        "light_log_rmse": 2,
+        "light_log_rmse_scaled": 2,
+        "seconds": 2,
+    }
     rows = []
     for name, record in results.runs.items():
         for method in record.metrics["methods"]:
@@ -196,16 +253,37 @@ def slow_table(results: BenchResults) -> list[str]:
 def object_table(results: BenchResults) -> list[str]:
     """Return the reconstructed objects against the truth, and how the true ones fare in our renderer."""
     columns = {
-        "base_color_ratio": 2, "base_color_ratio_worst": 2, "base_color_psnr": 1, "base_color_psnr_scaled": 1,
-        "roughness_mae": 3, "metallic_mae": 3, "normal_degrees": 1, "chamfer": 4, "relight_psnr": 1,
-        "relight_psnr_scaled": 1, "relight_ssim": 3, "relight_ssim_scaled": 3,
-    }  # fmt: skip
+        "base_color_ratio": 2,
+        "base_color_ratio_worst": 2,
+        "base_color_psnr": 1,
+        "base_color_psnr_scaled": 1,
+        "roughness_mae": 3,
+        "metallic_mae": 3,
+        "normal_degrees": 1,
+        "chamfer": 4,
+        "relight_psnr": 1,
+        "relight_psnr_scaled": 1,
+        "relight_ssim": 3,
+        "relight_ssim_scaled": 3,
+    }
     rows = []
-    for source, mark in ((results.runs, ""), (results.paper, ", paper's settings"), (results.oracle, ", true object")):
+    for source, mark in (
+        (results.runs, ""),
+        (results.paper, ", paper's settings"),
+        (results.oracle, ", true object"),
+    ):
         for name, record in source.items():
             if "relight_psnr" in record.metrics["mean"] or "chamfer" in record.metrics["mean"]:
                 rows.append(([name + mark, *score_cells(record.metrics["mean"], {}, columns)], record))
-    head = ["scene", "base colour over truth", "worst channel", "base colour, raw", "scaled", "roughness", "metallic"]
+    head = [
+        "scene",
+        "base colour over truth",
+        "worst channel",
+        "base colour, raw",
+        "scaled",
+        "roughness",
+        "metallic",
+    ]
     head += ["normals °", "Chamfer", "relighting, raw", "scaled", "SSIM, raw", "scaled"]
     return rows_table(results, head, rows)
 
@@ -223,7 +301,9 @@ def confidence_table(results: BenchResults) -> list[str]:
                 trust = f"{bins[0]['confidence']:.2f} to {bins[-1]['confidence']:.2f}"
                 verdict = "yes" if checked["falls"] else "**no**"
                 rows.append(([name + mark, method_name(method, record), *errors, trust, verdict], record))
-    return rows_table(results, ["scene", "method", "least", "2", "3", "4", "most", "confidence", "falls"], rows)
+    return rows_table(
+        results, ["scene", "method", "least", "2", "3", "4", "most", "confidence", "falls"], rows
+    )
 
 
 def time_table(results: BenchResults) -> list[str]:
@@ -243,33 +323,63 @@ def time_table(results: BenchResults) -> list[str]:
 def loss_table(results: BenchResults) -> list[str]:
     """Return the variants of Phase II with means and 95 % intervals over seeds."""
     columns = {
-        "psnr": 2, "ssim": 4, "psnr_masked": 2, "relit_psnr": 2, "relit_psnr_scaled": 2,
-        **{f"{s}_si_rmse": 4 for s in SPHERES}, "light_log_rmse": 3, "light_log_rmse_scaled": 3,
-    }  # fmt: skip
+        "psnr": 2,
+        "ssim": 4,
+        "psnr_masked": 2,
+        "relit_psnr": 2,
+        "relit_psnr_scaled": 2,
+        **{f"{s}_si_rmse": 4 for s in SPHERES},
+        "light_log_rmse": 3,
+        "light_log_rmse_scaled": 3,
+    }
     rows = []
     for variant, records in results.losses.items():
         means = [record.metrics["methods"][PAPER_METHOD] for record in records]
-        cells = [mean_cell([m[key] for m in means if key in m], decimals) for key, decimals in columns.items()]
+        cells = [
+            mean_cell([m[key] for m in means if key in m], decimals) for key, decimals in columns.items()
+        ]
         rows.append([variant, str(len(records)), *cells])
-    head = ["loss", "seeds", "PSNR", "SSIM", "PSNR object", "relit, raw", "scaled", *SPHERES, "log-RMSE, raw", "scaled"]
+    head = [
+        "loss",
+        "seeds",
+        "PSNR",
+        "SSIM",
+        "PSNR object",
+        "relit, raw",
+        "scaled",
+        *SPHERES,
+        "log-RMSE, raw",
+        "scaled",
+    ]
     return markdown_table(head, rows) if rows else []
 
 
 def record_table(results: BenchResults) -> list[str]:
     """Return how each record was made."""
     rows = [
-        [r.name, r.commit or NONE, r.trained or NONE, r.preset or NONE, str(r.seed), r.machine, r.threads,
-         f"`{r.command}`"]
+        [
+            r.name,
+            r.commit or NONE,
+            r.trained or NONE,
+            r.preset or NONE,
+            str(r.seed),
+            r.machine,
+            r.threads,
+            f"`{r.command}`",
+        ]
         for r in results.records
-    ]  # fmt: skip
+    ]
     head = ["record", "commit", "trained at", "preset", "seed", "machine", "threads", "command"]
     return markdown_table(head, rows) if rows else []
 
 
 def _method_table(
-    results: BenchResults, heads: list[str], columns: dict[str, int], sources: Sequence[Mapping[str, Record]],
+    results: BenchResults,
+    heads: list[str],
+    columns: dict[str, int],
+    sources: Sequence[Mapping[str, Record]],
     scenes: Iterable[str],
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     rows = []
     for name in scenes:
         for source in sources:

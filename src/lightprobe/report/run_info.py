@@ -9,7 +9,14 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core.config import DecomposeConfig, DistillConfig, PredictConfig, Preset, demo_settings, settings
+from lightprobe.core.config import (
+    DecomposeConfig,
+    DistillConfig,
+    PredictConfig,
+    Preset,
+    demo_settings,
+    settings,
+)
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
 
@@ -72,7 +79,8 @@ def read_phases(run: RunFolder) -> list[Phase]:
 
 
 def fitted_preset(run: RunFolder) -> Preset:
-    """Return the preset that Phase I was run with, up to single settings; quick where its settings do not tell.
+    """Return the preset that Phase I was run with, up to single settings; quick where its settings do not
+    tell.
 
     Phase II is not read: another process may be starting it over just now.
     """
@@ -108,7 +116,9 @@ def training_commands(phases: list[Phase], scene: Path) -> list[str]:
     nearest = {phase.nearest() for phase in phases}
     if len(phases) == 2 and len(seeds) == len(nearest) == 1:
         return [_command("train SCENE -o RUN", phases)]
-    return [_command(start, [p]) for start, p in zip(("fit SCENE -o RUN", "distill RUN"), phases, strict=False)]
+    return [
+        _command(start, [p]) for start, p in zip(("fit SCENE -o RUN", "distill RUN"), phases, strict=False)
+    ]
 
 
 def _command(start: str, phases: list[Phase]) -> str:
@@ -119,12 +129,16 @@ def _command(start: str, phases: list[Phase]) -> str:
 
 
 def _phase(
-    section: str, stored: dict[str, Any], parse: Callable[[dict[str, Any]], Config],
-) -> Phase:  # fmt: skip
+    section: str,
+    stored: dict[str, Any],
+    parse: Callable[[dict[str, Any]], Config],
+) -> Phase:
     settings = {key: value for key, value in stored.items() if key not in ("seed", "hdri")}
     parsed = parse(settings)
     seed = stored.get("seed")
-    if settings.keys() != {f.name for f in fields(parsed)} or type(seed) is not int:  # what is missing would be guessed
+    if (
+        settings.keys() != {f.name for f in fields(parsed)} or type(seed) is not int
+    ):  # what is missing would be guessed
         raise ConfigError(f"The stored settings of '{section}' are of another version.")
     return Phase(section, parsed, seed, stored.get("hdri") is not None)
 
@@ -140,7 +154,9 @@ def _second_phase(run: RunFolder) -> Phase:
 
 def _changed(section: str, usual: Config | PredictConfig, config: Config | PredictConfig) -> list[str]:
     """Return the options that turn `usual` settings of a section into those of `config`."""
-    names = [field.name for field in fields(usual) if getattr(usual, field.name) != getattr(config, field.name)]
+    names = [
+        field.name for field in fields(usual) if getattr(usual, field.name) != getattr(config, field.name)
+    ]
     return [_option(section, name, getattr(config, name)) for name in names]
 
 

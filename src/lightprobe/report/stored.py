@@ -34,7 +34,8 @@ def store_report(page: Path, report: Report) -> None:
 def read_report(run: RunFolder) -> Report:
     """Return the report of an evaluated run, without its links.
 
-    Raises `InputError` for a run that was not evaluated, or was by a version that kept no pictures, and for damage.
+    Raises `InputError` for a run that was not evaluated, or was by a version that kept no pictures, and for
+    damage.
     """
     page = page_record(run.report_file)
     for path in (run.metrics_file, page):
@@ -46,7 +47,9 @@ def read_report(run: RunFolder) -> Report:
     return Report(
         title=_text(stored.get("title"), page, "title"),
         metrics=metrics,
-        pictures={photo: _pictures(each, page) for photo, each in pictures.items() if photo in metrics["photos"]},
+        pictures={
+            photo: _pictures(each, page) for photo, each in pictures.items() if photo in metrics["photos"]
+        },
         facts={
             heading: _text(fact, page, "facts")
             for heading, fact in checked_object(stored.get("facts"), page, _REMEDY, "facts").items()
@@ -64,8 +67,11 @@ def _checked_metrics(path: Path) -> dict[str, Any]:
     for name, scores in metrics["methods"].items():
         _numbers(scores, path, name)
     for photo, scores in metrics["photos"].items():
-        _numbers({k: v for k, v in checked_object(scores, path, _REMEDY, photo).items() if k in metrics["mean"]}, path,
-                 photo)  # fmt: skip
+        _numbers(
+            {k: v for k, v in checked_object(scores, path, _REMEDY, photo).items() if k in metrics["mean"]},
+            path,
+            photo,
+        )
         for method, each in checked_object(scores.get("methods", {}), path, _REMEDY, photo).items():
             _numbers(each, path, method)
     default = metrics.get("default_method")

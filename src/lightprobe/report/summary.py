@@ -10,12 +10,18 @@ from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 _TABLES = {
     "The photos, re-rendered under the predicted light": tuple(IMAGES),
     "Predicted against true light: what it makes of objects": (
-        "relit_psnr", "relit_psnr_scaled", "diffuse_si_rmse", "matte_si_rmse", "mirror_si_rmse",
+        "relit_psnr",
+        "relit_psnr_scaled",
+        "diffuse_si_rmse",
+        "matte_si_rmse",
+        "mirror_si_rmse",
     ),
     "Predicted against true light: the maps": (
-        "light_log_rmse", "light_log_rmse_scaled", "light_log_rmse_channels",
+        "light_log_rmse",
+        "light_log_rmse_scaled",
+        "light_log_rmse_channels",
     ),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,9 @@ class SummaryTable:
 
 
 def summary_tables(metrics: dict[str, Any]) -> list[SummaryTable]:
-    """Return the tables of the means in `Evaluation.to_json`; no column or table in which nothing would stand."""
+    """Return the tables of the means in `Evaluation.to_json`; no column or table in which nothing would
+    stand.
+    """
     rows, known, tables = metrics["methods"], IMAGES | LIGHTS | MAPS, []
     for title, names in _TABLES.items():
         columns = {name: known[name] for name in names if any(name in row for row in rows.values())}
@@ -47,7 +55,9 @@ def summary_lines(evaluation: Evaluation) -> list[str]:
     found = {heading: metrics["mean"][name] for name, heading in OBJECT.items() if name in metrics["mean"]}
     lines = ["The object against ground truth; relighting is under known novel lights:"] if found else []
     lines += [f"  {heading.name}: {heading.text(value)}" for heading, value in found.items()]
-    lines.append(f"Photos whose verdict is doubtful: {metrics['verdicts']['doubtful']} of {len(metrics['photos'])}")
+    lines.append(
+        f"Photos whose verdict is doubtful: {metrics['verdicts']['doubtful']} of {len(metrics['photos'])}"
+    )
     for method, checked in metrics["confidence"].items():
         errors = " ".join(f"{part['log_rmse_scaled']:.2f}" for part in checked["bins"])
         trend = "falls" if checked["falls"] else "does not fall throughout"

@@ -1,4 +1,6 @@
-"""What training said of its objects from their photos alone, beside what truth says of them: the table of verdicts."""
+"""What training said of its objects from their photos alone, beside what truth says of them: the table of
+verdicts.
+"""
 
 from collections.abc import Sequence
 
@@ -28,15 +30,28 @@ def verdict_table(results: BenchResults) -> list[str]:
     for record in told:
         verdict, truth, true = record.object_verdict, record.metrics["mean"], results.oracle.get(record.scene)
         cells = [
-            record.scene, str(record.seed), verdict["trust"], number(100 * verdict["disagreement"], 1),
-            number(verdict["surprise"], 1), number(verdict["expected_psnr"], 1), number(truth[_FOUND], 1),
+            record.scene,
+            str(record.seed),
+            verdict["trust"],
+            number(100 * verdict["disagreement"], 1),
+            number(verdict["surprise"], 1),
+            number(verdict["expected_psnr"], 1),
+            number(truth[_FOUND], 1),
             number(None if true is None else true.metrics["mean"].get(_FOUND), 1),
-            number(truth.get("base_color_ratio"), 2), number(_spheres_expected(record), 3),
-            number(_spheres(record), 3), number(None if true is None else _spheres(true), 3),
-        ]  # fmt: skip
+            number(truth.get("base_color_ratio"), 2),
+            number(_spheres_expected(record), 3),
+            number(_spheres(record), 3),
+            number(None if true is None else _spheres(true), 3),
+        ]
         rows.append((cells, record))
     head = ["scene", "seed", "verdict", "disagreement, %", "surprise", "relighting expected, dB", "found, dB"]
-    head += ["true object's, dB", "base colour over truth", "spheres expected", "found", "true object's spheres"]
+    head += [
+        "true object's, dB",
+        "base colour over truth",
+        "spheres expected",
+        "found",
+        "true object's spheres",
+    ]
     return [*rows_table(results, head, rows), *_agreement(told)]
 
 

@@ -24,10 +24,10 @@ __all__ = ["BenchOptions", "Pages", "Step", "find_scene", "run_bench", "write_pa
 def run_bench(options: BenchOptions, run_command: RunCommand, say: Say = print) -> "Pages":
     """Make every piece that has no record yet, with new pages after each; return the pages.
 
-    run_command: runs a command of the program and returns whether it went well. say: hears of scenes that are not
-    there, of pieces already made and of where the pages are.
-    Raises `ConfigError` for options that make no sense and where no scene is found, `InputError` for maps that cannot
-    be used, and `ResourceError` at the end if a piece failed.
+    run_command: runs a command of the program and returns whether it went well. say: hears of scenes that are
+    not there, of pieces already made and of where the pages are. Raises `ConfigError` for options that make
+    no sense and where no scene is found, `InputError` for maps that cannot be used, and `ResourceError` at
+    the end if a piece failed.
     """
     pages = Pages(options, say)
     _check(options)
@@ -45,7 +45,9 @@ def run_bench(options: BenchOptions, run_command: RunCommand, say: Say = print) 
         pages.write(options.scenes)
     pages.name()
     if benchmark.failed:
-        raise ResourceError(f"These pieces failed, their messages stand above: {', '.join(benchmark.failed)}.")
+        raise ResourceError(
+            f"These pieces failed, their messages stand above: {', '.join(benchmark.failed)}."
+        )
     return pages
 
 
@@ -53,7 +55,9 @@ def write_pages(options: BenchOptions, say: Say = print) -> "Pages":
     """Write the pages from the records alone and return them; raise `ConfigError` where there are none."""
     pages = Pages(options, say)
     if not pages.records.is_dir() or not read_records(pages.records):
-        raise ConfigError(f"There is no record in {pages.records}; tell where the records are with --records DIR.")
+        raise ConfigError(
+            f"There is no record in {pages.records}; tell where the records are with --records DIR."
+        )
     pages.write(())
     pages.name()
     return pages
@@ -63,7 +67,9 @@ def _pieces(
     benchmark: Benchmark, found: dict[str, Path], steps: Sequence[Step], paper_iterations: tuple[int, ...]
 ) -> list[Callable[[], None]]:
     """Return everything to do, the most wanted first."""
-    own = benchmark.preset is not Preset.PAPER  # which has lessons of its own, and no other settings beside it
+    own = (
+        benchmark.preset is not Preset.PAPER
+    )  # which has lessons of its own, and no other settings beside it
     pieces: list[Callable[[], None]] = []
     if Step.RUN in steps:
         pieces += [functools.partial(benchmark.scene, *scene) for scene in found.items()]
@@ -71,7 +77,9 @@ def _pieces(
         pieces += [functools.partial(benchmark.paper, *scene, *paper_iterations) for scene in found.items()]
     if Step.SEEDS in steps:
         pieces += [
-            functools.partial(benchmark.seed, *scene, seed) for scene in found.items() for seed in benchmark.seeds[1:]
+            functools.partial(benchmark.seed, *scene, seed)
+            for scene in found.items()
+            for seed in benchmark.seeds[1:]
         ]
     if Step.LESSONS in steps and own:
         pieces += [
@@ -91,7 +99,10 @@ class Pages:
     def __init__(self, options: BenchOptions, say: Say):
         """Find the places: paper-tables.md goes beside a page that was named, else to docs/ if there is one."""
         usual = Path("benchmarks") if Path("benchmarks").is_dir() else options.output
-        self.records, self.results = options.records or usual / "records", options.results or usual / "RESULTS.md"
+        self.records, self.results = (
+            options.records or usual / "records",
+            options.results or usual / "RESULTS.md",
+        )
         beside = options.results is not None or not Path("docs").is_dir()
         self.paper = (self.results.parent if beside else Path("docs")) / "paper-tables.md"
         self._say = say
@@ -115,7 +126,9 @@ def _found(scenes: Sequence[str], data: Path, say: Say) -> dict[str, Path]:
     found = {name: folder for name in scenes if (folder := find_scene(data, name)) is not None}
     for name in scenes:
         if name not in found:
-            say(f"SKIPPED {name}: there is no scene of that name in {data}; tell where it is with --data DIR.")
+            say(
+                f"SKIPPED {name}: there is no scene of that name in {data}; tell where it is with --data DIR."
+            )
     if not found:
         raise ConfigError(f"None of {', '.join(scenes)} is in {data}; tell where they are with --data DIR.")
     return found
@@ -133,7 +146,9 @@ def _check(options: BenchOptions) -> None:
     if not seeds or len(set(seeds)) < len(seeds) or min(seeds) < 0:
         raise ConfigError("--seeds must be one number or more, none negative and none twice.")
     if counts and (len(counts) != 2 or min(counts) < 1):
-        raise ConfigError("--paper-iterations must be two numbers of 1 or more: steps of Phase I and of Phase II.")
+        raise ConfigError(
+            "--paper-iterations must be two numbers of 1 or more: steps of Phase I and of Phase II."
+        )
     Protocols(slow_photos=options.slow_photos)
     own_paper = Step.PAPER in steps and set(steps) != set(Step)
     if options.preset is Preset.PAPER and (options.hdri is not None or counts or own_paper):

@@ -18,9 +18,11 @@ def is_finished(run: RunFolder) -> bool:
 
 
 def check_trained(run: RunFolder, options: Sequence[str]) -> None:
-    """Raise `ConfigError` unless a finished run was trained with the `options`, names and values in turn, alone.
+    """Raise `ConfigError` unless a finished run was trained with the `options`, names and values in turn,
+    alone.
 
-    Of a run whose settings this version cannot read, the preset is not known, and other settings are not seen.
+    Of a run whose settings this version cannot read, the preset is not known, and other settings are not
+    seen.
     """
     given = dict(zip(options[::2], options[1::2], strict=True))
     remedy = "remove it, or choose another with -o or --runs"
@@ -29,7 +31,10 @@ def check_trained(run: RunFolder, options: Sequence[str]) -> None:
         if key == "preset":
             found = {fitted_preset(run).value}
         else:
-            found = {str(run.config(name).get(key)) for name in ([section] if section else ("decompose", "distill"))}
+            found = {
+                str(run.config(name).get(key))
+                for name in ([section] if section else ("decompose", "distill"))
+            }
         if found != {wanted}:
             told = " and ".join(sorted(found))
             raise ConfigError(f"{run.path} was trained with {option} {told}, not {wanted}; {remedy}.")
@@ -41,9 +46,11 @@ def check_trained(run: RunFolder, options: Sequence[str]) -> None:
 
 
 def paper_options(first: int, second: int) -> tuple[tuple[str, ...], str]:
-    """Return the options of a training with the paper's settings and at most so many iterations, and these in words.
+    """Return the options of a training with the paper's settings and at most so many iterations, and these in
+    words.
 
-    first: of each pass that Phase I has with these settings; second: of Phase II. More than the paper's are cut to its.
+    first: of each pass that Phase I has with these settings; second: of Phase II. More than the paper's are
+    cut to its.
     """
     paper = settings(Preset.PAPER)
     passes = {f"pass{i}_iterations": getattr(paper.decompose, f"pass{i}_iterations") for i in (1, 2, 3)}

@@ -21,9 +21,15 @@ from lightprobe.runs.bench_runs import check_trained, is_finished, paper_options
 from lightprobe.runs.stages import TRAINED
 
 LOSSES_SCENE = "chair"
-PAPER = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # Phase II on photos alone, without the network
+PAPER = (
+    "--distill.lessons",
+    "teacher",
+    "--distill.sphere-steps",
+    "0",
+)  # Phase II on photos alone, without the network
 
-# what else Phase II is trained with on every scene; `distill --hdri` joins them where there is a folder of HDRIs
+# what else Phase II is trained with on every scene; `distill --hdri` joins them where there is a folder of
+# HDRIs
 LESSONS: dict[str, tuple[str, ...]] = {
     PAPER_LESSONS: ("--distill.lessons", "teacher"),
     "re-rendered alone": ("--distill.lessons", "synthetic"),
@@ -41,7 +47,9 @@ LOSSES: dict[str, tuple[str, ...]] = {
 }
 
 
-RunCommand = Callable[[Sequence[str]], bool]  # runs a command of the program, given in words; whether it went well
+RunCommand = Callable[
+    [Sequence[str]], bool
+]  # runs a command of the program, given in words; whether it went well
 Say = Callable[[str], None]  # shows a sentence to whoever waits
 
 
@@ -78,7 +86,9 @@ class BenchOptions:
     hdri: Path | None = None
     """Folder of .exr or .hdr environments, z up, that one more Phase II trains under."""
     records: Path | None = None
-    """Folder of the records; by default benchmarks/records where there is a folder benchmarks, else in `output`."""
+    """Folder of the records; by default benchmarks/records where there is a folder benchmarks, else in
+    `output`.
+    """
     results: Path | None = None
     """The page; by default benchmarks/RESULTS.md, else in `output`."""
 
@@ -87,8 +97,14 @@ class Benchmark:
     """The pieces of a benchmark: each is a command, and the record of the numbers it left."""
 
     def __init__(self, options: BenchOptions, records: Path, run_command: RunCommand, say: Say):
-        """Keep records in the folder `records`; `run_command` makes the pieces, `say` hears of those already made."""
-        self.folder, self.runs, self.records = options.output, options.runs or options.output / "runs", records
+        """Keep records in the folder `records`; `run_command` makes the pieces, `say` hears of those already
+        made.
+        """
+        self.folder, self.runs, self.records = (
+            options.output,
+            options.runs or options.output / "runs",
+            records,
+        )
         self.preset, self.seeds, self.slow_photos = options.preset, options.seeds, options.slow_photos
         self.data, self.hdri, self._run_command, self._say = options.data, options.hdri, run_command, say
         self.all_lessons = dict(LESSONS)
@@ -101,12 +117,22 @@ class Benchmark:
         record, run, options = self._own(name)
         if not self._train(record, run, folder, options):
             return
-        score = ("eval", str(run.path), "--scene", str(folder), "--slow", "--slow-photos", str(self.slow_photos))
+        score = (
+            "eval",
+            str(run.path),
+            "--scene",
+            str(folder),
+            "--slow",
+            "--slow-photos",
+            str(self.slow_photos),
+        )
         scored = self._score(record, score, run, run.metrics_file)
         if run.oracle.asset_file.is_file():  # the evaluation has found the true object
             oracle = self._record(name, Kind.ORACLE)
             kept = self._kept(oracle)
-            anew = kept is not None and (scored or kept.trained != _trained_at(run))  # never beside another training
+            anew = kept is not None and (
+                scored or kept.trained != _trained_at(run)
+            )  # never beside another training
             self._score(oracle, (*score, "--oracle-asset"), run, run.oracle.metrics_file, anew=anew)
 
     def seed(self, name: str, folder: Path, seed: int) -> None:
@@ -115,18 +141,29 @@ class Benchmark:
         if own is None or self._done(record):  # whose default method it is
             return
         if self._train(record, run, folder, options):
-            score = ("eval", str(run.path), "--scene", str(folder), "--methods", own.metrics["default_method"])
+            score = (
+                "eval",
+                str(run.path),
+                "--scene",
+                str(folder),
+                "--methods",
+                own.metrics["default_method"],
+            )
             self._score(record, score, run, run.metrics_file)
 
     def paper(self, name: str, folder: Path, first: int, second: int) -> None:
-        """Train a scene with the paper's settings and so many of its iterations, and evaluate the paper's method."""
+        """Train a scene with the paper's settings and so many of its iterations, and evaluate the paper's
+        method.
+        """
         record, run, options = self._by_the_paper(name, first, second)
         if not self._done(record) and self._train(record, run, folder, options):
             score = ("eval", str(run.path), "--scene", str(folder), "--methods", PAPER_METHOD)
             self._score(record, score, run, run.metrics_file)
 
     def lessons(self, kind: str, name: str, folder: Path) -> None:
-        """Train another Phase II on a scene's Phase I, with the lessons `kind`, and evaluate what depends on it."""
+        """Train another Phase II on a scene's Phase I, with the lessons `kind`, and evaluate what depends on
+        it.
+        """
         record, where = self._record(name, Kind.LESSONS, label=kind), ("--scene", str(folder))
         if self._scored(name, f"lessons {kind}") is None:  # it has the rows to compare with
             return
@@ -137,7 +174,10 @@ class Benchmark:
 
     def loss(self, variant: str, seed: int, folder: Path) -> None:
         """Train Phase II of the ablation's scene with one loss and seed on the same Phase I, and evaluate it."""
-        record, where = self._record(LOSSES_SCENE, Kind.LOSS, label=variant, seed=seed), ("--scene", str(folder))
+        record, where = (
+            self._record(LOSSES_SCENE, Kind.LOSS, label=variant, seed=seed),
+            ("--scene", str(folder)),
+        )
         run = self._variant(record, (*where, *PAPER, *LOSSES[variant]))
         if run is not None:
             score = ("eval", str(run.path), *where, "--methods", PAPER_METHOD, "--no-unseen")
@@ -156,14 +196,20 @@ class Benchmark:
             for label, seed in losses if name == LOSSES_SCENE else []:
                 self._kept(self._record(name, Kind.LOSS, label=label, seed=seed))
             planned += [self._own(name)] if Step.RUN in steps else []
-            planned += [self._by_the_paper(name, *paper_iterations)] if Step.PAPER in steps and paper_iterations else []
+            planned += (
+                [self._by_the_paper(name, *paper_iterations)]
+                if Step.PAPER in steps and paper_iterations
+                else []
+            )
             planned += [self._seeded(name, seed) for seed in self.seeds[1:]] if Step.SEEDS in steps else []
         for record, run, options in planned:
             if self._kept(record) is None and is_finished(run):
                 check_trained(run, (*options, "--seed", str(record.seed)))
 
     def _own(self, name: str) -> tuple[Record, RunFolder, tuple[str, ...]]:
-        """Return the record of a scene's run that is still to be made, the run, and the options of its training."""
+        """Return the record of a scene's run that is still to be made, the run, and the options of its
+        training.
+        """
         return self._record(name, Kind.RUN), RunFolder(self.runs / name), ("--preset", self.preset.value)
 
     def _seeded(self, name: str, seed: int) -> tuple[Record, RunFolder, tuple[str, ...]]:
@@ -185,15 +231,23 @@ class Benchmark:
         return own
 
     def _record(
-        self, scene: str, kind: Kind, *, label: str = "", seed: int | None = None, preset: Preset | None = None,
+        self,
+        scene: str,
+        kind: Kind,
+        *,
+        label: str = "",
+        seed: int | None = None,
+        preset: Preset | None = None,
         iterations: str = "",
-    ) -> Record:  # fmt: skip
+    ) -> Record:
         """Return the record of an evaluation that is still to be made."""
         chosen = self.seeds[0] if seed is None else seed
         return Record(scene, kind, {}, label, chosen, (preset or self.preset).value, iterations=iterations)
 
     def _kept(self, record: Record) -> Record | None:
-        """Return the record as it is kept, or None; raise `ConfigError` for one that was made with other settings."""
+        """Return the record as it is kept, or None; raise `ConfigError` for one that was made with other
+        settings.
+        """
         path = self.records / f"{record.name}.json"
         if not path.is_file():
             return None
@@ -217,7 +271,8 @@ class Benchmark:
     def _train(self, record: Record, run: RunFolder, folder: Path, options: Sequence[str]) -> bool:
         """Train a run, unless it is finished; return whether there is one.
 
-        Raises `ConfigError` for a finished one that was trained with other settings, which its record would not tell.
+        Raises `ConfigError` for a finished one that was trained with other settings, which its record would
+        not tell.
         """
         options = (*options, "--seed", str(record.seed))
         if self._kept(record):
@@ -256,7 +311,12 @@ class Benchmark:
         if (anew or not self._done(record)) and self._command(record.name, command):
             text = " ".join(("lightprobe", *command))
             about = {**vars(record), "metrics": read_json(metrics), "command": self._unplaced(text)}
-            about |= {"commit": commit(), "machine": machine(), "threads": threads(), "training": training_costs(run)}
+            about |= {
+                "commit": commit(),
+                "machine": machine(),
+                "threads": threads(),
+                "training": training_costs(run),
+            }
             about["trained"] = _trained_at(run)
             if record.kind is not Kind.ORACLE:
                 verdict, accuracy = ObjectVerdict.load(run.verdict_file), LightAccuracy.load(run.model_folder)

@@ -1,11 +1,13 @@
-"""Finding a run's calibration (`models.calibration`) from something known: a light, an albedo, or a meter's reading.
+"""Finding a run's calibration (`models.calibration`) from something known: a light, an albedo, or a meter's
+reading.
 
 All three are told by one photo. With g the factor of light per channel:
 
     known light     the object under the map, base colours over g, has to look like the photo: g is the median over
                     pixels of render / photo; a least-squares factor would dim what does not match
     known albedo    of a point on the object: g = the run's base colour there / the albedo. Of a card beside it, of
-                    albedo a and pixel value p: g = pi p / (a E), E the irradiance that the run predicts on the card
+                    albedo a and pixel value p: g = pi p / (a E), E the irradiance that the run predicts on
+                    the card
     light meter     g = lux / (K E), E the predicted irradiance on a surface that faces up, by luminance, K the cd/m^2
                     of a unit of the photo (EXIF); one number for all channels
 """
@@ -43,8 +45,8 @@ _OPAQUE = 0.9  # coverage from which a pixel shows the object alone
 _PATCH = 0.01  # of the photo's longer side: half the edge of the square of pixels around a point
 _DARK = 1e-3  # linear value below which a ratio says nothing
 _MOST = 2**20  # pixels of the object in a photo, about: larger photos are reduced
-# Three test photos each of chair and robot: .58 to .92 under their own lights, but for one of -.25 whose factors are
-# off in colour; of 18 under others' 14 below.
+# Three test photos each of chair and robot: .58 to .92 under their own lights, but for one of -.25 whose
+# factors are off in colour; of 18 under others' 14 below.
 _LITTLE = 0.4  # share of a photo's contrast below which a known light is hardly its own
 _FEWEST = 16  # pixels that a light is compared on
 
@@ -58,12 +60,19 @@ class Point:
     albedo: tuple[float, float, float]  # linear RGB
 
 
-def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Path | None, mask: Path | None,
-                       device: str | torch.device = "auto") -> Calibration:  # fmt: skip
+def calibrate_by_light(
+    run: Path,
+    photo: Path,
+    environment: Path,
+    *,
+    camera: Path | None,
+    mask: Path | None,
+    device: str | torch.device = "auto",
+) -> Calibration:
     """Find and store a run's calibration by a photo under a known light, a map in the photo's exposure.
 
-    Raises `InputError` for files that cannot be used, and when the light cannot be this photo's; warns when it may be
-    another one's.
+    Raises `InputError` for files that cannot be used, and when the light cannot be this photo's; warns when
+    it may be another one's.
     """
     opened = _Opened.of(run, photo, camera, mask, device)
     light = whole_light(environment, opened.device)
@@ -75,7 +84,9 @@ def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Pat
         inside = (cover.cpu() > _OPAQUE) & (torch.from_numpy(seen.pixels.alpha) > _OPAQUE)
         whole = inside & ~torch.from_numpy(seen.pixels.clipped).any(-1)
         if int(whole.sum()) < _FEWEST:
-            raise InputError(f"{photo} shows too little of the object that is not clipped; expose it for the object.")
+            raise InputError(
+                f"{photo} shows too little of the object that is not clipped; expose it for the object."
+            )
         factor = factor * _median_ratio(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
     explained = _explained(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
     found = _stored(opened.run, factor, f"{photo.name} under {environment.name}")
@@ -84,7 +95,8 @@ def calibrate_by_light(run: Path, photo: Path, environment: Path, *, camera: Pat
 
 
 def _explained(render: Tensor, photo: Tensor) -> float:
-    """Return which share of the photo's contrast a render explains, at most 1, colours (N, 3) linear, tone-mapped.
+    """Return which share of the photo's contrast a render explains, at most 1, colours (N, 3) linear,
+    tone-mapped.
 
     Either after one factor per channel, as it is that factor which is sought.
     """
@@ -93,20 +105,32 @@ def _explained(render: Tensor, photo: Tensor) -> float:
 
 
 def _warn_unexplained(explained: float, photo: Path, environment: Path) -> None:
-    """Warn where a light explains little of a photo: it or the camera may be another one's, or the object poor."""
+    """Warn where a light explains little of a photo: it or the camera may be another one's, or the object
+    poor.
+    """
     if explained < _LITTLE:
         warnings.warn(
             f"The object under {environment.name} explains only {100 * max(explained, 0):.0f} % of what {photo.name} "
             "shows of it, so this calibration is doubtful: are light and camera this photo's own?",
-            LightprobeWarning, stacklevel=3,
-        )  # fmt: skip
+            LightprobeWarning,
+            stacklevel=3,
+        )
 
 
-def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | None, mask: Path | None,
-                        up: bool = False, device: str | torch.device = "auto") -> Calibration:  # fmt: skip
+def calibrate_by_albedo(
+    run: Path,
+    photo: Path,
+    point: Point,
+    *,
+    camera: Path | None,
+    mask: Path | None,
+    up: bool = False,
+    device: str | torch.device = "auto",
+) -> Calibration:
     """Find and store a run's calibration by a point of a photo: on the object, or on a card beside it.
 
-    up: whether the card lies flat and faces up; else it faces the camera. Raises `InputError` as `calibrate_by_light`.
+    up: whether the card lies flat and faces up; else it faces the camera. Raises `InputError` as
+    `calibrate_by_light`.
     """
     opened = _Opened.of(run, photo, camera, mask, device)
     alpha = opened.photo.pixels.alpha
@@ -119,7 +143,8 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     )
     chosen = torch.from_numpy(np.isin(gbuffer.pixel.cpu().numpy(), np.flatnonzero(patch)))
     x, y = _place(opened.photo.camera, alpha.shape, point)
-    # A card may stand beside the object, closer than a patch is wide, or in front of it, where the mask leaves it out.
+    # A card may stand beside the object, closer than a patch is wide, or in front of it, where the mask
+    # leaves it out.
     cover = alpha[min(int(y), len(alpha) - 1), min(int(x), alpha.shape[1] - 1)]
     if 1 - _OPAQUE < cover < _OPAQUE or (cover >= _OPAQUE and not bool(chosen.any())):
         raise InputError(
@@ -134,14 +159,23 @@ def calibrate_by_albedo(run: Path, photo: Path, point: Point, *, camera: Path | 
     patch = _patch(opened.photo.camera, around.shape[:2], point) & (alpha[rows][:, columns] <= 1 - _OPAQUE)
     value = torch.from_numpy(np.median(around[patch], axis=0)).float()
     if bool((value >= 0.98).any()) or bool((value <= 0).any()):
-        raise InputError(f"The pixels of {photo} at {point.x:g},{point.y:g} are black or clipped; expose for the card.")
+        raise InputError(
+            f"The pixels of {photo} at {point.x:g},{point.y:g} are black or clipped; expose for the card."
+        )
     normal = torch.tensor([0.0, 0.0, 1.0]) if up else _towards_camera(opened.photo.camera)
     received = _irradiance(opened.predicted(), normal)
     return _stored(opened.run, math.pi * value / (albedo * received), f"a card in {photo.name}")
 
 
-def calibrate_by_meter(run: Path, photo: Path, lux: float, *, camera: Path | None, mask: Path | None,
-                       device: str | torch.device = "auto") -> Calibration:  # fmt: skip
+def calibrate_by_meter(
+    run: Path,
+    photo: Path,
+    lux: float,
+    *,
+    camera: Path | None,
+    mask: Path | None,
+    device: str | torch.device = "auto",
+) -> Calibration:
     """Find and store a run's calibration by a light meter's reading beside the object, its sensor facing up.
 
     Raises `InputError` as `calibrate_by_light`, and for a photo whose EXIF does not tell its exposure.
@@ -179,7 +213,9 @@ class _Opened:
     device: torch.device
 
     @staticmethod
-    def of(folder: Path, image: Path, camera: Path | None, mask: Path | None, device: str | torch.device) -> "_Opened":
+    def of(
+        folder: Path, image: Path, camera: Path | None, mask: Path | None, device: str | torch.device
+    ) -> "_Opened":
         run, where = RunFolder.open(folder), resolve_device(device)
         found = LocationFiles().within(run.path / "predictions", image)
         photos = NewPhotos(run, [PhotoFiles(image, photo_mask(image, mask), found)], camera, False)
@@ -197,7 +233,8 @@ class _Opened:
 
 
 def _patch(whole: Camera, shape: tuple[int, ...], point: Point) -> np.ndarray:
-    """Return the pixels (H, W) bool of a reduced photo around a point; raise `ConfigError` when it is not in the photo.
+    """Return the pixels (H, W) bool of a reduced photo around a point; raise `ConfigError` when it is not in
+    the photo.
 
     whole: the camera of the photo at its own size, which the point is given in.
     """
@@ -221,7 +258,9 @@ def _median_ratio(render: Tensor, photo: Tensor) -> Tensor:
     """Return the median (3,) of render / photo over pixels (N, 3), where neither is black."""
     usable = (torch.minimum(render, photo) > _DARK).all(-1)
     if int(usable.sum()) < _FEWEST:
-        raise InputError("Under this light the object is black where the photo is not; give the photo's own light.")
+        raise InputError(
+            "Under this light the object is black where the photo is not; give the photo's own light."
+        )
     return (render[usable] / photo[usable]).median(0).values.float()
 
 
@@ -242,7 +281,9 @@ def _calibration(factor: Tensor, source: str) -> Calibration:
 
 
 def _stored(run: RunFolder, factor: Tensor, source: str) -> Calibration:
-    """Write the calibration into the run and return it; raise `InputError` when no run could be off by so much."""
+    """Write the calibration into the run and return it; raise `InputError` when no run could be off by so
+    much.
+    """
     if not is_plausible(factor.tolist()):
         numbers = ", ".join(f"{value:.3g}" for value in factor.tolist())
         raise InputError(

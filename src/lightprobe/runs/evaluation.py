@@ -36,9 +36,18 @@ from lightprobe.runs.stages import open_scene
 from lightprobe.scene.photo import Scene
 
 __all__ = [
-    "EvaluatedRun", "Evaluation", "EvaluationOptions", "Protocols", "SummaryTable", "default_first", "destination",
-    "eval_command", "evaluate_run", "summary_lines", "summary_tables",
-]  # fmt: skip
+    "EvaluatedRun",
+    "Evaluation",
+    "EvaluationOptions",
+    "Protocols",
+    "SummaryTable",
+    "default_first",
+    "destination",
+    "eval_command",
+    "evaluate_run",
+    "summary_lines",
+    "summary_tables",
+]
 
 _REMEDY = "remove it and evaluate again"
 
@@ -70,18 +79,30 @@ class EvaluatedRun:
 
 
 def evaluate_run(
-    run_folder: Path | str, options: EvaluationOptions | None = None, *, scene_folder: Path | None = None,
-    output: Path | None = None, device: str | torch.device = "auto", on_progress: OnProgress = silent,
-) -> EvaluatedRun:  # fmt: skip
+    run_folder: Path | str,
+    options: EvaluationOptions | None = None,
+    *,
+    scene_folder: Path | None = None,
+    output: Path | None = None,
+    device: str | torch.device = "auto",
+    on_progress: OnProgress = silent,
+) -> EvaluatedRun:
     """Evaluate a run on its test photos and write numbers, predictions and the report into its folder.
 
-    scene_folder: where the run's scene is now, if it has moved. output: another file for the numbers, beside the run's.
-    Raises `ConfigError` for another suffix of it, `InputError` for a run or scene that cannot be used or has no usable
-    test photo, `ResourceError` when another process writes the run or disk or memory run out.
+    scene_folder: where the run's scene is now, if it has moved. output: another file for the numbers, beside
+    the run's. Raises `ConfigError` for another suffix of it, `InputError` for a run or scene that cannot be
+    used or has no usable test photo, `ResourceError` when another process writes the run or disk or memory
+    run out.
     """
-    if output is not None and (output.suffix.lower() != ".json" or output.is_dir()):  # told now, not when all is done
+    if output is not None and (
+        output.suffix.lower() != ".json" or output.is_dir()
+    ):  # told now, not when all is done
         raise ConfigError(f"Cannot write the numbers as '{output}': name a file that ends in .json.")
-    run, where, given = RunFolder.open(Path(run_folder)), resolve_device(device), options or EvaluationOptions()
+    run, where, given = (
+        RunFolder.open(Path(run_folder)),
+        resolve_device(device),
+        options or EvaluationOptions(),
+    )
     if output is not None:
         _refuse_replacing(output, run.path)
     with writing(run):
@@ -95,12 +116,15 @@ def evaluate_run(
         phases = read_phases(run)
         again = eval_command(given)
         report = Report(
-            title=f"lightprobe: {subject.scene.root.name}{', true object' if given.oracle else ''}", metrics=metrics,
-            pictures=pictures, facts=subject.facts() | training_facts(phases) | _made(),
+            title=f"lightprobe: {subject.scene.root.name}{', true object' if given.oracle else ''}",
+            metrics=metrics,
+            pictures=pictures,
+            facts=subject.facts() | training_facts(phases) | _made(),
             commands=[*training_commands(phases, subject.scene.root), again] if phases else [],
-            files=({} if given.oracle else {"object.glb": run.mesh_folder / "object.glb"}) | {"metrics.json": numbers},
+            files=({} if given.oracle else {"object.glb": run.mesh_folder / "object.glb"})
+            | {"metrics.json": numbers},
             photo_files={name: _photo_files(subject.out, name, subject.methods[0]) for name in pictures},
-        )  # fmt: skip
+        )
         write_report(page, report)
         store_report(page, report)
         if output is not None:
@@ -109,7 +133,9 @@ def evaluate_run(
 
 
 def _refuse_replacing(numbers: Path, folder: Path) -> None:
-    """Raise `ConfigError` where numbers would replace a file of a folder, but for numbers that were sent there."""
+    """Raise `ConfigError` where numbers would replace a file of a folder, but for numbers that were sent
+    there.
+    """
     if not numbers.is_file() or folder.resolve() not in numbers.resolve().parents:
         return
     with contextlib.suppress(InputError):
@@ -134,20 +160,26 @@ class _Subject:
     accuracy: LightAccuracy | None  # of the run's maps
 
     @staticmethod
-    def load(run: RunFolder, given: EvaluationOptions, scene_folder: Path | None, device: torch.device) -> "_Subject":
+    def load(
+        run: RunFolder, given: EvaluationOptions, scene_folder: Path | None, device: torch.device
+    ) -> "_Subject":
         prediction = given.settings.over(recorded_config(run))
         decomposition = Decomposition.load(run, device)
         model = ProbeModel.load(run.model_folder).to(device) if ProbeModel.exists(run.model_folder) else None
         scene = open_scene(run, scene_folder)
         true_object = _true_object(run, decomposition, scene, needed=given.oracle)
         every = methods_for(model, prediction)
-        methods = default_first((*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ())), every[0])
+        methods = default_first(
+            (*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ())), every[0]
+        )
         out = run.oracle if given.oracle else run
-        accuracy = None if given.oracle else LightAccuracy.load(run.model_folder)  # it is of the run's own object
+        accuracy = (
+            None if given.oracle else LightAccuracy.load(run.model_folder)
+        )  # it is of the run's own object
         evaluated = true_object if given.oracle and true_object is not None else decomposition
         return _Subject(
             evaluated, true_object, model, scene, out, prediction, every[0], methods, device, accuracy
-        )  # fmt: skip
+        )
 
     def evaluate(
         self, given: EvaluationOptions, on_progress: OnProgress
@@ -161,10 +193,19 @@ class _Subject:
                 pictures[result.view.photo.name] = view_pictures(result)
 
         result = evaluate(
-            self.decomposition, self.model, self.scene, methods=self.methods, device=self.device, run=self.out,
-            protocols=given.protocols, true_object=self.true_object, prediction=self.prediction,
-            accuracy=self.accuracy, on_view=keep, on_photo=lambda done, total: on_progress("evaluate", done, total),
-        )  # fmt: skip
+            self.decomposition,
+            self.model,
+            self.scene,
+            methods=self.methods,
+            device=self.device,
+            run=self.out,
+            protocols=given.protocols,
+            true_object=self.true_object,
+            prediction=self.prediction,
+            accuracy=self.accuracy,
+            on_view=keep,
+            on_photo=lambda done, total: on_progress("evaluate", done, total),
+        )
         return result, pictures
 
     def facts(self) -> dict[str, str]:
@@ -187,7 +228,8 @@ def default_first(methods: Sequence[Method], default: Method) -> tuple[Method, .
 
 
 def destination(out: RunFolder, methods: Sequence[Method], default: Method) -> tuple[Path, Path]:
-    """Return where the numbers and the page of `methods` go: never over those of the run's default method without it.
+    """Return where the numbers and the page of `methods` go: never over those of the run's default method
+    without it.
 
     The place beside them lies in the report's folder, which goes with the rest when a phase is restarted.
     """
@@ -214,8 +256,11 @@ def eval_command(given: EvaluationOptions) -> str:
     return " ".join(words)
 
 
-def _true_object(run: RunFolder, decomposition: Decomposition, scene: Scene, *, needed: bool) -> Decomposition | None:
-    """Return the scene's true object, made once and kept in the run, or None where the scene does not bring it.
+def _true_object(
+    run: RunFolder, decomposition: Decomposition, scene: Scene, *, needed: bool
+) -> Decomposition | None:
+    """Return the scene's true object, made once and kept in the run, or None where the scene does not bring
+    it.
 
     One that cannot be used costs a warning, unless it is `needed`.
     """

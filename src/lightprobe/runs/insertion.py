@@ -43,23 +43,34 @@ class InsertedObject:
 
 
 def insert_object(
-    run: Path | str, photo: Path | str, thing: Path | str, output: Path | str, *,
-    at: tuple[float, float] | None = None, scale: float | None = None, turn: float = 0.0,
-    env: Path | str | None = None, camera: Path | str | None = None, mask: Path | str | None = None,
+    run: Path | str,
+    photo: Path | str,
+    thing: Path | str,
+    output: Path | str,
+    *,
+    at: tuple[float, float] | None = None,
+    scale: float | None = None,
+    turn: float = 0.0,
+    env: Path | str | None = None,
+    camera: Path | str | None = None,
+    mask: Path | str | None = None,
     device: str | torch.device = "auto",
-) -> InsertedObject:  # fmt: skip
-    """Write the photo with the GLB file `thing` beside the run's object, lit as the photo is: OUTPUT.png and layers.
+) -> InsertedObject:
+    """Write the photo with the GLB file `thing` beside the run's object, lit as the photo is: OUTPUT.png and
+    layers.
 
-    at: pixel of the thing's foot; scale: its height relative to the known object's; turn: degrees about the vertical;
-    each by default chosen. env: an equirectangular map in the photo's exposure, by default predicted from the photo.
-    camera, mask: as for a prediction, by default found. Layers: OUTPUT.beauty.exr, .shadow.exr and .mask.exr.
-    Raises `InputError` for a run, photo, thing or map that cannot be used, `ConfigError` for a name, place or height
-    that cannot be meant; nothing is written then.
+    at: pixel of the thing's foot; scale: its height relative to the known object's; turn: degrees about the
+    vertical; each by default chosen. env: an equirectangular map in the photo's exposure, by default
+    predicted from the photo. camera, mask: as for a prediction, by default found. Layers: OUTPUT.beauty.exr,
+    .shadow.exr and .mask.exr. Raises `InputError` for a run, photo, thing or map that cannot be used,
+    `ConfigError` for a name, place or height that cannot be meant; nothing is written then.
     """
     start, output, image = time.perf_counter(), Path(output), Path(photo)
     _check_name(output)
     given, files = photo_mask(image, None if mask is None else Path(mask)), LayerFiles.of(output)
-    refuse_replacing(vars(files).values(), [image, given, Path(thing), *(Path(path) for path in (env, camera) if path)])
+    refuse_replacing(
+        vars(files).values(), [image, given, Path(thing), *(Path(path) for path in (env, camera) if path)]
+    )
     wish = Wish(at, scale, turn)
     wish.check()
     found, folder, where = load_thing(Path(thing)), RunFolder.open(Path(run)), resolve_device(device)
@@ -67,7 +78,9 @@ def insert_object(
     if camera is None:
         read_record(folder)  # it has the cameras
     location = LocationFiles().within(folder.path / "predictions", image)
-    photos = NewPhotos(folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True)
+    photos = NewPhotos(
+        folder, [PhotoFiles(image, given, location)], None if camera is None else Path(camera), True
+    )
     loaded = LoadedRun(folder, where)
     loaded.make_ready(photos)
     new = photos.read(0)
@@ -79,15 +92,24 @@ def insert_object(
     inserted = insert(loaded.predictor.decomposition, light, _view(image, photos, new), found, wish)
     inserted.write(files)
     return InsertedObject(
-        files.picture, files.beauty, files.shadow, files.mask, inserted.at, inserted.scale,
-        time.perf_counter() - start, (*warnings, *inserted.warnings), new.location,
-    )  # fmt: skip
+        files.picture,
+        files.beauty,
+        files.shadow,
+        files.mask,
+        inserted.at,
+        inserted.scale,
+        time.perf_counter() - start,
+        (*warnings, *inserted.warnings),
+        new.location,
+    )
 
 
 def doubt_about_up(run: RunFolder) -> list[str]:
-    """Return a sentence where the cameras that a run learnt from say that up is another direction than +z, else none.
+    """Return a sentence where the cameras that a run learnt from say that up is another direction than +z,
+    else none.
 
-    A scene of somebody else's may have any axes, and what stands along its z axis lies on its side in the photos.
+    A scene of somebody else's may have any axes, and what stands along its z axis lies on its side in the
+    photos.
     """
     try:
         cameras = read_record(run).cameras["train"].values()
@@ -112,7 +134,9 @@ def _predicted_light(loaded: LoadedRun, new: NewPhoto, warnings: list[str]) -> E
 
 
 def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
-    """Return the one photo of `photos` at its own size; raise `InputError` where the limit of memory has no room."""
+    """Return the one photo of `photos` at its own size; raise `InputError` where the limit of memory has no
+    room.
+    """
     check_room(image, (new.camera.width, new.camera.height), _PIXEL_BYTES)
     return PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
 
@@ -120,4 +144,6 @@ def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
 def _check_name(output: Path) -> None:
     """Raise `ConfigError` for a picture that cannot be written under this name."""
     if output.suffix.lower() != ".png":
-        raise ConfigError(f"Cannot write the picture as '{output.name}': name it .png; its layers are OpenEXR files.")
+        raise ConfigError(
+            f"Cannot write the picture as '{output.name}': name it .png; its layers are OpenEXR files."
+        )

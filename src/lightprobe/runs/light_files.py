@@ -39,25 +39,31 @@ def whole_light(path: Path, device: torch.device | None = None) -> Environment:
 
 
 def tell_of_scale(path: Path, calibration: Calibration | None) -> None:
-    """Warn where a map was predicted before a calibration and is used with an object after one, or the other way."""
+    """Warn where a map was predicted before a calibration and is used with an object after one, or the other
+    way.
+    """
     predicted = is_calibrated(path)
     if predicted is None or predicted is (calibration is not None):
         return
     known = (
-        "without a calibration, and this run has one" if calibration else "with a calibration, and this run has none"
+        "without a calibration, and this run has one"
+        if calibration
+        else "with a calibration, and this run has none"
     )
     warnings.warn(
         f"{path} was predicted {known}: the light and the object are not of one brightness. Predict the map anew.",
-        LightprobeWarning, stacklevel=3,
-    )  # fmt: skip
+        LightprobeWarning,
+        stacklevel=3,
+    )
 
 
 def scene_light(path: Path, sun: Sun) -> SceneLight:
-    """Return a map's light; its lamps are those that are found in it, as bright as its .light.json says if it has them.
+    """Return a map's light; its lamps are those that are found in it, as bright as its .light.json says if it
+    has them.
 
-    sun: with `Sun.INSIDE` the map keeps them, they are only listed, and there are no lamps. A map that was written
-    without its lamps stays so, and they come from its .light.json either way. Raises `InputError` for a map or
-    .light.json that cannot be used.
+    sun: with `Sun.INSIDE` the map keeps them, they are only listed, and there are no lamps. A map that was
+    written without its lamps stays so, and they come from its .light.json either way. Raises `InputError` for
+    a map or .light.json that cannot be used.
     """
     image = read_map(path)
     known = read_sources(path)
@@ -76,7 +82,8 @@ def scene_light(path: Path, sun: Sun) -> SceneLight:
 def _as_known(found: Sequence[LightSource], known: Sequence[LightSource]) -> tuple[LightSource, ...]:
     """Return the sources of a .light.json that were found in its map, and those that it does not know.
 
-    What a photo told of a source is nearer to the truth. One that was found as two, or two as one, come as it has them.
+    What a photo told of a source is nearer to the truth. One that was found as two, or two as one, come as it
+    has them.
     """
 
     def same(one: LightSource, others: Sequence[LightSource]) -> bool:
@@ -86,10 +93,11 @@ def _as_known(found: Sequence[LightSource], known: Sequence[LightSource]) -> tup
 
 
 def _without_sources(image: np.ndarray, environment: Environment, rest: Environment) -> np.ndarray:
-    """Return a map (H, 2H, 3) that has the colours of `rest` wherever that differs from the whole `environment`.
+    """Return a map (H, 2H, 3) that has the colours of `rest` wherever that differs from the whole
+    `environment`.
 
-    A source may be a single pixel of the map, far smaller than a texel of either: only replacing all that lies in such
-    texels takes all of it out, and what remains there is as smooth as they are.
+    A source may be a single pixel of the map, far smaller than a texel of either: only replacing all that
+    lies in such texels takes all of it out, and what remains there is as smooth as they are.
     """
     size = image.shape[:2]
     taken = (rest.texels < (1 - _ROUNDING) * environment.texels).any(-1, keepdim=True)

@@ -43,19 +43,27 @@ class LoadedRun:
         return self._locator
 
     def make_ready(self, photos: NewPhotos) -> None:
-        """Let photos be read as predictions take them, those without a camera be located; errors as `load_locator`."""
+        """Let photos be read as predictions take them, those without a camera be located; errors as
+        `load_locator`.
+        """
         photos.read_within(self.predictor.config.max_pixels)
         if photos.lack_cameras:
             photos.locate_with(self.locator())
 
     def read(
-        self, files: PhotoFiles, camera: Path | None = None, *, background: bool = True, whole: bool = True,
+        self,
+        files: PhotoFiles,
+        camera: Path | None = None,
+        *,
+        background: bool = True,
+        whole: bool = True,
         tell: Callable[[str], None] = lambda stage: None,
-    ) -> NewPhoto:  # fmt: skip
-        """Return a photo with its camera: the given one, that of the scene's own photo if it is one, else it is found.
+    ) -> NewPhoto:
+        """Return a photo with its camera: the given one, that of the scene's own photo if it is one, else it
+        is found.
 
-        whole: whether it is read at its own size, where its camera is known, or as predictions take it. Raises
-        `InputError` for a photo, mask or camera that cannot be used, or when the object is not found.
+        whole: whether it is read at its own size, where its camera is known, or as predictions take it.
+        Raises `InputError` for a photo, mask or camera that cannot be used, or when the object is not found.
         """
         if camera is None:
             camera = self._own_camera(files)
@@ -68,7 +76,9 @@ class LoadedRun:
         return photos.read(0)
 
     def _own_camera(self, files: PhotoFiles) -> Path | None:
-        """Return where the camera of the scene's own photo is written, None for another one or without its mask."""
+        """Return where the camera of the scene's own photo is written, None for another one or without its
+        mask.
+        """
         image_size(files.image)  # a file that is no photo is told before any work
         own, place = own_camera(self.run, checksum(files.image)), files.location.camera
         if own is None or place is None or (files.mask is None and is_opaque(files.image)):
@@ -81,12 +91,15 @@ class LoadedRuns:
     """The runs that were asked for last, as many as a limit of memory or of their number lets stay."""
 
     def __init__(self, device: torch.device, *, most: int | None = None, memory: int | None = None):
-        """Compute on `device`; keep at most `most` runs, whose tensors and arrays take at most `memory` bytes.
+        """Compute on `device`; keep at most `most` runs, whose tensors and arrays take at most `memory`
+        bytes.
 
         The run at hand is kept in any case.
         """
         self.device, self._most, self._memory = device, most, memory
-        self._kept: OrderedDict[str, tuple[int, LoadedRun]] = OrderedDict()  # by path, with the time of their files
+        self._kept: OrderedDict[str, tuple[int, LoadedRun]] = (
+            OrderedDict()
+        )  # by path, with the time of their files
         self.loads = self.evictions = 0
 
     @property
@@ -101,7 +114,9 @@ class LoadedRuns:
             del self._kept[key]
         if key not in self._kept:
             if self._most is not None:
-                self._forget(lambda: len(self._kept) >= (self._most or 1))  # so many need not be held and one more
+                self._forget(
+                    lambda: len(self._kept) >= (self._most or 1)
+                )  # so many need not be held and one more
             self._kept[key] = newest, LoadedRun(run, self.device)
             self.loads += 1
         self._kept.move_to_end(key)

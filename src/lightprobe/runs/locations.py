@@ -36,7 +36,9 @@ class LocationFiles:
         """Return all files of one photo, those not chosen in `folder`."""
         stem = file_stem(image)
         names = {"camera": ".camera.json", "mask": ".mask.png", "overlay": ".overlay.png"}
-        chosen = {key: getattr(self, key) or named_file(folder, stem, suffix) for key, suffix in names.items()}
+        chosen = {
+            key: getattr(self, key) or named_file(folder, stem, suffix) for key, suffix in names.items()
+        }
         return LocationFiles(**chosen)
 
     def chosen(self) -> tuple[Path | None, Path | None, Path | None]:
@@ -50,7 +52,9 @@ class LocationFiles:
             if path is None:
                 continue
             if count > 1:
-                raise ConfigError(f"--save-{key} names one file, {path}, but there are {count} photos; give a folder.")
+                raise ConfigError(
+                    f"--save-{key} names one file, {path}, but there are {count} photos; give a folder."
+                )
             if path.suffix.lower() != suffix:
                 raise ConfigError(f"--save-{key} {path} must end with {suffix}.")
 
@@ -77,14 +81,19 @@ class LocatedPhoto:
 
 
 def locate_photos(
-    run_folder: Path | str, images: Sequence[Path], folder: Path | None = None, *,
-    files: LocationFiles | None = None, mask: Path | None = None, device: str | torch.device = "auto",
-) -> Iterator[LocatedPhoto]:  # fmt: skip
+    run_folder: Path | str,
+    images: Sequence[Path],
+    folder: Path | None = None,
+    *,
+    files: LocationFiles | None = None,
+    mask: Path | None = None,
+    device: str | torch.device = "auto",
+) -> Iterator[LocatedPhoto]:
     """Locate photos of a run's object one after the other, and write camera, mask and overlay of each.
 
-    folder: for the files, by default RUN/predictions. mask: white object on black, of several photos a folder.
-    Raises `InputError` at the end when the object was not found in photos, and before any work for a run that cannot be
-    used, `ConfigError` for names that cannot be written.
+    folder: for the files, by default RUN/predictions. mask: white object on black, of several photos a
+    folder. Raises `InputError` at the end when the object was not found in photos, and before any work for a
+    run that cannot be used, `ConfigError` for names that cannot be written.
     """
     run, files = RunFolder.open(Path(run_folder)), files or LocationFiles()
     if not images:
@@ -98,7 +107,11 @@ def locate_photos(
 
 
 def _located(
-    run: RunFolder, images: Sequence[Path], targets: Sequence[LocationFiles], mask: Path | None, device: torch.device
+    run: RunFolder,
+    images: Sequence[Path],
+    targets: Sequence[LocationFiles],
+    mask: Path | None,
+    device: torch.device,
 ) -> Iterator[LocatedPhoto]:
     from lightprobe.localization import Locator
 
@@ -135,7 +148,9 @@ def refuse_namesakes(images: Sequence[Path], advice: str) -> None:
     for image in images:
         stem = file_stem(image)
         if stem in named:
-            raise ConfigError(f"{named[stem]} and {image} have the same name, and so would their files; {advice}.")
+            raise ConfigError(
+                f"{named[stem]} and {image} have the same name, and so would their files; {advice}."
+            )
         named[stem] = image
 
 

@@ -54,13 +54,15 @@ class NewPhoto:
 
 
 class NewPhotos:
-    """Photos that are read one by one when they are asked for; cameras are looked for only where none is known."""
+    """Photos that are read one by one when they are asked for; cameras are looked for only where none is
+    known.
+    """
 
     def __init__(self, run: RunFolder, files: Sequence[PhotoFiles], camera: Path | None, background: bool):
         """Check all that can be before any work.
 
-        camera: a file of cameras, by default the run's own photos'. background: whether backgrounds are wanted.
-        Raises `InputError` for a photo, mask or camera that cannot be used.
+        camera: a file of cameras, by default the run's own photos'. background: whether backgrounds are
+        wanted. Raises `InputError` for a photo, mask or camera that cannot be used.
         """
         self._run, self._files, self._background = run, files, background
         self._photos = [_photo(run, one, camera) for one in files]
@@ -85,7 +87,9 @@ class NewPhotos:
         files, photo = self._files[index], self._photos[index]
         ev100 = read_exif_ev100(files.image)
         if photo is not None:
-            pixels, _ = load_pixels(photo) if self._most_opaque is None else load_observed(photo, self._most_opaque)
+            pixels, _ = (
+                load_pixels(photo) if self._most_opaque is None else load_observed(photo, self._most_opaque)
+            )
             background = load_background(photo) if self._background else None
             return NewPhoto(pixels, replace(photo.camera, lens=None), background, ev100, None)
         if self._locator is None:
@@ -97,7 +101,8 @@ class NewPhotos:
         return NewPhoto(located.pixels, located.camera, background, ev100, found)
 
     def surroundings(self, index: int, photo: NewPhoto) -> np.ndarray:
-        """Return what a photo that `read` has returned shows, background included, at about the size of its pixels.
+        """Return what a photo that `read` has returned shows, background included, at about the size of its
+        pixels.
 
         (H, W, 3) float32, linear and straight; black where a cut-out photo shows nothing.
         """
@@ -109,7 +114,8 @@ class NewPhotos:
         return load_thumbnail(known, max(photo.pixels.alpha.shape))[0]
 
     def whole(self, index: int, photo: NewPhoto) -> tuple[np.ndarray, np.ndarray]:
-        """Return all that a photo shows at full size, once `read` has returned it: colour and the object's coverage.
+        """Return all that a photo shows at full size, once `read` has returned it: colour and the object's
+        coverage.
 
         (H, W, 3) linear and straight, background included, and (H, W), both float32.
         """
@@ -136,7 +142,9 @@ def _photo(run: RunFolder, files: PhotoFiles, camera: Path | None) -> Photo | No
 
 
 def load_locator(run: RunFolder, predictor: Predictor) -> "Locator":
-    """Return what photos of a run's object are located by; raise `InputError` or `ConfigError` where it is missing."""
+    """Return what photos of a run's object are located by; raise `InputError` or `ConfigError` where it is
+    missing.
+    """
     from lightprobe.localization import Locator, stored_views
 
     views = stored_views(run, predictor.decomposition)

@@ -24,15 +24,21 @@ _LARGEST_SIDE = 8192  # pixels of a picture's edge
 
 
 def render_run(
-    run_folder: Path | str, environment: Path, camera: Path, output: Path, *, frame: str | None = None,
-    device: str | torch.device = "auto", config: RenderConfig = FAST_PICTURES,
-) -> None:  # fmt: skip
+    run_folder: Path | str,
+    environment: Path,
+    camera: Path,
+    output: Path,
+    *,
+    frame: str | None = None,
+    device: str | torch.device = "auto",
+    config: RenderConfig = FAST_PICTURES,
+) -> None:
     """Write a picture of a run's object under an equirectangular map: .png (sRGB) or .exr (linear).
 
     camera: a file with the camera, or with many, of which `frame` names the photo whose camera is meant.
     A map without its suns and lamps has them from its .light.json.
-    Raises `InputError` for a run, map or camera that cannot be used, `ConfigError` for a name of another suffix
-    and for a path tracer that is not installed.
+    Raises `InputError` for a run, map or camera that cannot be used, `ConfigError` for a name of another
+    suffix and for a path tracer that is not installed.
     """
     if output.suffix.lower() not in (".png", ".exr"):
         raise ConfigError(f"Cannot write '{output.suffix}' pictures: name the output .png or .exr.")
@@ -46,14 +52,22 @@ def render_run(
 
 
 def relight_run(
-    run_folder: Path | str, environment: Path, output: Path, *, frames: int = 24, side: int = 512,
-    device: str | torch.device = "auto", config: RenderConfig = FAST_PICTURES, on_progress: OnProgress = silent,
-) -> None:  # fmt: skip
-    """Write a turntable of `frames` pictures of `side` pixels, and the test views, under an equirectangular map.
+    run_folder: Path | str,
+    environment: Path,
+    output: Path,
+    *,
+    frames: int = 24,
+    side: int = 512,
+    device: str | torch.device = "auto",
+    config: RenderConfig = FAST_PICTURES,
+    on_progress: OnProgress = silent,
+) -> None:
+    """Write a turntable of `frames` pictures of `side` pixels, and the test views, under an equirectangular
+    map.
 
-    output: a new or empty folder, filled at once at the end. A map without its suns and lamps has them from its
-    .light.json. Raises `InputError` for a run or map that cannot be used, `ConfigError` for sizes and folders that
-    cannot and for a path tracer that is not installed.
+    output: a new or empty folder, filled at once at the end. A map without its suns and lamps has them from
+    its .light.json. Raises `InputError` for a run or map that cannot be used, `ConfigError` for sizes and
+    folders that cannot and for a path tracer that is not installed.
     """
     if frames < 1 or not 8 <= side <= _LARGEST_SIDE:
         raise ConfigError(f"A turntable needs --frames of at least 1 and --side from 8 to {_LARGEST_SIDE}.")
@@ -73,15 +87,23 @@ def relight_run(
 
 
 def export_run(
-    run_folder: Path | str, output: Path, *, environment: Path | None = None, sun: Sun = Sun.SEPARATE,
-    height: int | None = None, usd: bool = False, device: str | torch.device = "auto",
-) -> list[Path]:  # fmt: skip
-    """Write mesh.glb, its textures and the training photos' lights into a new or empty folder; return the files.
+    run_folder: Path | str,
+    output: Path,
+    *,
+    environment: Path | None = None,
+    sun: Sun = Sun.SEPARATE,
+    height: int | None = None,
+    usd: bool = False,
+    device: str | torch.device = "auto",
+) -> list[Path]:
+    """Write mesh.glb, its textures and the training photos' lights into a new or empty folder; return the
+    files.
 
     Blender's add-on that imports them, lightprobe_import.py, is among them.
-    The first is the mesh. environment: a map to write, too, with scene.glb, the mesh and the map's suns and lamps
-    (`runs.light_files`), unless `sun` leaves them inside the map. height, usd: as in `export.bundle.export`.
-    Raises `InputError` for a run or map that cannot be used, `ConfigError` for a folder with files.
+    The first is the mesh. environment: a map to write, too, with scene.glb, the mesh and the map's suns and
+    lamps (`runs.light_files`), unless `sun` leaves them inside the map. height, usd: as in
+    `export.bundle.export`. Raises `InputError` for a run or map that cannot be used, `ConfigError` for a
+    folder with files.
     """
     run = RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
@@ -100,4 +122,6 @@ def export_run(
 def _refuse_mixing(folder: Path) -> None:
     """Refuse a folder that holds files: among those of an earlier call the new ones could not be told apart."""
     if holds_files(folder):
-        raise ConfigError(f"{folder} is not empty; give a new folder with -o, so that no older file stays among these.")
+        raise ConfigError(
+            f"{folder} is not empty; give a new folder with -o, so that no older file stays among these."
+        )

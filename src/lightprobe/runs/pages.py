@@ -1,4 +1,6 @@
-"""Pages about runs that were evaluated before: the report of one, two against each other, and many as a gallery."""
+"""Pages about runs that were evaluated before: the report of one, two against each other, and many as a
+gallery.
+"""
 
 import warnings
 from collections.abc import Sequence
@@ -18,15 +20,17 @@ def report_of(run_folder: Path | str) -> Path:
     """Return the report page of a run; raise `InputError` where there is none."""
     page = RunFolder.open(Path(run_folder)).report_file
     if not page.is_file():
-        raise InputError(f"{run_folder} has no report; write it with: lightprobe eval {shell_word(run_folder)}")
+        raise InputError(
+            f"{run_folder} has no report; write it with: lightprobe eval {shell_word(run_folder)}"
+        )
     return page
 
 
 def compare_runs(run_folder: Path | str, other_folder: Path | str, page: Path) -> Comparison:
     """Write a page that sets two evaluated runs beside each other, and return what it shows.
 
-    Warns where photos of one name are not the same photo. Raises `InputError` for runs that were not evaluated or have
-    no test photo in common, `ConfigError` for a page that is not named .html.
+    Warns where photos of one name are not the same photo. Raises `InputError` for runs that were not
+    evaluated or have no test photo in common, `ConfigError` for a page that is not named .html.
     """
     if page.suffix.lower() != ".html":
         raise ConfigError(f"Cannot write the page as '{page.name}': name it .html.")
@@ -36,13 +40,16 @@ def compare_runs(run_folder: Path | str, other_folder: Path | str, page: Path) -
     first, second = (read_report(run) for run in runs)
     found = Comparison((names[0], names[1]), (first, second))
     known, others = (_test_photos(run) for run in runs)
-    unlike = [name for name in found.photos if name in known and name in others and known[name] != others[name]]
+    unlike = [
+        name for name in found.photos if name in known and name in others and known[name] != others[name]
+    ]
     if unlike:
         warnings.warn(
             f"{len(unlike)} of {len(found.photos)} test photos that both runs have by name are different ones, such as "
             f"{unlike[0]}: the runs are of different scenes, and their differences say nothing.",
-            LightprobeWarning, stacklevel=2,
-        )  # fmt: skip
+            LightprobeWarning,
+            stacklevel=2,
+        )
     write_bytes(page, comparison_page(found).encode())
     return found
 
@@ -50,14 +57,18 @@ def compare_runs(run_folder: Path | str, other_folder: Path | str, page: Path) -
 def _test_photos(run: RunFolder) -> dict[str, str]:
     """Return the checksums of the test photos that a run's scene.json knows, by name."""
     photos = run.scene().get("photos", {}).get("test", {}) if run.scene_file.is_file() else {}
-    return {name: str(entry.get("image_checksum")) for name, entry in photos.items() if isinstance(entry, dict)}
+    return {
+        name: str(entry.get("image_checksum")) for name, entry in photos.items() if isinstance(entry, dict)
+    }
 
 
 def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, Report]:
-    """Write folder/index.html, a card for each run, and folder/NAME/index.html, its report; return them by name.
+    """Write folder/index.html, a card for each run, and folder/NAME/index.html, its report; return them by
+    name.
 
     The pages need nothing outside of the folder: the reports' links to the files of the runs are left out.
-    Raises `InputError` for a run that was not evaluated, `ConfigError` for none and for a folder of other files.
+    Raises `InputError` for a run that was not evaluated, `ConfigError` for none and for a folder of other
+    files.
     """
     if not run_folders:
         raise ConfigError("No run is named: lightprobe gallery RUN... -o DIR.")
@@ -73,11 +84,15 @@ def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, 
 
 
 def _refuse_folder(folder: Path, runs: Sequence[Path]) -> None:
-    """Raise `ConfigError` for a folder whose files the gallery's pages would mix with: those of a run, or others."""
+    """Raise `ConfigError` for a folder whose files the gallery's pages would mix with: those of a run, or
+    others.
+    """
     place = folder.resolve()
     owner = next((run for run in runs if run.resolve() in (place, *place.parents)), None)
     if owner is not None:
-        raise ConfigError(f"{folder} belongs to the run {owner}; give another folder for the gallery with -o.")
+        raise ConfigError(
+            f"{folder} belongs to the run {owner}; give another folder for the gallery with -o."
+        )
     page = folder / "index.html"
     if holds_files(folder) and not (page.is_file() and GALLERY in page.read_text(errors="replace")):
         raise ConfigError(f"{folder} holds other files than a gallery; give another folder with -o.")

@@ -1,4 +1,5 @@
-"""The light of new photos from a run, and the files it goes to: one map a photo, or one of several photos together.
+"""The light of new photos from a run, and the files it goes to: one map a photo, or one of several photos
+together.
 
 A photo without a camera is located first (`localization`); camera, mask and overlay go beside its map.
 """
@@ -37,7 +38,9 @@ class PredictionFiles:
     mask: Path | None = None
     """White object on black; by default the photo's alpha, or it is found with the camera."""
     output: Path | None = None
-    """The map, .exr or .hdr, or a folder that is there; by default RUN/predictions, with picture and confidence."""
+    """The map, .exr or .hdr, or a folder that is there; by default RUN/predictions, with picture and
+    confidence.
+    """
     confidence: Path | None = None
     """The confidence, .exr, or a folder that is there."""
     location: LocationFiles = field(default_factory=LocationFiles)
@@ -79,13 +82,17 @@ class MapFiles:
     sun: Sun
 
     @staticmethod
-    def of(run: RunFolder, image: Path, several: bool, method: Method | None, files: PredictionFiles) -> "MapFiles":
+    def of(
+        run: RunFolder, image: Path, several: bool, method: Method | None, files: PredictionFiles
+    ) -> "MapFiles":
         """Refuse what could not be written, before any work; `image` names the map where nothing else does."""
         output, confidence, stem = files.output, files.confidence, file_stem(image)
         if several:
             for place in (output, confidence):
                 if place is not None and (place.suffix.lower() in (".exr", ".hdr") or place.is_file()):
-                    raise ConfigError(f"Of several photos the maps need a folder, and {place} is named like one map.")
+                    raise ConfigError(
+                        f"Of several photos the maps need a folder, and {place} is named like one map."
+                    )
         if output is not None and (several or output.is_dir()):
             output = output / f"{stem}.exr"
         if confidence is not None and (several or confidence.is_dir()):
@@ -100,8 +107,10 @@ class MapFiles:
         if other is not None:
             warnings.warn(
                 f"{light_file(self.output)} told the sources of {other.name} and is now that of {self.output.name}; "
-                "give maps of one folder different names.", LightprobeWarning, stacklevel=2,
-            )  # fmt: skip
+                "give maps of one folder different names.",
+                LightprobeWarning,
+                stacklevel=2,
+            )
         remove(light_file(self.output))
         if self.kept:
             write_prediction(prediction, self.output, self.height, self.sun)
@@ -133,16 +142,21 @@ class PhotoPredictions:
     def unwritten(self) -> Iterator[tuple[MapFiles, PredictedPhoto]]:
         """Predict photo by photo, with where each map is meant to go.
 
-        Raises `InputError` at the end when photos got no map: one that cannot serve must not cost those of the others.
+        Raises `InputError` at the end when photos got no map: one that cannot serve must not cost those of
+        the others.
         """
         failures: list[str] = []
         for index, (image, files) in enumerate(zip(self._images, self._maps, strict=True)):
             try:
                 photo = self._photos.read(index)
                 prediction = self._predictor.predict(
-                    photo.pixels, photo.pixel_camera, self.method, background=photo.background, doubt=photo.doubt,
+                    photo.pixels,
+                    photo.pixel_camera,
+                    self.method,
+                    background=photo.background,
+                    doubt=photo.doubt,
                     sources=self._sources,
-                )  # fmt: skip
+                )
             except InputError as error:
                 failures.append(f"{image} gets no map. {error}")
                 continue
@@ -153,17 +167,23 @@ class PhotoPredictions:
 
 
 def predict_photos(
-    run_folder: Path | str, images: Sequence[Path], files: PredictionFiles | None = None, *,
-    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
-    device: str | torch.device = "auto", loaded: LoadedRun | None = None,
-) -> PhotoPredictions:  # fmt: skip
-    """Return the predictions from photos of a run's object, which are made and written as they are iterated over.
+    run_folder: Path | str,
+    images: Sequence[Path],
+    files: PredictionFiles | None = None,
+    *,
+    method: Method | None = None,
+    settings: PredictionOptions = UNCHANGED,
+    background: bool = True,
+    device: str | torch.device = "auto",
+    loaded: LoadedRun | None = None,
+) -> PhotoPredictions:
+    """Return the predictions from photos of a run's object, which are made and written as they are iterated
+    over.
 
-    method: by default the run's own, or the best it has a model for. settings: what changes of how the run predicts.
-    background: whether what opaque photos show around the object is used. loaded: this run, with its device and
-    settings, where it is loaded already.
-    Raises `InputError` for a run, photo, mask or camera that cannot be used, `ConfigError` for names of files that
-    cannot be written or mean two maps.
+    method: by default the run's own, or the best it has a model for. settings: what changes of how the run
+    predicts. background: whether what opaque photos show around the object is used. loaded: this run, with
+    its device and settings, where it is loaded already. Raises `InputError` for a run, photo, mask or camera
+    that cannot be used, `ConfigError` for names of files that cannot be written or mean two maps.
     """
     run, files = _checked(run_folder, images, files)
     refuse_namesakes(images, "predict them one by one, or rename one")
@@ -176,7 +196,9 @@ def predict_photos(
     loaded.make_ready(photos)
     predictor = loaded.predictor
     chosen = method or methods_for(predictor.model, predictor.config)[0]
-    return PhotoPredictions(chosen, predictor.model is not None, predictor, images, maps, photos, files.sources)
+    return PhotoPredictions(
+        chosen, predictor.model is not None, predictor, images, maps, photos, files.sources
+    )
 
 
 @dataclass(frozen=True)
@@ -195,15 +217,21 @@ class JointPrediction:
 
 
 def predict_one_light(
-    run_folder: Path | str, images: Sequence[Path], files: PredictionFiles | None = None, *,
-    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
+    run_folder: Path | str,
+    images: Sequence[Path],
+    files: PredictionFiles | None = None,
+    *,
+    method: Method | None = None,
+    settings: PredictionOptions = UNCHANGED,
+    background: bool = True,
     device: str | torch.device = "auto",
-) -> JointPrediction:  # fmt: skip
+) -> JointPrediction:
     """Predict and write the one light that all photos of a run's object were taken under.
 
-    The map is named after the first photo. The rest as in `predict_photos`. Photos that cannot serve are left out;
-    raises `InputError` when none is left, and `ConfigError` when two photos have the same name: a photo that is given
-    twice tells nothing more, and what is found of two that are named alike would go into one file.
+    The map is named after the first photo. The rest as in `predict_photos`. Photos that cannot serve are left
+    out; raises `InputError` when none is left, and `ConfigError` when two photos have the same name: a photo
+    that is given twice tells nothing more, and what is found of two that are named alike would go into one
+    file.
     """
     run, files = _checked(run_folder, images, files)
     refuse_namesakes(images, "give each photo once, and rename those named alike")
@@ -221,21 +249,33 @@ def predict_one_light(
     seen = list(read.values())
     given = _exif_exposures(seen)
     prediction, exposures = predictor.predict_together(
-        [(photo.pixels, photo.pixel_camera) for photo in seen], chosen, exposures=given,
-        backgrounds=[photo.background for photo in seen], doubt=max(photo.doubt for photo in seen),
+        [(photo.pixels, photo.pixel_camera) for photo in seen],
+        chosen,
+        exposures=given,
+        backgrounds=[photo.background for photo in seen],
+        doubt=max(photo.doubt for photo in seen),
         sources=files.sources,
-    )  # fmt: skip
+    )
     target.write(prediction, _facts(next(iter(read)), seen[0]))
     return JointPrediction(
-        tuple(read), target.output, chosen, predictor.model is not None, prediction, exposures, given is not None,
-        tuple(photo.location for photo in seen if photo.location is not None), left_out,
-    )  # fmt: skip
+        tuple(read),
+        target.output,
+        chosen,
+        predictor.model is not None,
+        prediction,
+        exposures,
+        given is not None,
+        tuple(photo.location for photo in seen if photo.location is not None),
+        left_out,
+    )
 
 
 def _checked(
     run_folder: Path | str, images: Sequence[Path], files: PredictionFiles | None
 ) -> tuple[RunFolder, PredictionFiles]:
-    """Return the run and the files; raise `InputError` or `ConfigError` where there is nothing to predict from."""
+    """Return the run and the files; raise `InputError` or `ConfigError` where there is nothing to predict
+    from.
+    """
     run, files = RunFolder.open(Path(run_folder)), files or PredictionFiles()
     if not images:
         raise ConfigError("No photo is named: lightprobe predict RUN IMAGE.")
@@ -281,7 +321,9 @@ def _readable(photos: NewPhotos, images: Sequence[Path]) -> tuple[dict[Path, New
 
 
 def _tells_nothing(pixels: Pixels) -> str | None:
-    """Return why the object's pixels tell nothing about the light; None where they may, or where there is none."""
+    """Return why the object's pixels tell nothing about the light; None where they may, or where there is
+    none.
+    """
     opaque = pixels.alpha >= OPAQUE
     if not opaque.any():
         return None
@@ -289,7 +331,8 @@ def _tells_nothing(pixels: Pixels) -> str | None:
 
 
 def _exif_exposures(photos: Sequence[NewPhoto]) -> list[float] | None:
-    """Return the exposures that EXIF gives, relative to the first photo's, or None unless all photos have them.
+    """Return the exposures that EXIF gives, relative to the first photo's, or None unless all photos have
+    them.
 
     A camera's values are radiance times 2^-EV100, up to what all its photos share.
     """

@@ -15,17 +15,25 @@ _NAMED = 16  # digits of a video's checksum that name the folder of its frames
 SCENE = "scene"  # the folder in a run that holds what was made of plain photos
 
 
-def prepare_scene(photos: Path | str, output: Path | str, options: PrepareOptions | None = None, *,
-                  on_progress: OnProgress = silent) -> Prepared:  # fmt: skip
-    """Make a scene folder of plain photos or a video: cameras, masks, upright frame, prepare.json and contact.png.
+def prepare_scene(
+    photos: Path | str,
+    output: Path | str,
+    options: PrepareOptions | None = None,
+    *,
+    on_progress: OnProgress = silent,
+) -> Prepared:
+    """Make a scene folder of plain photos or a video: cameras, masks, upright frame, prepare.json and
+    contact.png.
 
     photos: a folder, or a video, of which sharp, well-spread frames are taken.
 
-    The same call goes on where an interrupted one stopped, and with masks that were corrected in `output`/masks.
-    Warns of what may be wrong. Raises `InputError` for photos from which no scene can be made, `ConfigError` for
-    options that cannot be used or without the libraries of lightprobe[photos].
+    The same call goes on where an interrupted one stopped, and with masks that were corrected in
+    `output`/masks. Warns of what may be wrong. Raises `InputError` for photos from which no scene can be
+    made, `ConfigError` for options that cannot be used or without the libraries of lightprobe[photos].
     """
-    folder = _frames_of(video, Path(output)) if (video := only_video(Path(photos))) is not None else Path(photos)
+    folder = (
+        _frames_of(video, Path(output)) if (video := only_video(Path(photos))) is not None else Path(photos)
+    )
     prepared = prepare(folder, Path(output), options or PrepareOptions(), on_progress)
     for sentence in prepared.warnings:
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)

@@ -1,4 +1,6 @@
-"""What is taken down of a phase while it trains: its steps, its lines in metrics.jsonl and log.txt, and its time."""
+"""What is taken down of a phase while it trains: its steps, its lines in metrics.jsonl and log.txt, and its
+time.
+"""
 
 import time
 
@@ -10,11 +12,15 @@ from lightprobe.reconstruction import OnStep, Progress
 from lightprobe.runs.progress import OnProgress, clock
 
 _RECORD_EVERY = 10  # steps between lines of metrics.jsonl
-_LIGHTS = "lights"  # the stage that only solves for the final lights: nothing is trained, no checkpoint is written
+_LIGHTS = (
+    "lights"  # the stage that only solves for the final lights: nothing is trained, no checkpoint is written
+)
 
 
 class PhaseRecorder:
-    """Counts a phase's steps from its last checkpoint on, writes metrics.jsonl and timings.json and tells progress."""
+    """Counts a phase's steps from its last checkpoint on, writes metrics.jsonl and timings.json and tells
+    progress.
+    """
 
     def __init__(self, run: RunFolder, phase: str, checkpoints: Checkpoints, on_progress: OnProgress):
         """Begin a call of the phase, whose checkpoints are `checkpoints`."""
@@ -28,7 +34,9 @@ class PhaseRecorder:
         run.log(f"{phase} goes on from step {self.count}" if latest else f"{phase} starts")
 
     def progress(self, on_step: OnStep) -> Progress:
-        """Return what a training of the phase needs to hear: its time is written with each of its checkpoints."""
+        """Return what a training of the phase needs to hear: its time is written with each of its
+        checkpoints.
+        """
         return Progress(self.checkpoints, on_step, self.run.log, self._keep_timing, self.score)
 
     def step(self, stage: str, step: int, steps: int, loss: float) -> None:
@@ -46,7 +54,9 @@ class PhaseRecorder:
             "held_out_before": round(before, 3),
             "held_out": round(after, 3),
         }
-        self.run.append_metrics(self.phase, self.count, values, once=True)  # a resumed call scores the stage again
+        self.run.append_metrics(
+            self.phase, self.count, values, once=True
+        )  # a resumed call scores the stage again
 
     def finish(self) -> None:
         """Take note that the phase is finished and its files are written."""
@@ -59,4 +69,6 @@ class PhaseRecorder:
         """Write what this call and those before it took, as `core.timings` counts it."""
         held = [memory for memory in (self._before.memory, peak_memory()) if memory is not None]
         seconds = self._before.seconds + time.monotonic() - self._began
-        write_timing(self.run.timings_file, self.phase, PhaseTiming(seconds, max(held, default=None), finished))
+        write_timing(
+            self.run.timings_file, self.phase, PhaseTiming(seconds, max(held, default=None), finished)
+        )

@@ -41,14 +41,17 @@ class UserMaps:
 
     @staticmethod
     def read(folder: Path | None, config: DistillConfig | None) -> "UserMaps":
-        """Return the maps of a folder, none without one; called before Phase I, so that a mistake costs no time.
+        """Return the maps of a folder, none without one; called before Phase I, so that a mistake costs no
+        time.
 
         Raises `InputError` for a folder without usable maps, `ConfigError` when Phase II would not use them.
         """
         if folder is None:
             return UserMaps(None, [])
         if config is not None and config.lessons is Lessons.TEACHER:
-            raise ConfigError("--hdri changes nothing where no photos are re-rendered (lessons teacher); leave it out.")
+            raise ConfigError(
+                "--hdri changes nothing where no photos are re-rendered (lessons teacher); leave it out."
+            )
         return UserMaps(str(folder.resolve()), load_environments(folder, MAP_RESOLUTION))
 
 
@@ -56,7 +59,9 @@ def open_scene(run: RunFolder, folder: Path | None) -> Scene:
     """Load the scene of a run, from `folder` when it has moved, and check that it is still the same."""
     path = folder or Path(run.scene()["root"])
     if not path.is_dir():
-        raise InputError(f"The photos of {run.path} are no longer in {path}; tell where they are with --scene FOLDER.")
+        raise InputError(
+            f"The photos of {run.path} are no longer in {path}; tell where they are with --scene FOLDER."
+        )
     scene = load_scene(path)
     try:
         run.record_scene(scene_record(scene))
@@ -90,25 +95,39 @@ def run_decompose(
 
 
 def run_distill(
-    run: RunFolder, decomposition: Decomposition, scene: Callable[[], Scene], config: DistillConfig,
-    device: torch.device, seed: int, on_progress: OnProgress, user_maps: UserMaps, predict: PredictConfig,
+    run: RunFolder,
+    decomposition: Decomposition,
+    scene: Callable[[], Scene],
+    config: DistillConfig,
+    device: torch.device,
+    seed: int,
+    on_progress: OnProgress,
+    user_maps: UserMaps,
+    predict: PredictConfig,
     processes: Processes = ALONE,
-) -> ProbeModel:  # fmt: skip
+) -> ProbeModel:
     """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
 
-    `predict`, how the run is to predict from then on, is kept with it. Of several processes the first one writes, and
-    the others find what they need written.
+    `predict`, how the run is to predict from then on, is kept with it. Of several processes the first one
+    writes, and the others find what they need written.
     """
     processes.first_then_others(lambda: _record_distill(run, config, seed, user_maps, predict))
     if ProbeModel.exists(run.model_folder):
         return ProbeModel.load(run.model_folder).to(device)
     recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress) if processes.first else None
     model = distill(
-        decomposition, processes.first_then_others(scene), config, device, seed,
-        Progress(run.model_checkpoints) if recorder is None else recorder.progress(_distill_steps(recorder, config)),
-        environments=user_maps.environments, on_lesson=lambda done, total: on_progress("lessons", done, total),
+        decomposition,
+        processes.first_then_others(scene),
+        config,
+        device,
+        seed,
+        Progress(run.model_checkpoints)
+        if recorder is None
+        else recorder.progress(_distill_steps(recorder, config)),
+        environments=user_maps.environments,
+        on_lesson=lambda done, total: on_progress("lessons", done, total),
         processes=processes,
-    )  # fmt: skip
+    )
     if recorder is not None:
         model.save(run.model_folder)
         recorder.finish()
@@ -133,7 +152,9 @@ def _distill_steps(recorder: PhaseRecorder, config: DistillConfig) -> OnStep:
 
 
 def is_learnt(run: RunFolder) -> bool:
-    """Return whether Phase II is finished, with what simulated photos say of it; runs of older versions have none."""
+    """Return whether Phase II is finished, with what simulated photos say of it; runs of older versions have
+    none.
+    """
     if not ProbeModel.exists(run.model_folder):
         return False
     wanted = run.sections().get("distill", {}).get("simulated_photos", 0)
@@ -141,22 +162,34 @@ def is_learnt(run: RunFolder) -> bool:
 
 
 def keep_accuracy(
-    run: RunFolder, decomposition: Decomposition, model: ProbeModel, predict: PredictConfig, device: torch.device,
-    seed: int, on_progress: OnProgress,
-) -> None:  # fmt: skip
-    """Keep how well the object tells of its light, from simulated photos of it, for people and for the confidence.
+    run: RunFolder,
+    decomposition: Decomposition,
+    model: ProbeModel,
+    predict: PredictConfig,
+    device: torch.device,
+    seed: int,
+    on_progress: OnProgress,
+) -> None:
+    """Keep how well the object tells of its light, from simulated photos of it, for people and for the
+    confidence.
 
-    A training must not fail for it: what goes wrong is logged, and the confidence is that of an average object. It is
-    kept as well, unless it may go better the next time, as after a lack of memory.
+    A training must not fail for it: what goes wrong is logged, and the confidence is that of an average
+    object. It is kept as well, unless it may go better the next time, as after a lack of memory.
     """
     if LightAccuracy.is_decided(run.model_folder) or model.config.simulated_photos == 0:
         return
     began, cameras = time.monotonic(), list(read_record(run).cameras["train"].values())
     try:
         accuracy = light_accuracy(
-            decomposition, model, cameras, predict, device, seed,
-            lambda done, total: on_progress("simulated photos", done, total), count=model.config.simulated_photos,
-        )  # fmt: skip
+            decomposition,
+            model,
+            cameras,
+            predict,
+            device,
+            seed,
+            lambda done, total: on_progress("simulated photos", done, total),
+            count=model.config.simulated_photos,
+        )
         if accuracy is None:
             raise InputError("No camera of a training photo shows the object.")
     except LightprobeError as error:
@@ -171,7 +204,8 @@ def keep_accuracy(
 def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_progress: OnProgress) -> None:
     """Keep what new photos are located by, so that it needs the training photos no more.
 
-    Without OpenCV nothing is kept: a training must not fail for it, and `lightprobe locate` says what is missing.
+    Without OpenCV nothing is kept: a training must not fail for it, and `lightprobe locate` says what is
+    missing.
     """
     largest = max(max(photo.camera.width, photo.camera.height) for photo in scene.train)
     if run.views_file.exists() or largest < _SMALLEST_LOCATED:
@@ -187,7 +221,13 @@ def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_pr
 def restart_decompose(run: RunFolder) -> None:
     """Forget Phase I, and Phase II and the evaluation with it, as they build on it."""
     # A calibration is a factor of the object that goes.
-    outputs = (run.checkpoints.folder, run.mesh_folder, run.environment_folder, run.scene_file, run.calibration_file)
+    outputs = (
+        run.checkpoints.folder,
+        run.mesh_folder,
+        run.environment_folder,
+        run.scene_file,
+        run.calibration_file,
+    )
     run.empty(outputs=(*outputs, *_second_outputs(run)))
 
 

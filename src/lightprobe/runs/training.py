@@ -1,4 +1,6 @@
-"""Training into a run folder: both phases, or one of them. Every call goes on where an interrupted one stopped."""
+"""Training into a run folder: both phases, or one of them. Every call goes on where an interrupted one
+stopped.
+"""
 
 import contextlib
 from pathlib import Path
@@ -30,21 +32,29 @@ from lightprobe.scene.plain_inspection import is_plain
 
 
 def train_run(
-    scene_folder: Path | str, output: Path | str, *, preset: Preset = Preset.QUICK,
-    decompose: DecomposeConfig | None = None, distill: DistillConfig | None = None,
-    predict: PredictConfig | None = None, device: str | torch.device = "auto", seed: int = 0,
-    hdri: Path | str | None = None, restart: bool = False, on_progress: OnProgress = silent,
-) -> RunFolder:  # fmt: skip
+    scene_folder: Path | str,
+    output: Path | str,
+    *,
+    preset: Preset = Preset.QUICK,
+    decompose: DecomposeConfig | None = None,
+    distill: DistillConfig | None = None,
+    predict: PredictConfig | None = None,
+    device: str | torch.device = "auto",
+    seed: int = 0,
+    hdri: Path | str | None = None,
+    restart: bool = False,
+    on_progress: OnProgress = silent,
+) -> RunFolder:
     """Train both phases on a folder of photos into the run folder `output`, and return the run.
 
-    scene_folder: a scene, or plain photos or a video, of which a scene is then made in the run as by `prepare_scene`.
-    decompose, distill, predict: the configurations of Phase I, Phase II and of predictions; by default the preset's.
-    device: `auto`, `cpu`, `cuda`, or a device. seed: equal seeds give equal bits on a CPU.
-    hdri: folder of .exr or .hdr environments, z up, that Phase II trains under as well.
-    restart: throw away what the run holds. Otherwise a finished phase is kept and an interrupted one goes on.
-    Raises `InputError` for unusable photos, cameras or maps, `ConfigError` for settings that cannot be used or are not
-    those that the run was started with, `ResourceError` when another process writes the run or disk or memory run out,
-    `ConvergenceError` when nothing usable comes out.
+    scene_folder: a scene, or plain photos or a video, of which a scene is then made in the run as by
+    `prepare_scene`. decompose, distill, predict: the configurations of Phase I, Phase II and of predictions;
+    by default the preset's. device: `auto`, `cpu`, `cuda`, or a device. seed: equal seeds give equal bits on
+    a CPU. hdri: folder of .exr or .hdr environments, z up, that Phase II trains under as well. restart: throw
+    away what the run holds. Otherwise a finished phase is kept and an interrupted one goes on. Raises
+    `InputError` for unusable photos, cameras or maps, `ConfigError` for settings that cannot be used or are
+    not those that the run was started with, `ResourceError` when another process writes the run or disk or
+    memory run out, `ConvergenceError` when nothing usable comes out.
     """
     second = distill or settings(preset).distill
     where, maps = resolve_device(device), UserMaps.read(None if hdri is None else Path(hdri), second)
@@ -64,12 +74,21 @@ def train_run(
 
 
 def fit_run(
-    scene_folder: Path | str, output: Path | str, *, preset: Preset = Preset.QUICK,
-    decompose: DecomposeConfig | None = None, device: str | torch.device = "auto", seed: int = 0,
-    restart: bool = False, on_progress: OnProgress = silent,
-) -> RunFolder:  # fmt: skip
+    scene_folder: Path | str,
+    output: Path | str,
+    *,
+    preset: Preset = Preset.QUICK,
+    decompose: DecomposeConfig | None = None,
+    device: str | torch.device = "auto",
+    seed: int = 0,
+    restart: bool = False,
+    on_progress: OnProgress = silent,
+) -> RunFolder:
     """Train Phase I alone; the rest as in `train_run`."""
-    where, scene = resolve_device(device), None if is_plain(Path(scene_folder)) else load_scene(Path(scene_folder))
+    where, scene = (
+        resolve_device(device),
+        None if is_plain(Path(scene_folder)) else load_scene(Path(scene_folder)),
+    )
     run = RunFolder.create(Path(output))
     with writing(run):
         if restart:
@@ -80,11 +99,19 @@ def fit_run(
 
 
 def distill_run(
-    run_folder: Path | str, *, preset: Preset | None = None, distill: DistillConfig | None = None,
-    predict: PredictConfig | None = None, device: str | torch.device = "auto", seed: int = 0,
-    scene_folder: Path | None = None, hdri: Path | None = None, restart: bool = False,
-    on_progress: OnProgress = silent, processes: Processes = ALONE,
-) -> RunFolder:  # fmt: skip
+    run_folder: Path | str,
+    *,
+    preset: Preset | None = None,
+    distill: DistillConfig | None = None,
+    predict: PredictConfig | None = None,
+    device: str | torch.device = "auto",
+    seed: int = 0,
+    scene_folder: Path | None = None,
+    hdri: Path | None = None,
+    restart: bool = False,
+    on_progress: OnProgress = silent,
+    processes: Processes = ALONE,
+) -> RunFolder:
     """Train Phase II of a run whose Phase I is finished; the rest as in `train_run`.
 
     preset: by default that of Phase I. scene_folder: where the run's scene is now, if it has moved.
@@ -100,9 +127,17 @@ def distill_run(
             restart_distill(run)
         found = Decomposition.load(run, where, calibrated=False)
         model = run_distill(
-            run, found, lambda: open_scene(run, scene_folder), second, where, seed,
-            on_progress if processes.first else silent, maps, prediction, processes,
-        )  # fmt: skip
+            run,
+            found,
+            lambda: open_scene(run, scene_folder),
+            second,
+            where,
+            seed,
+            on_progress if processes.first else silent,
+            maps,
+            prediction,
+            processes,
+        )
         if processes.first:
             keep_accuracy(run, found, model, prediction, where, seed, on_progress)
     return run

@@ -32,13 +32,16 @@ _NAME_BYTES = 200  # of a video's name that the name of its folder can hold
 class PredictedVideo:
     """The maps of a video's frames."""
 
-    photos: tuple[PredictedPhoto, ...]  # in order, their maps steadied; without locations, which hold whole frames
+    photos: tuple[
+        PredictedPhoto, ...
+    ]  # in order, their maps steadied; without locations, which hold whole frames
     flicker: tuple[float, float]  # before and after, see `prediction.sequence.flicker`
     failures: str | None  # why frames got no map
 
 
 def video_frames(video: Path, folder: Path, every: int) -> list[Path]:
-    """Write every `every`-th frame of a video as PNG into `folder`/frames, where its maps go, and return their paths.
+    """Write every `every`-th frame of a video as PNG into `folder`/frames, where its maps go, and return
+    their paths.
 
     Raises `InputError` for a video that cannot be read, `ConfigError` for an `every` below 1.
     """
@@ -59,14 +62,22 @@ def video_folder(run: Path | str, video: Path, output: Path | None) -> Path:
 
 
 def predict_video(
-    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = EVERY,
-    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
-    device: str | torch.device = "auto", on_photo: Callable[[PredictedPhoto], None] | None = None,
-) -> PredictedVideo:  # fmt: skip
+    run: Path | str,
+    video: Path,
+    files: PredictionFiles | None = None,
+    *,
+    every: int = EVERY,
+    method: Method | None = None,
+    settings: PredictionOptions = UNCHANGED,
+    background: bool = True,
+    device: str | torch.device = "auto",
+    on_photo: Callable[[PredictedPhoto], None] | None = None,
+) -> PredictedVideo:
     """Predict the light of every `every`-th frame of a video, and write the maps without their flicker.
 
     on_photo: called with each frame's prediction as it is made, before the maps are steadied. The rest as in
-    `predict_photos`; frames in which the object is not found get no map. Raises `InputError` when none gets one.
+    `predict_photos`; frames in which the object is not found get no map. Raises `InputError` when none gets
+    one.
     """
     files = files or PredictionFiles()
     folder = video_folder(run, video, files.output)
@@ -96,16 +107,24 @@ def predict_video(
 
 
 def _steady(prediction: Prediction, environment: Environment) -> Prediction:
-    """Return a frame's prediction with its steadied map, and with that map's sources: one photo's flicker, too."""
+    """Return a frame's prediction with its steadied map, and with that map's sources: one photo's flicker,
+    too.
+    """
     split = None if prediction.split is None else split_light(environment)
     return replace(prediction, environment=environment, split=split)
 
 
 def predict_video_light(
-    run: Path | str, video: Path, files: PredictionFiles | None = None, *, every: int = EVERY,
-    method: Method | None = None, settings: PredictionOptions = UNCHANGED, background: bool = True,
+    run: Path | str,
+    video: Path,
+    files: PredictionFiles | None = None,
+    *,
+    every: int = EVERY,
+    method: Method | None = None,
+    settings: PredictionOptions = UNCHANGED,
+    background: bool = True,
     device: str | torch.device = "auto",
-) -> JointPrediction:  # fmt: skip
+) -> JointPrediction:
     """Predict the one light of a video's frames; as `predict_video` and `predict_one_light`.
 
     The frames go into the folder of the map, or, where the map is named, into one of its name.
@@ -119,4 +138,6 @@ def predict_video_light(
         folder = output.with_suffix("")
     images = video_frames(video, folder, every)
     where = replace(files, output=output or folder / f"{folder.name}.exr")
-    return predict_one_light(run, images, where, method=method, settings=settings, background=background, device=device)
+    return predict_one_light(
+        run, images, where, method=method, settings=settings, background=background, device=device
+    )

@@ -1,7 +1,7 @@
 """Pinhole cameras and the similarity between the user's frame and the normalised frame.
 
-Notation: camera axes are OpenGL's (x right, y up, looking along -z); `camera_to_world` maps camera points to world
-points; pixel (column j, row i) has its centre at (j + 0.5, i + 0.5) with row 0 at the top.
+Notation: camera axes are OpenGL's (x right, y up, looking along -z); `camera_to_world` maps camera points to
+world points; pixel (column j, row i) has its centre at (j + 0.5, i + 0.5) with row 0 at the top.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,7 +13,8 @@ import numpy as np
 from lightprobe.core.errors import InputError, shown
 from lightprobe.scene.lens import Lens
 
-# Beyond these no camera has ever been, and arithmetic ends: photos are found damaged by them, never merely unusual.
+# Beyond these no camera has ever been, and arithmetic ends: photos are found damaged by them, never merely
+# unusual.
 _SIDE = 1_000_000  # pixels
 _FOCAL = 1e-3, 1e5  # least and greatest focal length, in the longer side of the image
 _CENTER = 1e3  # distance of the principal point from the image's corner, likewise; photos may be crops of larger ones
@@ -50,9 +51,13 @@ class Similarity:
         try:
             center, scale = np.asarray(value["center"], np.float64), float(value["scale"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"{source}: the similarity has no center of three numbers and one scale.") from error
+            raise InputError(
+                f"{source}: the similarity has no center of three numbers and one scale."
+            ) from error
         if center.shape != (3,) or not np.isfinite(center).all() or not 0 < scale < np.inf:
-            raise InputError(f"{source}: the similarity needs a finite center (3 numbers) and a scale above 0.")
+            raise InputError(
+                f"{source}: the similarity needs a finite center (3 numbers) and a scale above 0."
+            )
         return Similarity(center, scale)
 
 
@@ -70,7 +75,9 @@ class Camera:
     cy: float
     width: int
     height: int
-    lens: Lens | None = None  # how the photo's file departs from this pinhole; undone while its pixels are read
+    lens: Lens | None = (
+        None  # how the photo's file departs from this pinhole; undone while its pixels are read
+    )
 
     @property
     def position(self) -> np.ndarray:
@@ -81,15 +88,25 @@ class Camera:
         """Return the camera of the same view in an image of another size."""
         sx, sy = width / self.width, height / self.height
         return replace(
-            self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height
+            self,
+            fx=self.fx * sx,
+            fy=self.fy * sy,
+            cx=self.cx * sx,
+            cy=self.cy * sy,
+            width=width,
+            height=height,
         )
 
     def scaled(self, factor: float) -> "Camera":
-        """Return the camera of the same view in an image whose sides are `factor` times as long, at least a pixel."""
+        """Return the camera of the same view in an image whose sides are `factor` times as long, at least a
+        pixel.
+        """
         return self.resized(*(max(1, round(side * factor)) for side in (self.width, self.height)))
 
     def within(self, side: int) -> "Camera":
-        """Return the camera of the same view in an image no longer than `side` pixels, itself where it is none."""
+        """Return the camera of the same view in an image no longer than `side` pixels, itself where it is
+        none.
+        """
         longest = max(self.width, self.height)
         return self if longest <= side else self.scaled(side / longest)
 
@@ -100,7 +117,9 @@ class Camera:
         return replace(self, camera_to_world=moved)
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Project world points (N, 3) to (N, 3) float64: pixel x, pixel y, depth along the view axis (> 0 in front)."""
+        """Project world points (N, 3) to (N, 3) float64: pixel x, pixel y, depth along the view axis (> 0 in
+        front).
+        """
         local = (np.asarray(points, np.float64) - self.position) @ self.camera_to_world[:3, :3]
         depth = -local[:, 2]
         safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
@@ -113,15 +132,22 @@ class Camera:
         lens = {} if self.lens is None else {"lens": self.lens.to_json()}
         return {
             "camera_to_world": [[float(v) for v in row] for row in self.camera_to_world],
-            "fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy,
-            "width": self.width, "height": self.height, **lens,
-        }  # fmt: skip
+            "fx": self.fx,
+            "fy": self.fy,
+            "cx": self.cx,
+            "cy": self.cy,
+            "width": self.width,
+            "height": self.height,
+            **lens,
+        }
 
     @staticmethod
     def from_json(value: Any, *, source: str) -> "Camera":
         """Return the camera of `to_json`'s form; `source` names the file in errors."""
         if not isinstance(value, dict):
-            raise InputError(f"{source} must hold a JSON object with camera_to_world, fx, fy, cx, cy, width, height.")
+            raise InputError(
+                f"{source} must hold a JSON object with camera_to_world, fx, fy, cx, cy, width, height."
+            )
         try:
             pose = np.asarray(value["camera_to_world"], np.float64)
             fx, fy, cx, cy = (float(value[key]) for key in ("fx", "fy", "cx", "cy"))
@@ -133,12 +159,16 @@ class Camera:
             ) from error
         except (TypeError, ValueError, OverflowError) as error:
             reason = shown(str(error)).rstrip(".")
-            raise InputError(f"{source} holds a camera with a value that is not a number: {reason}.") from error
+            raise InputError(
+                f"{source} holds a camera with a value that is not a number: {reason}."
+            ) from error
         camera.check(source)
         return camera
 
     def check(self, source: str) -> None:
-        """Raise `InputError` naming `source` unless the pose is finite and rigid and the intrinsics are plausible."""
+        """Raise `InputError` naming `source` unless the pose is finite and rigid and the intrinsics are
+        plausible.
+        """
         pose = self.camera_to_world
         if pose.shape != (4, 4):
             shape = "x".join(map(str, pose.shape)) or "a number"
@@ -155,7 +185,9 @@ class Camera:
             )
         rotation = pose[:3, :3].clip(-2, 2)  # what is far beyond a rotation need not overflow
         if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-            raise InputError(f"{source}: camera_to_world is not a rotation (scaled, sheared or mirrored axes).")
+            raise InputError(
+                f"{source}: camera_to_world is not a rotation (scaled, sheared or mirrored axes)."
+            )
         if min(self.fx, self.fy) <= 0 or min(self.width, self.height) <= 0:
             raise InputError(f"{source}: focal lengths and image size must be positive.")
         self._check_range(source)
@@ -164,7 +196,9 @@ class Camera:
         """Raise `InputError` naming `source` where no lens or image could have the intrinsics."""
         longest = max(self.width, self.height)
         if longest > _SIDE:
-            raise InputError(f"{source}: the image size is more than {_SIDE} pixels; give the size of the photo.")
+            raise InputError(
+                f"{source}: the image size is more than {_SIDE} pixels; give the size of the photo."
+            )
         for focal in (self.fx, self.fy):
             if not _FOCAL[0] * longest <= focal <= _FOCAL[1] * longest:
                 raise InputError(
@@ -179,7 +213,9 @@ class Camera:
 
 
 def mean_up(axes: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the direction (3,) float64 that is up for most cameras, by their upward axes (3,); +z if they disagree."""
+    """Return the direction (3,) float64 that is up for most cameras, by their upward axes (3,); +z if they
+    disagree.
+    """
     up = np.mean(np.asarray(axes, np.float64), axis=0)
     length = float(np.linalg.norm(up))
     return up / length if length > _AGREEING else np.array([0.0, 0.0, 1.0])

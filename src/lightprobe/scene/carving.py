@@ -1,11 +1,12 @@
 """A visual hull that few photos may carve, where nothing speaks for what they cut away.
 
-A share of masks that must agree can only be strict or lenient everywhere. Masks err, so that a strict one cuts off what
-should stay; but an arch or an opening that few photos look through is background in these alone, and a lenient one
-fills it. What tells them apart is what is missing afterwards: without a piece that belongs to the object some masks
-have holes that nothing else fills, while behind a filled opening lies more of the object for all who do not look
-through it. So the strict hull is carved first, and gets back those voxels of a lenient one that more masks lack. It
-also gets back what shows beside the object in no photo: only the pixels of a mask had cut it off.
+A share of masks that must agree can only be strict or lenient everywhere. Masks err, so that a strict one
+cuts off what should stay; but an arch or an opening that few photos look through is background in these
+alone, and a lenient one fills it. What tells them apart is what is missing afterwards: without a piece that
+belongs to the object some masks have holes that nothing else fills, while behind a filled opening lies more
+of the object for all who do not look through it. So the strict hull is carved first, and gets back those
+voxels of a lenient one that more masks lack. It also gets back what shows beside the object in no photo: only
+the pixels of a mask had cut it off.
 """
 
 from collections.abc import Sequence
@@ -42,8 +43,8 @@ class _View:
     def votes(self, hull: Hull, points: np.ndarray) -> np.ndarray:
         """Return votes (3, K) bool on `points` (K, 3).
 
-        Which fill a hole that `hull` leaves in the mask, which show beside the object where `hull` does not, and which
-        show beside it at all.
+        Which fill a hole that `hull` leaves in the mask, which show beside the object where `hull` does not,
+        and which show beside it at all.
         """
         x, y, depth = self.camera.project(points).T
         height, width = self.inside.shape
@@ -51,7 +52,9 @@ class _View:
         at = y[seen].astype(int), x[seen].astype(int)
         empty = ~hull.silhouette(self.camera)
         votes = np.zeros((3, len(points)), bool)
-        for vote, picture in zip(votes, (empty & self.inside, empty & self.outside, self.outside), strict=True):
+        for vote, picture in zip(
+            votes, (empty & self.inside, empty & self.outside, self.outside), strict=True
+        ):
             vote[seen] = picture[at]
         return votes
 

@@ -1,6 +1,7 @@
 """COLMAP models, text and binary: `cameras`, `images` (`points3D` is not needed).
 
-A pose is world-to-camera with OpenCV axes (x right, y down, looking along +z): quaternion (w, x, y, z), translation.
+A pose is world-to-camera with OpenCV axes (x right, y down, looking along +z): quaternion (w, x, y, z),
+translation.
 """
 
 import math
@@ -22,12 +23,25 @@ from lightprobe.scene.lens import Lens
 _MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
 # COLMAP's model numbers: name, number of parameters
 _MODELS = {
-    0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4), 2: ("SIMPLE_RADIAL", 4), 3: ("RADIAL", 5), 4: ("OPENCV", 8),
-    5: ("OPENCV_FISHEYE", 8), 6: ("FULL_OPENCV", 12), 7: ("FOV", 5), 8: ("SIMPLE_RADIAL_FISHEYE", 4),
-    9: ("RADIAL_FISHEYE", 5), 10: ("THIN_PRISM_FISHEYE", 12), 11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
-    12: ("SIMPLE_DIVISION", 4), 13: ("DIVISION", 5), 14: ("SIMPLE_FISHEYE", 3), 15: ("FISHEYE", 4), 16: ("EUCM", 6),
+    0: ("SIMPLE_PINHOLE", 3),
+    1: ("PINHOLE", 4),
+    2: ("SIMPLE_RADIAL", 4),
+    3: ("RADIAL", 5),
+    4: ("OPENCV", 8),
+    5: ("OPENCV_FISHEYE", 8),
+    6: ("FULL_OPENCV", 12),
+    7: ("FOV", 5),
+    8: ("SIMPLE_RADIAL_FISHEYE", 4),
+    9: ("RADIAL_FISHEYE", 5),
+    10: ("THIN_PRISM_FISHEYE", 12),
+    11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    12: ("SIMPLE_DIVISION", 4),
+    13: ("DIVISION", 5),
+    14: ("SIMPLE_FISHEYE", 3),
+    15: ("FISHEYE", 4),
+    16: ("EUCM", 6),
     17: ("EQUIRECTANGULAR", 2),
-}  # fmt: skip
+}
 _COUNTS = dict(_MODELS.values())
 _ONE_FOCAL = frozenset(
     {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
@@ -79,16 +93,22 @@ class _View:
 def find_model(root: Path) -> Path | None:
     """Return the first folder of `root` that holds a COLMAP model, or a part of one, or None."""
     names = [f"{part}.{kind}" for part in ("cameras", "images") for kind in ("bin", "txt")]
-    return next((root / sub for sub in _MODEL_FOLDERS if any((root / sub / name).is_file() for name in names)), None)
+    return next(
+        (root / sub for sub in _MODEL_FOLDERS if any((root / sub / name).is_file() for name in names)), None
+    )
 
 
 def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
-    """Return the frames of the model in folder `model`; photos are looked for in `root/images`, else in `root`."""
+    """Return the frames of the model in folder `model`; photos are looked for in `root/images`, else in
+    `root`.
+    """
     suffix = "bin" if any((model / f"{part}.bin").is_file() for part in ("cameras", "images")) else "txt"
     paths = [model / f"{part}.{suffix}" for part in ("cameras", "images")]
     for path in paths:
         if not path.is_file():
-            raise InputError(f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}.")
+            raise InputError(
+                f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}."
+            )
         check_file(path, LARGEST_MODEL)
     lenses: dict[int, _Model] = {}
     views: list[_View] = []
@@ -246,7 +266,9 @@ def _lens(source: str, words: list[str]) -> tuple[int, _Model]:
     except (ValueError, IndexError) as error:
         raise InputError(f"{source} is not a camera.") from error
     if _COUNTS.get(model, len(parameters)) != len(parameters):
-        raise InputError(f"{source}: {shown(model)} needs {_COUNTS[model]} parameters, not {len(parameters)}.")
+        raise InputError(
+            f"{source}: {shown(model)} needs {_COUNTS[model]} parameters, not {len(parameters)}."
+        )
     return key, _Model(model, width, height, parameters)
 
 

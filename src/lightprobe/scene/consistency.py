@@ -13,7 +13,11 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.normalise import find_similarity
 
-_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = 24, 96, 48  # few, small and coarse: each hypothesis carves a hull
+_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = (
+    24,
+    96,
+    48,
+)  # few, small and coarse: each hypothesis carves a hull
 _CLEARLY_BETTER, _CONVINCING = 0.1, 0.6  # gain in IoU, and IoU, that make a suspicion worth a word
 
 
@@ -25,7 +29,8 @@ def fitted_hull(
     *,
     agreement: float | None = None,
 ) -> Hull:
-    """Return the hull in the normalised frame on a grid that fits it closely; `cameras` are in the input frame.
+    """Return the hull in the normalised frame on a grid that fits it closely; `cameras` are in the input
+    frame.
 
     alphas: a mask (H, W) for each camera.
     """
@@ -55,12 +60,16 @@ def look_inverted(alphas: Sequence[np.ndarray]) -> bool:
     The hull cannot tell: the space around an object is as consistent as the object.
     """
     rims = [np.concatenate([alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]]) >= 0.5 for alpha in alphas]
-    holes = [rim.mean() > 0.9 and (alpha < 0.5).mean() > 0.01 for rim, alpha in zip(rims, alphas, strict=True)]
+    holes = [
+        rim.mean() > 0.9 and (alpha < 0.5).mean() > 0.01 for rim, alpha in zip(rims, alphas, strict=True)
+    ]
     return sum(holes) > len(alphas) / 2
 
 
 def better_turn(mask: np.ndarray, picture: np.ndarray) -> tuple[str, float] | None:
-    """Return how a mask (h, w) bool is to be turned to fit the hull's silhouette much better, and its IoU then."""
+    """Return how a mask (h, w) bool is to be turned to fit the hull's silhouette much better, and its IoU
+    then.
+    """
     turned = [(words, turn(mask)) for words, turn in _TURNS]
     fits = [(words, overlap(shape, picture)) for words, shape in turned if shape.shape == picture.shape]
     words, best = max(fits, key=lambda fit: fit[1])
@@ -70,8 +79,8 @@ def better_turn(mask: np.ndarray, picture: np.ndarray) -> tuple[str, float] | No
 def diagnose(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: float) -> str | None:
     """Return a sentence naming the convention under which masks and cameras agree much better, or None.
 
-    alphas: a mask (H, W) for each camera. `found` is the overlap as things are. Each of the usual mistakes is undone in
-    turn, on a few small masks, and the hull is carved anew.
+    alphas: a mask (H, W) for each camera. `found` is the overlap as things are. Each of the usual mistakes is
+    undone in turn, on a few small masks, and the hull is carved anew.
     """
     chosen = np.unique(np.linspace(0, len(alphas) - 1, min(len(alphas), _TRIAL_PHOTOS)).astype(int))
     small = [(cameras[i], shrink_area(alphas[i], _TRIAL_SIDE)) for i in chosen]
@@ -79,7 +88,9 @@ def diagnose(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: flo
     best, sentence = max(trials, key=lambda trial: trial[0])
     if best < max(found + _CLEARLY_BETTER, _CONVINCING):
         return None
-    return f"{sentence} (the visual hull then agrees with the masks at IoU {best:.2f} instead of {found:.2f})."
+    return (
+        f"{sentence} (the visual hull then agrees with the masks at IoU {best:.2f} instead of {found:.2f})."
+    )
 
 
 Change = Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]

@@ -41,5 +41,7 @@ def contact_sheet(cells: Sequence[Cell], *, side: int, letters: int, font: int, 
 
 
 def outline(shape: np.ndarray, width: int = 1) -> np.ndarray:
-    """Return the pixels of `shape` (h, w) bool within `width` of its outside; the picture's border is not outside."""
+    """Return the pixels of `shape` (h, w) bool within `width` of its outside; the picture's border is not
+    outside.
+    """
     return shape & ~scipy.ndimage.binary_erosion(shape, iterations=width, border_value=1)

@@ -1,8 +1,9 @@
 """A photo's lens undone: the pinhole camera that the photo is resampled to, and the resampling.
 
-That camera has the photo's size and principal point; its focal length is reduced so that the middles of all four edges
-of the photo stay in the picture, at most by half. What lies further out is lost; where the photo ends first, nothing
-is covered. Distortion below a thousandth of the image size, which is below the error of poses, is left alone.
+That camera has the photo's size and principal point; its focal length is reduced so that the middles of all
+four edges of the photo stay in the picture, at most by half. What lies further out is lost; where the photo
+ends first, nothing is covered. Distortion below a thousandth of the image size, which is below the error of
+poses, is left alone.
 """
 
 from dataclasses import replace
@@ -21,8 +22,8 @@ ADVICE = "undistort the photos first (for instance with `colmap image_undistorte
 def with_lens(camera: Camera, lens: Lens, *, source: str) -> Camera:
     """Return the pinhole camera for a photo taken through `lens`, whose intrinsics `camera` has.
 
-    It carries the lens unless that bends too little to be seen. Raises `InputError` naming `source` for a lens that
-    folds the picture over within its borders: such coefficients come from a failed estimate.
+    It carries the lens unless that bends too little to be seen. Raises `InputError` naming `source` for a
+    lens that folds the picture over within its borders: such coefficients come from a failed estimate.
     """
     if lens.is_pinhole:
         return camera
@@ -69,7 +70,9 @@ class Resampling:
 
 
 def span(places: np.ndarray, shown: np.ndarray) -> tuple[int, int]:
-    """Return (first, last) of the photo's rows that `bilinear` needs for `places` (h, W, 2), `shown` (h, W) bool."""
+    """Return (first, last) of the photo's rows that `bilinear` needs for `places` (h, W, 2), `shown` (h, W)
+    bool.
+    """
     rows = places[..., 1][shown]
     if not rows.size:
         return 0, 1
@@ -77,7 +80,9 @@ def span(places: np.ndarray, shown: np.ndarray) -> tuple[int, int]:
 
 
 def bilinear(planes: np.ndarray, top: int, places: np.ndarray) -> np.ndarray:
-    """Return the values of `planes` (h, W, C), whose first row is row `top` of the photo, at `places` (..., 2)."""
+    """Return the values of `planes` (h, W, C), whose first row is row `top` of the photo, at `places` (...,
+    2).
+    """
     height, width = planes.shape[:2]
     x, y = places[..., 0] - 0.5, places[..., 1] - 0.5 - top
     left = np.clip(np.floor(x), 0, max(width - 2, 0)).astype(np.intp)
@@ -89,13 +94,16 @@ def bilinear(planes: np.ndarray, top: int, places: np.ndarray) -> np.ndarray:
     right, below = min(1, width - 1), width * min(1, height - 1)
     upper = np.take(flat, corner, axis=0) * (1 - across) + np.take(flat, corner + right, axis=0) * across
     lower = (
-        np.take(flat, corner + below, axis=0) * (1 - across) + np.take(flat, corner + below + right, axis=0) * across
+        np.take(flat, corner + below, axis=0) * (1 - across)
+        + np.take(flat, corner + below + right, axis=0) * across
     )
     return upper * (1 - down) + lower * down
 
 
 def _edges(camera: Camera) -> np.ndarray:
-    """Return the middles of the image's edges on the image plane, (4, 2), beside the axis where it passes them."""
+    """Return the middles of the image's edges on the image plane, (4, 2), beside the axis where it passes
+    them.
+    """
     w, h = camera.width, camera.height
     cx, cy = np.clip(camera.cx, 0.1 * w, 0.9 * w), np.clip(camera.cy, 0.1 * h, 0.9 * h)
     pixels = np.array([[0, cy], [w, cy], [cx, 0], [cx, h]])

@@ -13,7 +13,9 @@ from lightprobe.imaging import IMAGE_SUFFIXES
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Truth
 
-_NAME_BYTES = 120  # of a photo's name: with `.confidence.exr` far from the 255, or 143 if encrypted, of file systems
+_NAME_BYTES = (
+    120  # of a photo's name: with `.confidence.exr` far from the 255, or 143 if encrypted, of file systems
+)
 
 
 class Split(enum.Enum):
@@ -45,7 +47,9 @@ class Problems:
 
     @contextmanager
     def guard(self) -> Iterator[None]:
-        """Run the block for one photo; when collecting, an `InputError` in it is kept and only that photo is lost."""
+        """Run the block for one photo; when collecting, an `InputError` in it is kept and only that photo is
+        lost.
+        """
         try:
             yield
         except InputError as error:
@@ -57,11 +61,14 @@ class Problems:
 def list_images(folder: Path) -> list[Path]:
     """Return the image files of `folder` and its subfolders in sorted order, without hidden ones."""
     found = (path for path in folder.rglob("*") if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file())
-    return sorted(path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts))
+    return sorted(
+        path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts)
+    )
 
 
 def unique_names(paths: Sequence[Path], root: Path) -> list[str]:
-    """Return one name per path, unique whatever the case, and safe as a file name: the stem where that is enough.
+    """Return one name per path, unique whatever the case, and safe as a file name: the stem where that is
+    enough.
 
     Names have at most 120 bytes; what makes a cut one unique stays.
     """

@@ -1,9 +1,9 @@
 """The visual hull: the part of space that lies inside the masks of the photos that see it.
 
-What lies outside a photo's frame is unknown to that photo, not empty, so close-ups that crop the object do not cut it.
-Votes are robust: a voxel is kept when nearly all, not all, of the masks that see it contain it. A voxel far out in
-the background of a photo counts against itself several times: masks and cameras err by a few pixels, but a hole that
-few photos look through is background in these, and inside the mask of all others.
+What lies outside a photo's frame is unknown to that photo, not empty, so close-ups that crop the object do
+not cut it. Votes are robust: a voxel is kept when nearly all, not all, of the masks that see it contain it. A
+voxel far out in the background of a photo counts against itself several times: masks and cameras err by a few
+pixels, but a hole that few photos look through is background in these, and inside the mask of all others.
 Grids are indexed [x, y, z]; voxel k of N along an axis has its centre at lo + (k + 0.5) (hi - lo) / N.
 """
 
@@ -26,7 +26,9 @@ class Hull:
     """Votes on a grid of voxels."""
 
     occupancy: np.ndarray  # (N, N, N) bool
-    score: np.ndarray  # (N, N, N) float32 <= 1: 1 - votes against / photos that see a voxel; 0 where too few see it
+    score: (
+        np.ndarray
+    )  # (N, N, N) float32 <= 1: 1 - votes against / photos that see a voxel; 0 where too few see it
     lo: np.ndarray  # (3,) float64, lower corner of the grid
     hi: np.ndarray  # (3,) float64, upper corner
 
@@ -40,7 +42,9 @@ class Hull:
         return self.lo + (np.argwhere(chosen) + 0.5) * self.voxel
 
     def silhouette(self, camera: Camera) -> np.ndarray:
-        """Return the (height, width) bool picture of the occupied voxels seen by `camera`, in the frame of the grid."""
+        """Return the (height, width) bool picture of the occupied voxels seen by `camera`, in the frame of
+        the grid.
+        """
         local = (camera.position - self.lo) / self.voxel
         axes = camera.camera_to_world[:3, :3] / self.voxel[:, None]
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
@@ -48,7 +52,9 @@ class Hull:
 
     @functools.cached_property
     def _distance(self) -> np.ndarray:
-        """Chessboard distance to the nearest occupied voxel, (N, N, N) int32; a large number when there is none."""
+        """Chessboard distance to the nearest occupied voxel, (N, N, N) int32; a large number when there is
+        none.
+        """
         if not self.occupancy.any():
             return np.full(self.occupancy.shape, 2 * self.occupancy.shape[0], np.int32)
         return scipy.ndimage.distance_transform_cdt(~self.occupancy, metric="chessboard").astype(np.int32)
@@ -64,21 +70,27 @@ def visual_hull(
     agreement: float | None = None,
     seen_by: float = 0.03,
 ) -> Hull:
-    """Vote on `resolution`^3 voxels of the box lo..hi, given in the frame of `cameras` (normalised, by default).
+    """Vote on `resolution`^3 voxels of the box lo..hi, given in the frame of `cameras` (normalised, by
+    default).
 
-    `alphas` (H, W) may be smaller than their cameras' images. A voxel is occupied when at least `seen_by` of the photos
-    (and two, where there are two) see it and at least `agreement` of those have it inside the mask (alpha >= 0.5),
-    where one that has it far outside counts up to `_FAR_VOTES` times; see `usual_agreement` for the default.
+    `alphas` (H, W) may be smaller than their cameras' images. A voxel is occupied when at least `seen_by` of
+    the photos (and two, where there are two) see it and at least `agreement` of those have it inside the mask
+    (alpha >= 0.5), where one that has it far outside counts up to `_FAR_VOTES` times; see `usual_agreement`
+    for the default.
     """
     needed = usual_agreement(len(alphas)) if agreement is None else agreement
-    sized = [camera.resized(alpha.shape[1], alpha.shape[0]) for camera, alpha in zip(cameras, alphas, strict=True)]
+    sized = [
+        camera.resized(alpha.shape[1], alpha.shape[0]) for camera, alpha in zip(cameras, alphas, strict=True)
+    ]
     projections = np.stack([projection_matrix(camera) for camera in sized])
     sizes = np.array([alpha.shape for alpha in alphas], np.int64)
     starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
     far_votes = max(1, min(_FAR_VOTES, int((1 - needed) * len(alphas))))
     ballots = np.concatenate([_ballot(np.asarray(alpha) >= 0.5, far_votes).reshape(-1) for alpha in alphas])
     low, high = np.asarray(lo, np.float64), np.asarray(hi, np.float64)
-    votes, seen = vote_on_voxels(projections, sizes, starts, ballots, low, (high - low) / resolution, resolution)
+    votes, seen = vote_on_voxels(
+        projections, sizes, starts, ballots, low, (high - low) / resolution, resolution
+    )
     enough = max(min(2, len(sized)), int(np.ceil(seen_by * len(sized))))
     score = np.where(seen >= enough, votes / np.maximum(seen, 1), 0).astype(np.float32)
     return Hull(score >= np.float32(needed), score, low, high)
@@ -96,7 +108,8 @@ def _ballot(mask: np.ndarray, far_votes: int) -> np.ndarray:
 
 
 def usual_agreement(photos: int) -> float:
-    """Return the share of masks that must agree: 95 %, or all but one where that is less, so that one may be wrong.
+    """Return the share of masks that must agree: 95 %, or all but one where that is less, so that one may be
+    wrong.
 
     With under ten photos every one is needed: each cuts away much that no other does.
     """

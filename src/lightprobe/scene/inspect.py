@@ -1,4 +1,6 @@
-"""A look at a scene before an hour is spent on it: what was found, every problem at once, and the hull's verdict."""
+"""A look at a scene before an hour is spent on it: what was found, every problem at once, and the hull's
+verdict.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -10,7 +12,14 @@ import numpy as np
 from lightprobe.core.errors import InputError, printable
 from lightprobe.imaging import srgb_encode
 from lightprobe.scene.camera import Similarity
-from lightprobe.scene.consistency import better_turn, diagnose, fitted_hull, look_inverted, overlap, silhouette
+from lightprobe.scene.consistency import (
+    better_turn,
+    diagnose,
+    fitted_hull,
+    look_inverted,
+    overlap,
+    silhouette,
+)
 from lightprobe.scene.encoding import converted_encodings, encoding_sentences
 from lightprobe.scene.findings import exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, Split
@@ -78,7 +87,9 @@ class Inspection:
             facts.append(f"colours  converted to sRGB: {self.encodings}")
         if self.similarity is not None:
             center = ", ".join(f"{value:.4g}" for value in self.similarity.center)
-            facts.append(f"object   centre ({center}), radius {self.similarity.scale:.4g} in the scene's units")
+            facts.append(
+                f"object   centre ({center}), radius {self.similarity.scale:.4g} in the scene's units"
+            )
         if self.mean_iou is not None:
             facts.append(_agreement(self.photos, self.mean_iou))
         return [*facts, *numbered("problem", self.problems), *numbered("hint", self.hints)]
@@ -105,7 +116,12 @@ def inspect(path: Path) -> Inspection:
         tuple(problems.messages),
         tuple(_hints(reading, photos, alphas)),
         converted_encodings([photo for _, photo in reading.all_photos()]),
-        tuple(p for _, photo in reading.all_photos() for p in (photo.image_path, photo.mask_path) if p is not None),
+        tuple(
+            p
+            for _, photo in reading.all_photos()
+            for p in (photo.image_path, photo.mask_path)
+            if p is not None
+        ),
     )
 
 
@@ -118,7 +134,9 @@ def _measure(reading: Reading, problems: Problems) -> tuple[tuple[PhotoReport, .
             picture, alpha = result()
             alphas[photo.name] = alpha
             size = (photo.camera.width, photo.camera.height)
-            reports.append(PhotoReport(photo.name, splits[photo.name], *size, photo.ev100, picture, alpha >= 0.5))
+            reports.append(
+                PhotoReport(photo.name, splits[photo.name], *size, photo.ev100, picture, alpha >= 0.5)
+            )
     return tuple(reports), alphas
 
 
@@ -147,7 +165,9 @@ def _carve(
 
     with problems.guard():
         if len(train) < 2:
-            raise InputError(f"{reading.root} has {len(train)} sound training photos; two or more are needed.")
+            raise InputError(
+                f"{reading.root} has {len(train)} sound training photos; two or more are needed."
+            )
         usual = carve(None)
         if _median_iou(usual[1]) >= _LOW_MEDIAN:
             return usual
@@ -166,11 +186,16 @@ def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, n
     hints = []
     unposed = unposed_images(reading)
     if unposed:
-        hints.append(f"{len(unposed)} photos in images/ have no camera and are left out, such as {unposed[0].name}.")
+        hints.append(
+            f"{len(unposed)} photos in images/ have no camera and are left out, such as {unposed[0].name}."
+        )
     if not reports:
         return hints
     if look_inverted(list(alphas.values())):
-        return [*hints, "The masks look inverted: they fill the rim of most photos; the object must be white."]
+        return [
+            *hints,
+            "The masks look inverted: they fill the rim of most photos; the object must be white.",
+        ]
     median = _median_iou(reports)
     if median >= _LOW_MEDIAN:
         return hints + [hint for report in reports if (hint := _outlier(report, median)) is not None]
@@ -178,7 +203,10 @@ def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, n
     if len(train) < 2:
         return hints
     reason = diagnose([photo.camera for photo in train], [alphas[photo.name] for photo in train], median)
-    return [*hints, reason or "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks."]
+    return [
+        *hints,
+        reason or "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks.",
+    ]
 
 
 def _outlier(report: PhotoReport, median: float) -> str | None:
@@ -213,4 +241,6 @@ def _agreement(photos: Sequence[PhotoReport], mean: float) -> str:
     scored = [(photo.iou, photo.name) for photo in photos if photo.iou is not None]
     worst, name = min(scored)
     median = float(np.median([value for value, _ in scored]))
-    return f"hull     agrees with the masks at IoU {mean:.3f} (median {median:.3f}, worst {worst:.3f}: {name})"
+    return (
+        f"hull     agrees with the masks at IoU {mean:.3f} (median {median:.3f}, worst {worst:.3f}: {name})"
+    )

@@ -1,17 +1,18 @@
 """Lenses that bend straight lines: where a pinhole camera's point falls in the photo, and back.
 
-Notation: x, y a point on the pinhole's image plane at distance 1 (x right, y down, as OpenCV has it), r its distance
-from the axis; x', y' where the lens moves it. Polynomial lenses (Brown, "Close-range camera calibration", 1971; the
-models of OpenCV, COLMAP and nerfstudio):
+Notation: x, y a point on the pinhole's image plane at distance 1 (x right, y down, as OpenCV has it), r its
+distance from the axis; x', y' where the lens moves it. Polynomial lenses (Brown, "Close-range camera
+calibration", 1971; the models of OpenCV, COLMAP and nerfstudio):
 
     q  = (1 + a1 r^2 + a2 r^4 + a3 r^6 + a4 r^8 + ...) / (1 + b1 r^2 + b2 r^4 + b3 r^6)
     x' = x q + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + t1 r^4
     y' = y q + 2 p2 x y + p1 (r^2 + 2 y^2) + s2 r^2 + t2 r^4
 
-Fisheye lenses first turn r into the angle from the axis (Kannala and Brandt, 2006): (x, y) atan(r) / r goes into the
-same polynomial. So do those of COLMAP's model FOV (Devernay and Faugeras, "Straight lines have to be straight", 2001),
-with atan(2 r tan(w/2)) / (r w), w being the angle. In COLMAP's RAD_TAN_THIN_PRISM_FISHEYE (that of Project Aria's
-glasses) the terms after x q and y q are of the point (x q, y q). The photo's pixel is (cx + fx x', cy + fy y').
+Fisheye lenses first turn r into the angle from the axis (Kannala and Brandt, 2006): (x, y) atan(r) / r goes
+into the same polynomial. So do those of COLMAP's model FOV (Devernay and Faugeras, "Straight lines have to be
+straight", 2001), with atan(2 r tan(w/2)) / (r w), w being the angle. In COLMAP's RAD_TAN_THIN_PRISM_FISHEYE
+(that of Project Aria's glasses) the terms after x q and y q are of the point (x q, y q). The photo's pixel is
+(cx + fx x', cy + fy y').
 """
 
 from dataclasses import dataclass
@@ -39,8 +40,12 @@ class Lens:
     prism_fourth: tuple[float, float] = (0.0, 0.0)  # t1, t2
     fisheye: bool = False
     fov: float = 0.0  # w in radians, of which the model FOV has one; 0 for other lenses
-    radial_first: bool = False  # whether tangential and prism terms are of the point that the polynomial has moved
-    zoom: float = 1.0  # focal length of the pinhole camera that the photo is resampled to, over the photo's own
+    radial_first: bool = (
+        False  # whether tangential and prism terms are of the point that the polynomial has moved
+    )
+    zoom: float = (
+        1.0  # focal length of the pinhole camera that the photo is resampled to, over the photo's own
+    )
 
     @property
     def is_pinhole(self) -> bool:
@@ -49,7 +54,9 @@ class Lens:
         return not self.fisheye and not any(numbers)
 
     def distort(self, points: np.ndarray) -> np.ndarray:
-        """Return where the lens moves points (..., 2) of the image plane, float64; overflow is infinite or NaN."""
+        """Return where the lens moves points (..., 2) of the image plane, float64; overflow is infinite or
+        NaN.
+        """
         x, y = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             if self.fisheye or self.fov:
@@ -76,7 +83,9 @@ class Lens:
         return np.arctan(2 * r * np.tan(self.fov / 2)) / self.fov if self.fov else np.arctan(r)
 
     def undistort(self, points: np.ndarray) -> np.ndarray:
-        """Return the points (..., 2) that `distort` moves to `points`, float64, by Newton's method; NaN for none."""
+        """Return the points (..., 2) that `distort` moves to `points`, float64, by Newton's method; NaN for
+        none.
+        """
         target = np.asarray(points, np.float64)
         found = target.copy()
         if self.fov:
@@ -97,7 +106,11 @@ class Lens:
 
     def fold_radius(self) -> float:
         """Return the least r at which the lens stops spreading points outwards and folds back, or infinity."""
-        radii = np.linspace(0, _WIDEST, _STEPS) if not self.fisheye else np.tan(np.linspace(0, np.radians(85), _STEPS))
+        radii = (
+            np.linspace(0, _WIDEST, _STEPS)
+            if not self.fisheye
+            else np.tan(np.linspace(0, np.radians(85), _STEPS))
+        )
         angles = np.linspace(0, 2 * np.pi, _AZIMUTHS, endpoint=False)
         axes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         reached = (self.distort(radii[:, None, None] * axes) * axes).sum(axis=-1)  # (_STEPS, _AZIMUTHS)
@@ -106,7 +119,9 @@ class Lens:
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON value; `from_json` is its inverse."""
-        value: dict[str, Any] = {key: list(getattr(self, key)) for key in ("radial", "tangential", "rational", "prism")}
+        value: dict[str, Any] = {
+            key: list(getattr(self, key)) for key in ("radial", "tangential", "rational", "prism")
+        }
         value |= {"fisheye": self.fisheye, "zoom": self.zoom}
         # Only where a lens has them: records of other lenses stay those that earlier versions wrote.
         value |= {"prism_fourth": list(self.prism_fourth)} if any(self.prism_fourth) else {}
@@ -118,20 +133,33 @@ class Lens:
         """Return the lens written by `to_json`; `source` names the file in errors."""
         try:
             radial, tangential, rational, prism = (
-                tuple(float(number) for number in value[key]) for key in ("radial", "tangential", "rational", "prism")
+                tuple(float(number) for number in value[key])
+                for key in ("radial", "tangential", "rational", "prism")
             )
             fourth = tuple(float(number) for number in value.get("prism_fourth", (0.0, 0.0)))
             radial_first = value.get("radial_first", False)
             if not isinstance(radial_first, bool):
                 raise TypeError(radial_first)
             lens = Lens(
-                radial, _pair(tangential), rational, _pair(prism), _pair(fourth), fisheye=bool(value["fisheye"]),
-                fov=float(value.get("fov", 0.0)), radial_first=radial_first, zoom=float(value["zoom"]),
-            )  # fmt: skip
+                radial,
+                _pair(tangential),
+                rational,
+                _pair(prism),
+                _pair(fourth),
+                fisheye=bool(value["fisheye"]),
+                fov=float(value.get("fov", 0.0)),
+                radial_first=radial_first,
+                zoom=float(value["zoom"]),
+            )
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{source}: the lens is not described as lightprobe writes it.") from error
         numbers = [*radial, *tangential, *rational, *prism, *fourth, lens.fov]
-        if len(radial) > 6 or len(rational) > 3 or not 0.1 <= lens.zoom <= 1 or not np.isfinite(numbers).all():
+        if (
+            len(radial) > 6
+            or len(rational) > 3
+            or not 0.1 <= lens.zoom <= 1
+            or not np.isfinite(numbers).all()
+        ):
             raise InputError(f"{source}: the lens has values that no lens has.")
         return lens
 
@@ -147,10 +175,13 @@ class Lens:
         """Return the derivatives (..., 2, 2) of `distort`, by central differences."""
         size = _DIFFERENCE * np.maximum(1.0, np.linalg.norm(points, axis=-1, keepdims=True))
         columns = [
-            (self.distort(points + size * axis) - self.distort(points - size * axis)) / (2 * size) for axis in np.eye(2)
+            (self.distort(points + size * axis) - self.distort(points - size * axis)) / (2 * size)
+            for axis in np.eye(2)
         ]
         slopes = np.stack(columns, axis=-1)
-        singular = ~np.isfinite(slopes).all(axis=(-2, -1)) | (np.abs(np.linalg.det(np.nan_to_num(slopes))) < 1e-12)
+        singular = ~np.isfinite(slopes).all(axis=(-2, -1)) | (
+            np.abs(np.linalg.det(np.nan_to_num(slopes))) < 1e-12
+        )
         return np.where(singular[..., None, None], np.eye(2), slopes)
 
 

@@ -1,4 +1,6 @@
-"""From a folder to a `Scene`: which layout it has, its photos with masks and names, the split, the similarity."""
+"""From a folder to a `Scene`: which layout it has, its photos with masks and names, the split, the
+similarity.
+"""
 
 import os
 import warnings
@@ -48,8 +50,9 @@ class Reading:
 def load_scene(path: Path) -> Scene:
     """Read the scene in folder `path`, whichever of the known layouts it has.
 
-    Every camera, image header and mask is checked. Raises `InputError` at the first thing that is missing, damaged or
-    contradictory; `lightprobe.scene.inspect.inspect` lists all of them. Warns of what can be trained on, but not well.
+    Every camera, image header and mask is checked. Raises `InputError` at the first thing that is missing,
+    damaged or contradictory; `lightprobe.scene.inspect.inspect` lists all of them. Warns of what can be
+    trained on, but not well.
     """
     problems = Problems()
     reading = read_folder(Path(path), problems)
@@ -79,13 +82,17 @@ def read_folder(path: Path, problems: Problems) -> Reading:
             by_rule = Split.TRAIN if index % _TEST_EVERY else Split.TEST
             photos[frame.split or by_rule].append(_photo(frame, name, masks))
     if len(photos[Split.TRAIN]) < 2 and not problems.messages:
-        raise InputError(f"{root} holds {len(frames)} photos with cameras; two or more are needed for training.")
+        raise InputError(
+            f"{root} holds {len(frames)} photos with cameras; two or more are needed for training."
+        )
     files = frozenset(frame.image for frame in frames)
     return Reading(root, layout, {split: tuple(found) for split, found in photos.items()}, files)
 
 
 def load_masks(photos: Iterable[Photo], max_side: int, problems: Problems) -> dict[str, np.ndarray]:
-    """Return the masks (h, w) by photo name, scaled to `max_side`; photos without a usable one go to `problems`."""
+    """Return the masks (h, w) by photo name, scaled to `max_side`; photos without a usable one go to
+    `problems`.
+    """
     found = {}
     for photo, result in in_parallel(lambda photo: load_alpha(photo, max_side), photos):
         with problems.guard():
@@ -107,9 +114,11 @@ def _check_backgrounds(reading: Reading, masks: dict[str, np.ndarray]) -> None:
     warnings.warn(sentence, LightprobeWarning, stacklevel=3)
 
 
-def in_parallel(work: Callable[[Photo], T], photos: Iterable[Photo]) -> Iterator[tuple[Photo, Callable[[], T]]]:
-    """Do `work` on all photos in threads (decoding releases the interpreter lock); yield each photo in order with a
-    function that returns its result or raises its error."""
+def in_parallel(
+    work: Callable[[Photo], T], photos: Iterable[Photo]
+) -> Iterator[tuple[Photo, Callable[[], T]]]:
+    """Do `work` on all photos in threads (decoding releases the interpreter lock); yield each photo in order
+    with a function that returns its result or raises its error."""
     photos = list(photos)
     largest = max((photo.camera.width * photo.camera.height for photo in photos), default=1)
     with ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, _PIXELS_AT_ONCE // largest))) as pool:
@@ -137,14 +146,22 @@ def has_cameras(root: Path) -> bool:
 
 
 def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]]:
-    """Return (scene folder, layout, frames) by the camera files present; `InputError` lists the layouts if none is."""
+    """Return (scene folder, layout, frames) by the camera files present; `InputError` lists the layouts if
+    none is.
+    """
     if any((root / name).is_file() for name in (transforms.TRAIN, transforms.SINGLE)):
         return root, "transforms", transforms.read_transforms(root, problems)
     if (root / nerd.POSES).is_file():
         return root, "nerd", nerd.read_nerd(root)
     model = colmap.find_model(root)
     if model is None:
-        content = "is empty" if not any(root.iterdir()) else "holds photos but no cameras" if list_images(root) else ""
+        content = (
+            "is empty"
+            if not any(root.iterdir())
+            else "holds photos but no cameras"
+            if list_images(root)
+            else ""
+        )
         raise InputError(f"{root} {content or 'is not a scene'}; a scene folder has {_LAYOUTS}.")
     if model == root:  # the model itself was named: the photos lie beside it or above
         root = next((folder for folder in (root, *root.parents[:2]) if (folder / "images").is_dir()), root)

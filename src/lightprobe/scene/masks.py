@@ -15,10 +15,11 @@ _SAME_SHAPE = 0.02  # of the ratio of width and height, which rounding changes i
 
 
 class MaskFolder:
-    """The mask files of a scene, found by the photo's name: `a.png` or `a.jpg.png` (COLMAP) for `images/a.jpg`.
+    """The mask files of a scene, found by the photo's name: `a.png` or `a.jpg.png` (COLMAP) for
+    `images/a.jpg`.
 
-    A photo of a subfolder has its mask in a subfolder of the same name. A mask outside of it serves by its bare name,
-    but only one photo.
+    A photo of a subfolder has its mask in a subfolder of the same name. A mask outside of it serves by its
+    bare name, but only one photo.
     """
 
     def __init__(self, root: Path, images: Iterable[Path]):
@@ -68,7 +69,8 @@ class MaskFolder:
 
 
 def mask_turn(mask: Path, image: Path, size: tuple[int, int]) -> int:
-    """Return the EXIF orientation that a photo's mask is turned by; `size`: (width, height) of the photo upright.
+    """Return the EXIF orientation that a photo's mask is turned by; `size`: (width, height) of the photo
+    upright.
 
     The mask's own. One that has none is turned along with its photo, unless its shape fits only unturned.
     """
@@ -79,7 +81,9 @@ def mask_turn(mask: Path, image: Path, size: tuple[int, int]) -> int:
 
 
 def same_shape(size: tuple[int, int], photo: tuple[int, int]) -> bool:
-    """Return whether a mask of `size` (width, height) has the shape of a photo of that size, or of a smaller copy."""
+    """Return whether a mask of `size` (width, height) has the shape of a photo of that size, or of a smaller
+    copy.
+    """
     return abs(size[0] * photo[1] - size[1] * photo[0]) <= _SAME_SHAPE * size[1] * photo[0]
 
 

@@ -1,7 +1,7 @@
 """A photo from outside a scene: its camera, out of a file that may hold many, and its pixels.
 
-Cameras come in three kinds of file: one camera in lightprobe's own JSON (docs/conventions.md), the frames of a
-transforms file, or the photos of a run's scene.json.
+Cameras come in three kinds of file: one camera in lightprobe's own JSON (docs/conventions.md), the frames of
+a transforms file, or the photos of a run's scene.json.
 """
 
 import os
@@ -23,16 +23,20 @@ _Entry = dict[str, Any]
 _NAMED = 3  # cameras of a file, in a sentence about it
 
 
-def load_photo(image: Path | str, camera: Path | str, mask: Path | str | None = None) -> tuple[Pixels, Camera]:
-    """Return the pixels of a photo and its input-frame camera, as `Predictor.predict` takes them; see `new_photo`."""
+def load_photo(
+    image: Path | str, camera: Path | str, mask: Path | str | None = None
+) -> tuple[Pixels, Camera]:
+    """Return the pixels of a photo and its input-frame camera, as `Predictor.predict` takes them; see
+    `new_photo`.
+    """
     return load_pixels(new_photo(Path(image), Path(camera), None if mask is None else Path(mask)))
 
 
 def new_photo(image: Path, camera: Path, mask: Path | None = None) -> Photo:
     """Return a photo with its camera, its pixels still undecoded.
 
-    `camera`: one of the files above; of several cameras the one that belongs to `image`. `mask`: white object on
-    black; without it the photo's alpha counts. Raises `InputError` naming the file that cannot be used.
+    `camera`: one of the files above; of several cameras the one that belongs to `image`. `mask`: white object
+    on black; without it the photo's alpha counts. Raises `InputError` naming the file that cannot be used.
     """
     if mask is not None and not mask.exists():
         raise InputError(f"{mask} does not exist; name the mask of {image}, or a folder that holds it.")
@@ -46,8 +50,8 @@ def new_photo(image: Path, camera: Path, mask: Path | None = None) -> Photo:
 def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | None = None) -> Camera:
     """Return the camera in `path`; raise `InputError` naming the file when there is none or several.
 
-    Of several cameras the one that belongs to `image` is taken: a file, or only a photo's name, which no single camera
-    has. `size` (width, height) stands in where the file gives none.
+    Of several cameras the one that belongs to `image` is taken: a file, or only a photo's name, which no
+    single camera has. `size` (width, height) stands in where the file gives none.
     """
     value = read_json(path)
     if isinstance(value, dict) and isinstance(value.get("photos"), dict):
@@ -57,8 +61,12 @@ def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | N
         settings = {**common, **_pick(_framed(value["frames"], path), image, path)}
         return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
     found = Camera.from_json(value, source=str(path))
-    if image is not None and size is None and not os.path.isfile(image):  # False as well for what cannot be a file's
-        raise InputError(f"{path} holds one camera, of no named photo; leave out the name '{shown(str(image))}'.")
+    if (
+        image is not None and size is None and not os.path.isfile(image)
+    ):  # False as well for what cannot be a file's
+        raise InputError(
+            f"{path} holds one camera, of no named photo; leave out the name '{shown(str(image))}'."
+        )
     return found
 
 
@@ -68,9 +76,15 @@ def _recorded(record: _Entry, path: Path) -> list[tuple[Path, str, _Entry]]:
     for split in SPLITS:
         photos = record["photos"].get(split, {})
         if not isinstance(photos, dict):
-            raise InputError(f"{path}: the photos of '{split}' are not an object with a camera for each name.")
+            raise InputError(
+                f"{path}: the photos of '{split}' are not an object with a camera for each name."
+            )
         for name, photo in photos.items():
-            if not isinstance(photo, dict) or not isinstance(photo.get("image"), str) or "camera" not in photo:
+            if (
+                not isinstance(photo, dict)
+                or not isinstance(photo.get("image"), str)
+                or "camera" not in photo
+            ):
                 raise InputError(f"{path}: the photo '{shown(name)}' has no 'image' and 'camera'.")
             found.append((Path(root, photo["image"]), name, photo))
     return found
@@ -90,7 +104,9 @@ def _text(value: object, key: str, path: Path) -> str:
 
 
 def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: Path) -> _Entry:
-    """Return that of (file, name, entry) whose file, content or name is `image`'s, in this order; or the only one."""
+    """Return that of (file, name, entry) whose file, content or name is `image`'s, in this order; or the only
+    one.
+    """
     if not entries:
         raise InputError(f"{source} holds no camera of a photo; give a file with the camera of the photo.")
     if image is None and len(entries) == 1:
@@ -108,7 +124,9 @@ def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: P
         if len(entries) == 1:
             return _only(entries[0], image, source)
     wanted = f"not exactly one for {image}" if image else "and this command takes one"
-    some = ", ".join(shown(name) for _, name, _ in entries[:_NAMED]) + (", ..." if len(entries) > _NAMED else "")
+    some = ", ".join(shown(name) for _, name, _ in entries[:_NAMED]) + (
+        ", ..." if len(entries) > _NAMED else ""
+    )
     raise InputError(
         f"{source} holds {len(entries)} cameras ({some}), {wanted}; give a file with the one camera, or name one of "
         "them where there is an option --frame."
@@ -129,8 +147,11 @@ def _only(entry: tuple[Path, str, _Entry], image: Path, source: Path) -> _Entry:
     _, name, found = entry
     if not image.is_file():
         raise InputError(f"{source} holds no camera of '{shown(str(image))}', only that of '{shown(name)}'.")
-    warnings.warn(f"{source} holds the camera of '{shown(name)}', which is taken for {image}.", LightprobeWarning,
-                  stacklevel=2)  # fmt: skip
+    warnings.warn(
+        f"{source} holds the camera of '{shown(name)}', which is taken for {image}.",
+        LightprobeWarning,
+        stacklevel=2,
+    )
     return found
 
 

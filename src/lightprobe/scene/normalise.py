@@ -1,7 +1,8 @@
 """Where the object is and how large: the similarity that puts it at the origin with radius 1.
 
-Found from masks and cameras alone: the rays through the mask centroids give a first place, the extent of the masks a
-first size, and the visual hull in that volume the bounding box whose centre and farthest point are used.
+Found from masks and cameras alone: the rays through the mask centroids give a first place, the extent of the
+masks a first size, and the visual hull in that volume the bounding box whose centre and farthest point are
+used.
 """
 
 from collections.abc import Sequence
@@ -20,18 +21,20 @@ _ATTEMPTS = 8  # at a box that holds the whole hull
 ROUGH_AGREEMENT = 0.8  # for scenes whose masks or poses are rough
 _ROUNDING = 1e-3  # of the object's size, below which the rounding of coordinates must lie
 _FEW = 3  # whole masks, fewer than which say nothing
-# Far behind the object lies space that few, similar cameras see, all with the object in front: it is not the object.
-# Close-ups alone leave more of it, and then only what many of them see can be trusted.
+# Far behind the object lies space that few, similar cameras see, all with the object in front: it is not the
+# object. Close-ups alone leave more of it, and then only what many of them see can be trusted.
 _SEEN_BY_SOME, _SEEN_BY_MANY = 0.1, 0.3
 
 
 def find_similarity(
     cameras: Sequence[Camera], alphas: Sequence[np.ndarray], *, agreement: float | None = None
 ) -> Similarity:
-    """Return the similarity of the object in the `alphas` (H, W) seen by input-frame `cameras`; deterministic.
+    """Return the similarity of the object in the `alphas` (H, W) seen by input-frame `cameras`;
+    deterministic.
 
     `agreement` is that of `visual_hull`; where it leaves nothing, a lower one is tried.
-    Raises `InputError` when no point of space lies inside the masks: poses and masks then do not belong together.
+    Raises `InputError` when no point of space lies inside the masks: poses and masks then do not belong
+    together.
     """
     center, radius = first_guess(cameras, alphas)
     usual = usual_agreement(len(alphas)) if agreement is None else agreement
@@ -54,7 +57,9 @@ def _search(
     agreement: float,
     seen_by: float,
 ) -> Similarity | None:
-    """Return the similarity of the hull found from a first place and size, or None when it is empty or has no end."""
+    """Return the similarity of the hull found from a first place and size, or None when it is empty or has no
+    end.
+    """
 
     def carve(resolution: int) -> Hull:
         return visual_hull(cameras, alphas, resolution, lo=low, hi=high, agreement=agreement, seen_by=seen_by)
@@ -75,9 +80,12 @@ def _search(
 def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
     """Return a point (3,) near the object's middle and a rough radius around it, in the cameras' frame.
 
-    Masks cut by the photo's border say little about middle and size, and are used only when there are no others.
+    Masks cut by the photo's border say little about middle and size, and are used only when there are no
+    others.
     """
-    shown = [i for i, alpha in enumerate(alphas) if (alpha >= 0.5).any()]  # a few specks vanish in a small picture
+    shown = [
+        i for i, alpha in enumerate(alphas) if (alpha >= 0.5).any()
+    ]  # a few specks vanish in a small picture
     if not shown:
         raise InputError("No mask shows more than a few specks; run `lightprobe inspect` to see them.")
     whole = [i for i in _whole(alphas) if i in shown]
@@ -117,7 +125,8 @@ def _better_box(hull: Hull) -> tuple[tuple[np.ndarray, np.ndarray], bool]:
 
 
 def _enclosing(hull: Hull) -> Similarity:
-    """Return the similarity that maps the hull's bounding-box centre to 0 and its farthest point to distance 1.
+    """Return the similarity that maps the hull's bounding-box centre to 0 and its farthest point to distance
+    1.
 
     The object may reach a voxel past the farthest centre that won the vote; with that voxel it stays inside.
     """

@@ -21,8 +21,12 @@ _INK = (235, 235, 235)  # sRGB
 
 
 def write_overlay_sheet(inspection: Inspection, path: Path) -> None:
-    """Write the contact sheet of an inspection as PNG, worst agreement first; `InputError` when no photo is sound."""
-    photos = sorted(inspection.photos, key=lambda photo: (photo.iou is not None, photo.iou or 0.0, photo.name))[:_MOST]
+    """Write the contact sheet of an inspection as PNG, worst agreement first; `InputError` when no photo is
+    sound.
+    """
+    photos = sorted(
+        inspection.photos, key=lambda photo: (photo.iou is not None, photo.iou or 0.0, photo.name)
+    )[:_MOST]
     if not photos:
         raise InputError(f"{inspection.root} has no sound photo to draw.")
     cells = [Cell(_caption(photo), outlined(photo), _INK) for photo in photos]

@@ -43,7 +43,9 @@ class Photo:
 
 
 def clipped(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Return where the object's colours (H, W, 3), linear and straight, reach the photo's white, (H, W, 3) bool."""
+    """Return where the object's colours (H, W, 3), linear and straight, reach the photo's white, (H, W, 3)
+    bool.
+    """
     return (color >= CLIPPED) & (alpha[..., None] > 0)
 
 
@@ -53,7 +55,9 @@ def has_white(color: np.ndarray) -> bool:
 
 
 def reduced_size(size: tuple[int, int], opaque: float, most: int) -> tuple[int, int]:
-    """Return the (height, width) at which about `most` of a photo's pixels are `OPAQUE`, of which it has `opaque`."""
+    """Return the (height, width) at which about `most` of a photo's pixels are `OPAQUE`, of which it has
+    `opaque`.
+    """
     if opaque <= most:
         return size
     shrink = math.sqrt(most / opaque)
@@ -66,7 +70,9 @@ class Pixels:
 
     color: np.ndarray  # (H, W, 3) float32, linear, straight
     alpha: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object
-    clipped: np.ndarray  # (H, W, 3) bool: the photo's white hides how bright the object was somewhere in the pixel
+    clipped: (
+        np.ndarray
+    )  # (H, W, 3) bool: the photo's white hides how bright the object was somewhere in the pixel
 
     @staticmethod
     def of(color: np.ndarray, alpha: np.ndarray) -> "Pixels":
@@ -87,17 +93,20 @@ class Pixels:
             return self
         return averaged(
             lambda first, last: (self.color[first:last], self.alpha[first:last], self.clipped[first:last]),
-            (self.alpha.shape[0], self.alpha.shape[1]), (height, width),
-        )  # fmt: skip
+            (self.alpha.shape[0], self.alpha.shape[1]),
+            (height, width),
+        )
 
 
 def averaged(
-    read: Callable[[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]], whole: tuple[int, int], size: tuple[int, int]
+    read: Callable[[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    whole: tuple[int, int],
+    size: tuple[int, int],
 ) -> Pixels:
     """Return a photo of `whole` (height, width) area-averaged to `size`, colour premultiplied meanwhile.
 
-    `read(first, last)` returns linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of these rows: the
-    photo is never held as floats. A pixel with any clipped source pixel is clipped.
+    `read(first, last)` returns linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of these
+    rows: the photo is never held as floats. A pixel with any clipped source pixel is clipped.
     """
 
     def planes(first: int, last: int) -> np.ndarray:

@@ -1,13 +1,16 @@
 """Decoded pixels of one photo, at the size asked for.
 
-Area averaging happens in linear light with colour premultiplied by alpha, so that background never bleeds in. It is
-done a few rows at a time: a photo of a hundred million pixels takes no more memory than its 8-bit samples.
+Area averaging happens in linear light with colour premultiplied by alpha, so that background never bleeds in.
+It is done a few rows at a time: a photo of a hundred million pixels takes no more memory than its 8-bit
+samples.
 
-One rule for turned photos: photo, mask and camera belong to the same picture. A photo is turned upright as its EXIF
-orientation says, unless its camera fits only the pixels as stored. A mask follows its own orientation if its file has
-one; without one it lies on the photo's stored pixels and is turned along with them, unless it fits only unturned.
+One rule for turned photos: photo, mask and camera belong to the same picture. A photo is turned upright as
+its EXIF orientation says, unless its camera fits only the pixels as stored. A mask follows its own
+orientation if its file has one; without one it lies on the photo's stored pixels and is turned along with
+them, unless it fits only unturned.
 
-A photo whose camera has a lens is resampled to the pinhole camera's picture before all else, and its mask with it.
+A photo whose camera has a lens is resampled to the pinhole camera's picture before all else, and its mask
+with it.
 """
 
 import functools
@@ -18,7 +21,15 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import PhotoFile, image_size, read_orientation, resize_rows, turned_size, undo, worked_size
+from lightprobe.imaging import (
+    PhotoFile,
+    image_size,
+    read_orientation,
+    resize_rows,
+    turned_size,
+    undo,
+    worked_size,
+)
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import Resampling, bilinear, span
 from lightprobe.scene.masks import mask_turn
@@ -26,10 +37,11 @@ from lightprobe.scene.photo import OPAQUE, Photo, Pixels, averaged, reduced_size
 
 
 def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Camera]:
-    """Decode a photo and its mask, scaled down so that no side exceeds `max_side`, and return the camera to match.
+    """Decode a photo and its mask, scaled down so that no side exceeds `max_side`, and return the camera to
+    match.
 
-    Colour is linear and straight; it is 0 where alpha is 0. Raises `InputError` naming the file when the photo or mask
-    is missing or damaged, when their sizes differ, or when the mask shows no object.
+    Colour is linear and straight; it is 0 where alpha is 0. Raises `InputError` naming the file when the
+    photo or mask is missing or damaged, when their sizes differ, or when the mask shows no object.
     """
     width, height = target_size(photo.camera, max_side)
     return _pixels(_Opened(photo), height, width)
@@ -38,8 +50,8 @@ def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Came
 def load_observed(photo: Photo, most_opaque: int) -> tuple[Pixels, Camera]:
     """Return `load_pixels(photo)` as `Pixels.within` reduces it to about `most_opaque` pixels in the mask.
 
-    The same values, but the photo is never held whole: of one larger than `limits.WORKED_PIXELS` with a small object it
-    is that many pixels at most.
+    The same values, but the photo is never held whole: of one larger than `limits.WORKED_PIXELS` with a small
+    object it is that many pixels at most.
     """
     opened = _Opened(photo)
     opaque = sum(int((opened.alpha_rows(*strip) >= OPAQUE).sum()) for strip in opened.strips())
@@ -59,7 +71,8 @@ def _pixels(opened: "_Opened", height: int, width: int) -> tuple[Pixels, Camera]
 
 
 def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return linear straight colour (h, w, 3), background included, and alpha (h, w), each area-averaged for itself.
+    """Return linear straight colour (h, w, 3), background included, and alpha (h, w), each area-averaged for
+    itself.
 
     Size and errors as `load_pixels`.
     """
@@ -67,7 +80,9 @@ def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def load_shown(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `load_thumbnail` and the share (h, w, 3) of each pixel where the photo's white hides how bright it was."""
+    """Return `load_thumbnail` and the share (h, w, 3) of each pixel where the photo's white hides how bright
+    it was.
+    """
     width, height = target_size(photo.camera, max_side)
     return _Opened(photo).shown(height, width)
 
@@ -82,16 +97,19 @@ def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
 
 
 def fit_camera(camera: Camera, image_path: Path, source: str) -> Camera:
-    """Return `camera` for the pixels of its image file, which may have been scaled since the camera was estimated.
+    """Return `camera` for the pixels of its image file, which may have been scaled since the camera was
+    estimated.
 
-    Programs differ in whether they turn photos by their EXIF orientation; the shape of the image decides which was
-    meant. Raises `InputError` naming `source` when the shape fits neither way.
+    Programs differ in whether they turn photos by their EXIF orientation; the shape of the image decides
+    which was meant. Raises `InputError` naming `source` when the shape fits neither way.
     """
     sizes = [image_size(image_path), image_size(image_path, orient=False)]
     for width, height in sizes:
         scale = max(width, height) / max(camera.width, camera.height)
         if max(abs(camera.width * scale - width), abs(camera.height * scale - height)) <= 1.5:
-            return camera if (width, height) == (camera.width, camera.height) else camera.resized(width, height)
+            return (
+                camera if (width, height) == (camera.width, camera.height) else camera.resized(width, height)
+            )
     raise InputError(
         f"{image_path} has {sizes[0][0]} x {sizes[0][1]} pixels, but {source} describes a camera of "
         f"{camera.width} x {camera.height}; use the photos the cameras were estimated from, uncropped."
@@ -120,7 +138,9 @@ class _Opened:
         return PhotoFile(self._photo.image_path, turn=self._turn)
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of the rows first..last - 1."""
+        """Return linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of the rows first..last
+        - 1.
+        """
         color, alpha, clipped = (
             self._stored(first, last) if self._resampling is None else self._undistorted(first, last)
         )
@@ -150,7 +170,8 @@ class _Opened:
     def _undistorted(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return `rows` of the pinhole's picture.
 
-        The object's colour is averaged with its coverage as weight, where it has any: none of the background bleeds in.
+        The object's colour is averaged with its coverage as weight, where it has any: none of the background
+        bleeds in.
         """
 
         def planes(first: int, last: int) -> np.ndarray:
@@ -163,7 +184,9 @@ class _Opened:
         return np.where(alpha[..., None] > 1e-6, own, found[..., 4:7]), alpha, found[..., 7:] > 0
 
     def _straight(self, read: Callable[[int, int], np.ndarray], first: int, last: int) -> np.ndarray:
-        """Return rows first..last - 1 (h, W, C) of the pinhole's picture; `read` returns such rows of the lens' one."""
+        """Return rows first..last - 1 (h, W, C) of the pinhole's picture; `read` returns such rows of the
+        lens' one.
+        """
         if self._resampling is None:
             raise ValueError("The photo has no lens.")
         places, shown = self._resampling.places(first, last)
@@ -171,7 +194,9 @@ class _Opened:
         return bilinear(read(top, min(bottom, self.size[0])), top, places) * shown[..., None]
 
     def whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return linear straight colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3) bool."""
+        """Return linear straight colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3)
+        bool.
+        """
         color, alpha = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
         clipped = np.empty((*self.size, 3), bool)
         for first, last in self.strips():
@@ -186,7 +211,8 @@ class _Opened:
         return pixels
 
     def shown(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return straight colour (height, width, 3), alpha (height, width) and the share (height, width, 3) of white.
+        """Return straight colour (height, width, 3), alpha (height, width) and the share (height, width, 3)
+        of white.
 
         Each area-averaged for itself.
         """
@@ -202,7 +228,11 @@ class _Opened:
         def white(first: int, last: int) -> np.ndarray:
             return self._image.clipped_rows(first, last).astype(np.float32)
 
-        return color, alpha, white(first, last) if self._resampling is None else self._straight(white, first, last)
+        return (
+            color,
+            alpha,
+            white(first, last) if self._resampling is None else self._straight(white, first, last),
+        )
 
     def check_seen(self) -> None:
         """Raise `InputError` when all coverage has been handed out and no pixel shows the object."""
@@ -232,7 +262,9 @@ class _Opened:
 
 
 def _turns(photo: Photo) -> tuple[int, int]:
-    """Return the EXIF orientations that the photo's stored pixels and its mask's are turned by; 1 is not at all."""
+    """Return the EXIF orientations that the photo's stored pixels and its mask's are turned by; 1 is not at
+    all.
+    """
     size = (photo.camera.width, photo.camera.height)
     stored = image_size(photo.image_path, orient=False)
     tag = read_orientation(photo.image_path) or 1

@@ -1,6 +1,8 @@
-"""A look at plain photos or a video before cameras and masks are found for them: what would fail, what would be poor.
+"""A look at plain photos or a video before cameras and masks are found for them: what would fail, what would
+be poor.
 
-Problems say that cameras can hardly be found; hints, that the result will be poor; advice, what to photograph next.
+Problems say that cameras can hardly be found; hints, that the result will be poor; advice, what to photograph
+next.
 """
 
 from collections import Counter
@@ -21,7 +23,10 @@ from lightprobe.scene.plain_photos import PlainPhoto, copies, list_photos, measu
 
 VIDEO_FRAMES = 60  # photos that a video is to give
 _FEWEST, _ENOUGH = 8, 25  # different sharp photos: below, cameras are seldom found; below, parts stay unseen
-_BLURRED, _FAR_BELOW = 0.3, 0.6  # sharpness of a blurred photo, and of one beside others in the others' median
+_BLURRED, _FAR_BELOW = (
+    0.3,
+    0.6,
+)  # sharpness of a blurred photo, and of one beside others in the others' median
 _BARE = 0.005  # share of a photo with corners: below, nothing can be matched
 _CLIPPED, _DARK = 0.1, 0.9  # share of a photo at white, and as good as black, that spoils it
 _ZOOMED = 0.03  # relative difference of focal lengths of one lens
@@ -57,7 +62,9 @@ def is_plain(path: Path) -> bool:
 
 
 def only_video(path: Path) -> Path | None:
-    """Return the video that stands for photos: `path` itself, or the only one in a folder without photos, else None."""
+    """Return the video that stands for photos: `path` itself, or the only one in a folder without photos,
+    else None.
+    """
     path = Path(path)
     if not path.is_dir():
         return path if path.is_file() and is_video(path) else None
@@ -105,17 +112,25 @@ def _inspect_video(path: Path) -> PlainInspection:
         problems.messages.append(
             f"The video gives {_count(count, 'different sharp frame')} of {choice.total}; {_FEWEST} or more are needed."
         )
-        advice.append("film again, walking slowly around the object, with the camera always on it and in focus.")
+        advice.append(
+            "film again, walking slowly around the object, with the camera always on it and in focus."
+        )
     elif count < _ENOUGH:
         hints.append(f"The video gives {count} different sharp frames; about {VIDEO_FRAMES} are better.")
         advice.append("film longer: once around at the object's height, once from above.")
     if choice.blurred * 4 > count:
-        hints.append(f"{choice.blurred} stretches of the video have no sharp frame: move more slowly, in more light.")
-    hints.append("A video shows the object under one light; photos under other lights tell light and surface apart.")
+        hints.append(
+            f"{choice.blurred} stretches of the video have no sharp frame: move more slowly, in more light."
+        )
+    hints.append(
+        "A video shows the object under one light; photos under other lights tell light and surface apart."
+    )
     return PlainInspection(path, (), tuple(problems.messages), tuple(hints), tuple(advice), choice)
 
 
-def _judge_number(photos: Sequence[PlainPhoto], problems: list[str], hints: list[str], advice: list[str]) -> None:
+def _judge_number(
+    photos: Sequence[PlainPhoto], problems: list[str], hints: list[str], advice: list[str]
+) -> None:
     """Add what is to be said of how many different photos there are."""
     alike = copies(photos)
     different = len(photos) - len(alike)
@@ -126,7 +141,9 @@ def _judge_number(photos: Sequence[PlainPhoto], problems: list[str], hints: list
             "copies add nothing."
         )
     if different < _FEWEST:
-        problems.append(f"{_count(different, 'different photo')} of the object; {_FEWEST} or more are needed.")
+        problems.append(
+            f"{_count(different, 'different photo')} of the object; {_FEWEST} or more are needed."
+        )
     if different < _ENOUGH:
         advice.append(
             f"about {_ENOUGH - different} more photos: all around at the object's height, every 15 degrees, and once "
@@ -134,7 +151,9 @@ def _judge_number(photos: Sequence[PlainPhoto], problems: list[str], hints: list
         )
 
 
-def _judge_quality(photos: Sequence[PlainPhoto], problems: list[str], hints: list[str], advice: list[str]) -> None:
+def _judge_quality(
+    photos: Sequence[PlainPhoto], problems: list[str], hints: list[str], advice: list[str]
+) -> None:
     """Add what is to be said of blur, texture, exposure and size."""
     unsharp, bare = blurred(photos), [photo for photo in photos if photo.texture < _BARE]
     if unsharp:
@@ -142,11 +161,17 @@ def _judge_quality(photos: Sequence[PlainPhoto], problems: list[str], hints: lis
         advice.append("the blurred views again, with the camera at rest, in more light or on a stand.")
     if 2 * len(bare) > len(photos):
         problems.append(_such_as(bare, photos, "without texture that can be matched"))
-        advice.append("the object on something richly patterned, such as a newspaper, which moves along with it.")
+        advice.append(
+            "the object on something richly patterned, such as a newspaper, which moves along with it."
+        )
     if white := [photo for photo in photos if photo.clipped > _CLIPPED]:
-        hints.append(_such_as(white, photos, f"at white in more than {_CLIPPED:.0%} of the picture: expose less"))
+        hints.append(
+            _such_as(white, photos, f"at white in more than {_CLIPPED:.0%} of the picture: expose less")
+        )
     if dark := [photo for photo in photos if photo.dark > _DARK]:
-        hints.append(_such_as(dark, photos, f"as good as black in more than {_DARK:.0%} of the picture: expose more"))
+        hints.append(
+            _such_as(dark, photos, f"as good as black in more than {_DARK:.0%} of the picture: expose more")
+        )
     if small := [photo for photo in photos if max(photo.width, photo.height) < _SMALL]:
         hints.append(_such_as(small, photos, f"of fewer than {_SMALL} pixels: give the camera's own files"))
     if odd := [photo for photo in photos if photo.encoding == UNREADABLE]:
@@ -159,7 +184,9 @@ def _camera_hints(photos: Sequence[PlainPhoto]) -> list[str]:
     known = sorted(photo.focal for photo in photos if photo.focal is not None)
     hints = []
     if unknown:
-        hints.append(_such_as(unknown, photos, "without a focal length, which is then guessed: give unedited files"))
+        hints.append(
+            _such_as(unknown, photos, "without a focal length, which is then guessed: give unedited files")
+        )
     lenses = 1 + sum(later > earlier * (1 + _ZOOMED) for earlier, later in pairwise(known))
     if known and lenses > 1:
         hints.append(
@@ -203,13 +230,13 @@ def _video_facts(choice: FrameChoice) -> list[str]:
 
 
 def _videos(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file())
+    return sorted(
+        path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()
+    )
 
 
 def _such_as(some: Sequence[PlainPhoto], photos: Sequence[PlainPhoto], what: str) -> str:
-    return (
-        f"{len(some)} of {len(photos)} photos {'is' if len(some) == 1 else 'are'} {what}, such as {some[0].path.name}."
-    )
+    return f"{len(some)} of {len(photos)} photos {'is' if len(some) == 1 else 'are'} {what}, such as {some[0].path.name}."
 
 
 def _count(number: int, noun: str) -> str:

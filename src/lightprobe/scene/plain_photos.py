@@ -1,8 +1,9 @@
-"""Photos without cameras and masks: which files they are, and what can be measured on them before cameras are sought.
+"""Photos without cameras and masks: which files they are, and what can be measured on them before cameras are
+sought.
 
-Sharpness compares detail with what is left of it after blurring, as a picture that is blurred already loses little
-(Crété et al., "The blur effect", 2007); texture counts corners, which are what photos are matched by (Shi and Tomasi,
-"Good features to track", 1994).
+Sharpness compares detail with what is left of it after blurring, as a picture that is blurred already loses
+little (Crété et al., "The blur effect", 2007); texture counts corners, which are what photos are matched by
+(Shi and Tomasi, "Good features to track", 1994).
 """
 
 import os
@@ -60,10 +61,11 @@ class PlainPhoto:
 
 
 def list_photos(folder: Path) -> list[Path]:
-    """Return the photos in a folder and its subfolders, or in its `images` folder if it has one, without masks.
+    """Return the photos in a folder and its subfolders, or in its `images` folder if it has one, without
+    masks.
 
-    Of a raw file and its camera's picture of the same name only the raw file is taken, which is linear. Scenes and runs
-    that were made in a subfolder hold no photos of their own.
+    Of a raw file and its camera's picture of the same name only the raw file is taken, which is linear.
+    Scenes and runs that were made in a subfolder hold no photos of their own.
     """
     folder = Path(folder)
     folder = folder / "images" if (folder / "images").is_dir() else folder
@@ -71,9 +73,10 @@ def list_photos(folder: Path) -> list[Path]:
     inner = {parent for path in images for parent in path.parents if folder in parent.parents}
     apart = {parent for parent in inner if any((parent / name).exists() for name in _MADE)}
     found = [
-        path for path in images
+        path
+        for path in images
         if not _MASKS & set(path.relative_to(folder).parts[:-1]) and apart.isdisjoint(path.parents)
-    ]  # fmt: skip
+    ]
     raw = {path.with_suffix("") for path in found if path.suffix.lower() in RAW_SUFFIXES}
     return [path for path in found if path.suffix.lower() in RAW_SUFFIXES or path.with_suffix("") not in raw]
 
@@ -118,7 +121,9 @@ def measure_photo(path: Path) -> PlainPhoto:
 
 
 def measure_photos(paths: Iterable[Path], problems: Problems) -> list[PlainPhoto]:
-    """Return the photos that can be read, measured, in order; what is wrong with the others goes to `problems`."""
+    """Return the photos that can be read, measured, in order; what is wrong with the others goes to
+    `problems`.
+    """
     found = []
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
         for waiting in [pool.submit(measure_photo, path) for path in paths]:

@@ -1,9 +1,10 @@
-"""Scenes described by `transforms*.json`: Blender's (`camera_angle_x`), nerfstudio's and instant-ngp's (`fl_x`, ...).
+"""Scenes described by `transforms*.json`: Blender's (`camera_angle_x`), nerfstudio's and instant-ngp's
+(`fl_x`, ...).
 
-`transform_matrix` is camera-to-world with OpenGL axes. Intrinsics may stand in the frame or beside `frames`. Photos are
-split by file (`transforms_train.json`, `_test`, `_val` when there is no `_test`, `_relight`), else by nerfstudio's
-`train_filenames` and `test_filenames`, or `val_filenames` when there is no `test_filenames`. Where there is a list of
-training photos, nothing else is trained on.
+`transform_matrix` is camera-to-world with OpenGL axes. Intrinsics may stand in the frame or beside `frames`.
+Photos are split by file (`transforms_train.json`, `_test`, `_val` when there is no `_test`, `_relight`), else
+by nerfstudio's `train_filenames` and `test_filenames`, or `val_filenames` when there is no `test_filenames`.
+Where there is a list of training photos, nothing else is trained on.
 """
 
 import math
@@ -51,7 +52,9 @@ def _files(root: Path) -> list[tuple[str, Split | None]]:
     """Return the camera files that apply, each with the split of its frames; None where none is given."""
     if not (root / TRAIN).is_file():
         return [(SINGLE, None)]
-    test = next((name for name in ("transforms_test.json", "transforms_val.json") if (root / name).is_file()), None)
+    test = next(
+        (name for name in ("transforms_test.json", "transforms_val.json") if (root / name).is_file()), None
+    )
     files: list[tuple[str, Split | None]] = [(TRAIN, Split.TRAIN if test else None)]
     files += [(test, Split.TEST)] if test else []
     return files + ([(RELIGHT, Split.RELIGHT)] if (root / RELIGHT).is_file() else [])
@@ -78,7 +81,9 @@ def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) 
 
 
 def _lists(data: dict[str, Any], path: Path) -> tuple[set[str], set[str]]:
-    """Return the file paths of nerfstudio's training photos and of those to test on; empty without such a list."""
+    """Return the file paths of nerfstudio's training photos and of those to test on; empty without such a
+    list.
+    """
     test = _names(data, "test_filenames", path) or _names(data, "val_filenames", path)
     return _names(data, "train_filenames", path), test
 
@@ -97,7 +102,9 @@ def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None
     if settings.get("mask_path"):
         mask = _inside(root, settings, "mask_path", path)
         if not mask.is_file():
-            raise InputError(f"{source} names the mask '{shown(settings['mask_path'])}', which does not exist.")
+            raise InputError(
+                f"{source} names the mask '{shown(settings['mask_path'])}', which does not exist."
+            )
 
     def camera(width: int, height: int) -> Camera:
         return frame_camera(settings, source, width, height)
@@ -140,8 +147,8 @@ def _text(settings: dict[str, Any], key: str, path: Path) -> str:
 def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_height: int) -> Camera:
     """Return the camera of one frame merged over the settings of its file; `source` names it in errors.
 
-    Size and principal point that are not given follow from the image. Raises `InputError` for a camera model that is
-    not read, for values that are no numbers and for a pose that is no rigid motion.
+    Size and principal point that are not given follow from the image. Raises `InputError` for a camera model
+    that is not read, for values that are no numbers and for a pose that is no rigid motion.
     """
     model = settings.get("camera_model") or "OPENCV"
     if not isinstance(model, str) or model not in _PINHOLE_MODELS | _FISHEYE_MODELS:
@@ -157,11 +164,15 @@ def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_
     camera = Camera(_pose(settings, source), fx, fy, *center, round(width), round(height))
     camera.check(source)
     fisheye = model in _FISHEYE_MODELS or bool(settings.get("is_fisheye"))
-    return with_lens(camera, _lens(settings, source, fisheye=fisheye, full=model == "FULL_OPENCV"), source=source)
+    return with_lens(
+        camera, _lens(settings, source, fisheye=fisheye, full=model == "FULL_OPENCV"), source=source
+    )
 
 
 def _lens(settings: dict[str, Any], source: str, *, fisheye: bool, full: bool) -> Lens:
-    """Return the lens of k1..k4, p1 and p2; OpenCV's full model has k4..k6 below the fraction line, and s1..s4."""
+    """Return the lens of k1..k4, p1 and p2; OpenCV's full model has k4..k6 below the fraction line, and
+    s1..s4.
+    """
     keys = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4")
     k1, k2, k3, k4, k5, k6, p1, p2, s1, s2, s3, s4 = (_number(settings, key, source) or 0.0 for key in keys)
     if fisheye:
@@ -188,7 +199,9 @@ def _number(settings: dict[str, Any], key: str, source: str) -> float | None:
 
 
 def _focal(angle: float | None, extent: float) -> float | None:
-    """Return the focal length in pixels for a field of view of `angle` radians over `extent` pixels; -1 for no lens."""
+    """Return the focal length in pixels for a field of view of `angle` radians over `extent` pixels; -1 for
+    no lens.
+    """
     return None if angle is None else 0.5 * extent / math.tan(0.5 * angle) if 1e-9 < angle < math.pi else -1.0
 
 

@@ -1,4 +1,6 @@
-"""Answers to a prediction: one JSON object with the files inside, a ZIP archive, or the map alone, as Accept says."""
+"""Answers to a prediction: one JSON object with the files inside, a ZIP archive, or the map alone, as Accept
+says.
+"""
 
 import base64
 import json
@@ -35,7 +37,8 @@ class AnswerKind(StrEnum):
 
 
 def accepted_kind(header: str) -> AnswerKind:
-    """Return the kind of answer that an Accept header prefers (RFC 9110, section 12.5.1); raise if it takes none.
+    """Return the kind of answer that an Accept header prefers (RFC 9110, section 12.5.1); raise if it takes
+    none.
 
     Without a header, and where several are as welcome, JSON comes first.
     """
@@ -45,7 +48,9 @@ def accepted_kind(header: str) -> AnswerKind:
         if here > weight:
             best, weight = kind, here
     if best is None:
-        raise NotAcceptableError(f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept.")
+        raise NotAcceptableError(
+            f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept."
+        )
     return best
 
 
@@ -67,14 +72,17 @@ def _number(text: str) -> float:
 
 
 def answer(kind: AnswerKind, told: dict[str, Any], folder: Path, done: BackgroundTask) -> Response:
-    """Return the answer out of what a worker has told and the files that it wrote; `done` follows when it is sent.
+    """Return the answer out of what a worker has told and the files that it wrote; `done` follows when it is
+    sent.
 
     told: with the light file as "light" and the names of the files as "files".
     """
     if kind.output is not None:
         name = FILES[kind.output]
         headers = {"x-lightprobe-verdict": told["verdict"]["status"], "x-lightprobe-method": told["method"]}
-        return FileResponse(folder / name, media_type=kind.value, filename=name, headers=headers, background=done)
+        return FileResponse(
+            folder / name, media_type=kind.value, filename=name, headers=headers, background=done
+        )
     if kind is AnswerKind.ZIP:
         _write_archive(told, folder)
         return FileResponse(folder / ARCHIVE, media_type=kind.value, filename=ARCHIVE, background=done)

@@ -1,4 +1,6 @@
-"""The service as an application: its routes, what they share, and every failure as a status with one sentence."""
+"""The service as an application: its routes, what they share, and every failure as a status with one
+sentence.
+"""
 
 import logging
 import re
@@ -48,12 +50,18 @@ class Service:
 
 
 def create_app(service: Service, token: str | None, *, local: bool) -> App:
-    """Return the application: behind `token` unless that is None, then, with `local`, for this machine's names only."""
+    """Return the application: behind `token` unless that is None, then, with `local`, for this machine's
+    names only.
+    """
     from lightprobe.service import routes
 
     app = FastAPI(
-        title="lightprobe", version=version("lightprobe"), description=_DESCRIPTION, docs_url=None, redoc_url=None
-    )  # fmt: skip
+        title="lightprobe",
+        version=version("lightprobe"),
+        description=_DESCRIPTION,
+        docs_url=None,
+        redoc_url=None,
+    )
     app.state.service = service
     app.include_router(routes.router)
     for kind in (LightprobeError, HTTPException, RequestValidationError, Exception):
@@ -84,7 +92,10 @@ class Recorded:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message = {**message, "headers": [*message.get("headers", []), (b"x-request-id", id.encode())]}
+                message = {
+                    **message,
+                    "headers": [*message.get("headers", []), (b"x-request-id", id.encode())],
+                }
             await send(message)
 
         try:
@@ -99,10 +110,16 @@ class Recorded:
         self._telemetry.seconds.labels(route).observe(seconds)
         quiet = status == 200 and scope["method"] == "GET"
         self._telemetry.log(
-            logging.DEBUG if quiet else logging.INFO, "request", request=id, method=scope["method"],
-            path=printable(scope["path"])[:_LONGEST_PATH], status=status, seconds=round(seconds, 4),
-            client=(scope.get("client") or ("",))[0], **noted,
-        )  # fmt: skip
+            logging.DEBUG if quiet else logging.INFO,
+            "request",
+            request=id,
+            method=scope["method"],
+            path=printable(scope["path"])[:_LONGEST_PATH],
+            status=status,
+            seconds=round(seconds, 4),
+            client=(scope.get("client") or ("",))[0],
+            **noted,
+        )
 
 
 def request_id(request: Request) -> str:
@@ -127,7 +144,9 @@ async def _failed(request: Request, error: Exception) -> Response:
     known = error if isinstance(error, LightprobeError) else reported(error, lambda traceback: None)
     note(request, sentence=str(known))
     if isinstance(known, UnexpectedError):
-        return _refusal(500, f"Something unexpected went wrong; the log of the service has it as request {id}.", id)
+        return _refusal(
+            500, f"Something unexpected went wrong; the log of the service has it as request {id}.", id
+        )
     headers = {"retry-after": str(known.seconds)} if isinstance(known, BusyError) else {}
     status = status_of(known)
     return _refusal(status, str(known), id, headers or ({"retry-after": "5"} if status == 503 else {}))
@@ -143,7 +162,9 @@ def _describe_token(app: FastAPI) -> None:
 
     def described() -> dict[str, Any]:
         schema = describe()
-        schema.setdefault("components", {})["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        schema.setdefault("components", {})["securitySchemes"] = {
+            "token": {"type": "http", "scheme": "bearer"}
+        }
         schema["security"] = [{"token": []}]
         return schema
 

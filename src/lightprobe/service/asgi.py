@@ -1,4 +1,6 @@
-"""Small parts of every application here: types, short answers, secrets compared, connections that end politely."""
+"""Small parts of every application here: types, short answers, secrets compared, connections that end
+politely.
+"""
 
 import asyncio
 import hmac
@@ -19,7 +21,9 @@ _LINGER_BYTES = 2**24  # of it
 
 def same_secret(given: str, secret: str) -> bool:
     """Return whether a secret was given, in a time that tells nothing of how much of it was right."""
-    return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), secret.encode("utf-8", "surrogatepass"))
+    return hmac.compare_digest(
+        given.encode("utf-8", "surrogatepass"), secret.encode("utf-8", "surrogatepass")
+    )
 
 
 def headers_of(scope: Scope) -> dict[str, str]:
@@ -39,8 +43,8 @@ async def reply(send: Send, status: int, sentence: str, headers: Headers = ()) -
 class Lingering:
     """An application whose early answers are read: the rest of a body that was refused is taken, for a while.
 
-    A server that closes a connection with unread bytes resets it, and the client then reports a broken connection
-    instead of the refusal that was sent before (RFC 9112, section 9.6).
+    A server that closes a connection with unread bytes resets it, and the client then reports a broken
+    connection instead of the refusal that was sent before (RFC 9112, section 9.6).
     """
 
     def __init__(self, app: App, seconds: float = _LINGER_SECONDS):

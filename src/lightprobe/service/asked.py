@@ -34,13 +34,21 @@ class Output(StrEnum):
 
 
 FILES: Mapping[Output, str] = {
-    Output.EXR: "light.exr", Output.HDR: "light.hdr", Output.PNG: "light.png", Output.CONFIDENCE: "confidence.exr",
-    Output.MASK: "mask.png", Output.OVERLAY: "overlay.png",
-}  # fmt: skip
+    Output.EXR: "light.exr",
+    Output.HDR: "light.hdr",
+    Output.PNG: "light.png",
+    Output.CONFIDENCE: "confidence.exr",
+    Output.MASK: "mask.png",
+    Output.OVERLAY: "overlay.png",
+}
 """The names of these files."""
 
-MEDIA_TYPES: Mapping[str, str] = {".exr": "image/x-exr", ".hdr": "image/vnd.radiance", ".png": "image/png",
-                                  ".json": "application/json"}  # fmt: skip
+MEDIA_TYPES: Mapping[str, str] = {
+    ".exr": "image/x-exr",
+    ".hdr": "image/vnd.radiance",
+    ".png": "image/png",
+    ".json": "application/json",
+}
 """Kinds of files by their suffixes."""
 
 FIELDS: Mapping[str, tuple[int, str]] = {
@@ -48,7 +56,10 @@ FIELDS: Mapping[str, tuple[int, str]] = {
     "camera": (MIB, "Its camera as JSON, text or file; by default the object is looked for."),
     "mask": (32 * MIB, "White object on black, PNG; by default the photo's alpha, or found with the camera."),
     "method": (64, "How the light is found; by default the run's own, or the best it has a model for."),
-    "size": (32, "Size of the maps, 128x64 to 4096x2048 by powers of two; by default that of the prediction."),
+    "size": (
+        32,
+        "Size of the maps, 128x64 to 4096x2048 by powers of two; by default that of the prediction.",
+    ),
     "sun": (32, "inside: the map has its suns and lamps; separate: they stand in the light file alone."),
     "sources": (8, "false: suns and lamps are not looked for, which saves much of a single step's time."),
     "background": (8, "false: what an opaque photo shows around the object is not used."),
@@ -80,11 +91,14 @@ class Asked:
     def of(form: Form, folder: Path) -> "Asked":
         """Return what a form asks for; a camera is written into `folder` once it is known to be one.
 
-        Raises `InputError` for fields that are missing or cannot be read, `ConfigError` for values that are none.
+        Raises `InputError` for fields that are missing or cannot be read, `ConfigError` for values that are
+        none.
         """
         photo, mask, text = form.parts.get("photo"), form.parts.get("mask"), form.texts
         if photo is None:
-            raise InputError("There is no photo: send one as the field 'photo' of a multipart/form-data body.")
+            raise InputError(
+                "There is no photo: send one as the field 'photo' of a multipart/form-data body."
+            )
         file_kind(photo.path)
         if mask is not None:
             file_kind(mask.path)
@@ -93,20 +107,32 @@ class Asked:
         sun.check(sources)
         method = text.get("method")
         return Asked(
-            photo, _camera(form, folder), mask, None if not method else _choice(Method, method, "method"),
-            None if not size else map_height(size), sun, sources, _flag(text, "background", True),
-            _outputs(text.get("formats", "")), _deadline(text.get("deadline")),
-        )  # fmt: skip
+            photo,
+            _camera(form, folder),
+            mask,
+            None if not method else _choice(Method, method, "method"),
+            None if not size else map_height(size),
+            sun,
+            sources,
+            _flag(text, "background", True),
+            _outputs(text.get("formats", "")),
+            _deadline(text.get("deadline")),
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return what the worker is told."""
         return {
-            "photo": str(self.photo.path), "name": self.photo.name,
+            "photo": str(self.photo.path),
+            "name": self.photo.name,
             "camera": None if self.camera is None else str(self.camera),
             "mask": None if self.mask is None else str(self.mask.path),
-            "method": self.method, "height": self.height, "sun": self.sun, "sources": self.sources,
-            "background": self.background, "outputs": list(self.outputs),
-        }  # fmt: skip
+            "method": self.method,
+            "height": self.height,
+            "sun": self.sun,
+            "sources": self.sources,
+            "background": self.background,
+            "outputs": list(self.outputs),
+        }
 
 
 def _camera(form: Form, folder: Path) -> Path | None:

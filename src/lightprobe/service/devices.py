@@ -26,18 +26,22 @@ class Assignment:
         return {**dict.fromkeys(names, str(self.threads)), "OMP_WAIT_POLICY": "passive"}
 
 
-def assignments(devices: Sequence[str], workers: int | None, cores: int | None = None) -> tuple[Assignment, ...]:
+def assignments(
+    devices: Sequence[str], workers: int | None, cores: int | None = None
+) -> tuple[Assignment, ...]:
     """Return where each worker computes.
 
-    devices: "cpu", or GPUs such as "cuda:0", each named once. workers: by default one for each two cores, at least
-    one; of GPUs one each. The cores, by default all that this process may use, are shared out among the workers.
-    Raises `ConfigError` where these do not fit each other.
+    devices: "cpu", or GPUs such as "cuda:0", each named once. workers: by default one for each two cores, at
+    least one; of GPUs one each. The cores, by default all that this process may use, are shared out among the
+    workers. Raises `ConfigError` where these do not fit each other.
     """
     names = tuple(devices) or (CPU,)
     if workers is not None and workers < 1:
         raise ConfigError(f"--workers {workers} computes nothing; give 1 or more.")
     if len(set(names)) < len(names):
-        raise ConfigError("--devices names a device twice; each GPU gets one worker, CPU workers come with --workers.")
+        raise ConfigError(
+            "--devices names a device twice; each GPU gets one worker, CPU workers come with --workers."
+        )
     available = cores or usable_cores()
     if names == (CPU,):
         names = (CPU,) * (workers or max(available // 2, 1))

@@ -2,7 +2,14 @@
 
 from collections.abc import Callable, Mapping
 
-from lightprobe.core.errors import ConfigError, ConvergenceError, InputError, LightprobeError, ResourceError, shown
+from lightprobe.core.errors import (
+    ConfigError,
+    ConvergenceError,
+    InputError,
+    LightprobeError,
+    ResourceError,
+    shown,
+)
 from lightprobe.core.failures import UnexpectedError, reporting_errors
 
 MIB = 2**20
@@ -62,16 +69,31 @@ class WorkerLostError(LightprobeError):
 
 
 STATUS: Mapping[type[LightprobeError], int] = {
-    UnknownObjectError: 404, NotAcceptableError: 406, SlowClientError: 408, TooLargeError: 413, MediaTypeError: 415,
-    BusyError: 429, DeadlineError: 504, UnexpectedError: 500, WorkerLostError: 500, ConvergenceError: 500,
-    ResourceError: 503, InputError: 422, ConfigError: 422,
-}  # fmt: skip
+    UnknownObjectError: 404,
+    NotAcceptableError: 406,
+    SlowClientError: 408,
+    TooLargeError: 413,
+    MediaTypeError: 415,
+    BusyError: 429,
+    DeadlineError: 504,
+    UnexpectedError: 500,
+    WorkerLostError: 500,
+    ConvergenceError: 500,
+    ResourceError: 503,
+    InputError: 422,
+    ConfigError: 422,
+}
 """HTTP status of errors: the first that an error is an instance of."""
 
 GONE = 499
-"""nginx' status for a client that has closed its connection: what is answered then reaches nobody but the log."""
+"""nginx' status for a client that has closed its connection: what is answered then reaches nobody but the
+log.
+"""
 
-_SENT = {kind.__name__: kind for kind in (InputError, ConfigError, ResourceError, ConvergenceError, UnexpectedError)}
+_SENT = {
+    kind.__name__: kind
+    for kind in (InputError, ConfigError, ResourceError, ConvergenceError, UnexpectedError)
+}
 
 
 def status_of(error: LightprobeError) -> int:

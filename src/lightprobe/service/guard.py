@@ -45,9 +45,9 @@ def check_access(host: str, token: str | None, *, anyone: bool) -> None:
 class Gate:
     """The application behind these checks.
 
-    Without a token a site in the browser of this machine could ask it, too, under a name of its own that leads here
-    (DNS rebinding) or by a form. So the host must be this machine's then, and what browsers send from other sites is
-    refused.
+    Without a token a site in the browser of this machine could ask it, too, under a name of its own that
+    leads here (DNS rebinding) or by a form. So the host must be this machine's then, and what browsers send
+    from other sites is refused.
     """
 
     def __init__(self, app: App, token: str | None, *, local: bool):
@@ -62,9 +62,11 @@ class Gate:
         if self._token is not None:
             if scope["path"] not in OPEN_PATHS and not self._has_token(headers.get("authorization", "")):
                 await reply(
-                    _with(send, _PRIVATE), 401, "This service needs its token: Authorization: Bearer TOKEN.",
+                    _with(send, _PRIVATE),
+                    401,
+                    "This service needs its token: Authorization: Bearer TOKEN.",
                     [(b"www-authenticate", b"Bearer")],
-                )  # fmt: skip
+                )
                 return
         elif self._local and (sentence := _foreign(headers)) is not None:
             await reply(_with(send, _PRIVATE), 403, sentence)
@@ -73,7 +75,9 @@ class Gate:
 
     def _has_token(self, given: str) -> bool:
         kind, _, value = given.partition(" ")
-        return self._token is not None and kind.lower() == "bearer" and same_secret(value.strip(), self._token)
+        return (
+            self._token is not None and kind.lower() == "bearer" and same_secret(value.strip(), self._token)
+        )
 
 
 _PRIVATE = ((b"x-content-type-options", b"nosniff"), (b"cache-control", b"no-store"))

@@ -1,4 +1,6 @@
-"""Files that come in over HTTP: written as they arrive, up to a limit; their names are only shown, never used."""
+"""Files that come in over HTTP: written as they arrive, up to a limit; their names are only shown, never
+used.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -34,7 +34,9 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end what is inside, as every end does: what is open there is closed and cleared away."""
+    """Let Ctrl-C and SIGTERM end what is inside, as every end does: what is open there is closed and cleared
+    away.
+    """
     main = threading.current_thread() is threading.main_thread()  # only there signals can be handled
     before = signal.signal(signal.SIGTERM, signal.default_int_handler) if main else None
     try:

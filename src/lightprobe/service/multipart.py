@@ -1,4 +1,6 @@
-"""Forms with files (multipart/form-data, RFC 7578), taken apart as they arrive, each field up to a limit of its own."""
+"""Forms with files (multipart/form-data, RFC 7578), taken apart as they arrive, each field up to a limit of
+its own.
+"""
 
 import secrets
 from collections.abc import Mapping
@@ -43,12 +45,14 @@ async def receive_form(request: Request, folder: Path, limits: Mapping[str, int]
     """Return the form that a request's body holds, its files written into `folder`.
 
     limits: the most bytes of each field; others are refused. A field with a file name is a file.
-    Raises `MediaTypeError` for another kind of body, `TooLargeError` as soon as a field is too large, `InputError` for
-    a body that is damaged.
+    Raises `MediaTypeError` for another kind of body, `TooLargeError` as soon as a field is too large,
+    `InputError` for a body that is damaged.
     """
     kind, options = parse_options_header(request.headers.get("content-type", ""))
     boundary = options.get(b"boundary", b"")
-    if kind != b"multipart/form-data" or not 0 < len(boundary) <= 70:  # the longest of RFC 2046, section 5.1.1
+    if (
+        kind != b"multipart/form-data" or not 0 < len(boundary) <= 70
+    ):  # the longest of RFC 2046, section 5.1.1
         raise MediaTypeError("The body must be a form with files: multipart/form-data with a boundary.")
     whole = sum(limits.values()) + _PARTS * _HEAD
     check_length(request, whole, "The request")
@@ -83,10 +87,15 @@ class _Receiver:
     def callbacks(self) -> "MultipartCallbacks":
         """Return the functions that the parser calls."""
         return {
-            "on_part_begin": self._begin, "on_part_data": self._data, "on_part_end": self._end,
-            "on_header_field": self._header_name, "on_header_value": self._header_value,
-            "on_header_end": self._header_end, "on_headers_finished": self._headers_finished, "on_end": self._finish,
-        }  # fmt: skip
+            "on_part_begin": self._begin,
+            "on_part_data": self._data,
+            "on_part_end": self._end,
+            "on_header_field": self._header_name,
+            "on_header_value": self._header_value,
+            "on_header_end": self._header_end,
+            "on_headers_finished": self._headers_finished,
+            "on_end": self._finish,
+        }
 
     def close(self) -> None:
         """Close the file at hand."""

@@ -1,4 +1,6 @@
-"""The objects of a folder of runs, found by their names in its listing: no name of a request ever becomes a path."""
+"""The objects of a folder of runs, found by their names in its listing: no name of a request ever becomes a
+path.
+"""
 
 import os
 import threading
@@ -39,9 +41,13 @@ class Objects:
         """Look at `folder`; raise `InputError` where there is none."""
         self._folder = folder.resolve()
         if not self._folder.is_dir():
-            raise InputError(f"{folder} is no folder of runs; name the folder that holds them, as runs of runs/cup.")
+            raise InputError(
+                f"{folder} is no folder of runs; name the folder that holds them, as runs of runs/cup."
+            )
         if RunFolder(self._folder).config_file.is_file():
-            raise InputError(f"{folder} is a run itself; name the folder that holds it: {self._folder.parent}")
+            raise InputError(
+                f"{folder} is a run itself; name the folder that holds it: {self._folder.parent}"
+            )
         self._lock = threading.Lock()
         self._listed: tuple[float, dict[str, Path]] = (-_FRESH, {})
 

@@ -1,8 +1,9 @@
 """Workers that share a bounded queue of requests, each request with a deadline.
 
-A request that cannot be finished in time ends its worker, which is replaced; so does one that takes too much memory. A
-request whose worker died by itself goes to the front of the queue once more. Of the requests that wait, a worker takes
-the oldest, or a younger one whose object it has loaded, as long as the oldest has not been passed over too often.
+A request that cannot be finished in time ends its worker, which is replaced; so does one that takes too much
+memory. A request whose worker died by itself goes to the front of the queue once more. Of the requests that
+wait, a worker takes the oldest, or a younger one whose object it has loaded, as long as the oldest has not
+been passed over too often.
 """
 
 import contextlib
@@ -67,7 +68,9 @@ class Task:
 class Pool:
     """The workers and the requests that wait for them."""
 
-    def __init__(self, workers: Sequence[Assignment], settings: SlotSettings, limit: int, telemetry: Telemetry):
+    def __init__(
+        self, workers: Sequence[Assignment], settings: SlotSettings, limit: int, telemetry: Telemetry
+    ):
         """Start all workers; at most `limit` requests wait."""
         self.limit, self._telemetry = limit, telemetry
         self._waiting: deque[Task] = deque()
@@ -76,7 +79,9 @@ class Pool:
         self._closed = False
         self._mean = 1.0  # seconds of a request
         self.slots = [WorkerSlot(number, one, settings) for number, one in enumerate(workers)]
-        self._threads = [threading.Thread(target=self._work, args=(slot,), daemon=True) for slot in self.slots]
+        self._threads = [
+            threading.Thread(target=self._work, args=(slot,), daemon=True) for slot in self.slots
+        ]
         self._threads.append(threading.Thread(target=self._watch, daemon=True))
         for thread in self._threads:
             thread.start()
@@ -94,13 +99,16 @@ class Pool:
         return not self._closed and any(slot.state is not SlotState.STARTING for slot in self.slots)
 
     def check_room(self) -> None:
-        """Raise `BusyError` when no more requests may wait, `ResourceError` when the service is being stopped."""
+        """Raise `BusyError` when no more requests may wait, `ResourceError` when the service is being
+        stopped.
+        """
         if self._closed:
             raise ResourceError(_STOPPING)
         if len(self._waiting) >= self.limit:
             seconds = min(max(round(self._mean * len(self._waiting) / len(self.slots)), 1), 60)
             raise BusyError(
-                f"{self.limit} requests wait already, and no more are taken; try again in {seconds} s.", seconds
+                f"{self.limit} requests wait already, and no more are taken; try again in {seconds} s.",
+                seconds,
             )
 
     def submit(self, task: Task) -> None:
@@ -169,7 +177,9 @@ class Pool:
                 result = slot.ask(task.request)
             except LightprobeError as told:
                 error = told
-            except Exception as unexpected:  # whatever it is, the client gets an answer and the worker goes on
+            except (
+                Exception
+            ) as unexpected:  # whatever it is, the client gets an answer and the worker goes on
                 error = reported(unexpected)
             with self._changed:
                 self._running.pop(slot)
@@ -198,7 +208,9 @@ class Pool:
             return _too_late(task)
         if slot.ended() is End.MEMORY:
             return WorkerLostError("This photo needs more memory than a worker may take; send a smaller one.")
-        return WorkerLostError("Two workers ended while they worked on this request, so it is not tried again.")
+        return WorkerLostError(
+            "Two workers ended while they worked on this request, so it is not tried again."
+        )
 
     def _next(self, slot: WorkerSlot) -> Task | None:
         """Return the request that a worker is to take, None once its process has ended or all is over."""
@@ -218,7 +230,9 @@ class Pool:
             return None
 
     def _choice(self, slot: WorkerSlot) -> Task | None:
-        """Return the request for an idle worker and take it out of the queue, None if there is none or another's."""
+        """Return the request for an idle worker and take it out of the queue, None if there is none or
+        another's.
+        """
         if not self._waiting:
             return None
         oldest = self._waiting[0]

@@ -22,8 +22,8 @@ from lightprobe.service.worker_loop import Tell
 def predict(runs: LoadedRuns, request: dict[str, Any], max_pixels: int, tell: Tell) -> dict[str, Any]:
     """Predict the light in the photo of a request, and write the files it asks for into its folder.
 
-    max_pixels: that a photo or mask may have. Returns what the answer says of it. Raises `InputError` for files that
-    cannot be used, a photo without the object and one that no light explains.
+    max_pixels: that a photo or mask may have. Returns what the answer says of it. Raises `InputError` for
+    files that cannot be used, a photo without the object and one that no light explains.
     """
     begin = time.perf_counter()
     run, folder = RunFolder.open(Path(request["run"])), Path(request["folder"])
@@ -48,7 +48,12 @@ def predict(runs: LoadedRuns, request: dict[str, Any], max_pixels: int, tell: Te
     tell("writing")
     _write(prediction, photo, request, folder)
     told = _told(photo, prediction, method, read_json(light_file(folder / FILES[Output.EXR])))
-    timings = {"load": seconds, "locate": _located(photo), **prediction.seconds, "all": time.perf_counter() - begin}
+    timings = {
+        "load": seconds,
+        "locate": _located(photo),
+        **prediction.seconds,
+        "all": time.perf_counter() - begin,
+    }
     return {**told, "files": _files(request, folder), "seconds": timings}
 
 
@@ -76,7 +81,11 @@ def _predicted(loaded: LoadedRun, photo: NewPhoto, request: dict[str, Any]) -> t
 
 
 def _write(prediction: Prediction, photo: NewPhoto, request: dict[str, Any], folder: Path) -> None:
-    outputs, sun, height = {Output(name) for name in request["outputs"]}, Sun(request["sun"]), request["height"]
+    outputs, sun, height = (
+        {Output(name) for name in request["outputs"]},
+        Sun(request["sun"]),
+        request["height"],
+    )
     light = prediction.map(sun)
     maps = [FILES[output] for output in (Output.EXR, Output.HDR) if output in outputs]
     for name in maps:
@@ -93,7 +102,9 @@ def _write(prediction: Prediction, photo: NewPhoto, request: dict[str, Any], fol
 
 
 def _files(request: dict[str, Any], folder: Path) -> list[str]:
-    """Return the names of the files that were asked for; an overlay is there only where the object was looked for."""
+    """Return the names of the files that were asked for; an overlay is there only where the object was looked
+    for.
+    """
     return [name for output in request["outputs"] if (folder / (name := FILES[Output(output)])).is_file()]
 
 

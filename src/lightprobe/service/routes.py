@@ -61,9 +61,10 @@ async def predict(name: str, request: Request, service: ServiceArg) -> Response:
 
 @router.get("/objects", responses={200: {"model": ObjectList}})
 async def objects(
-    service: ServiceArg, after: Annotated[str, Query(max_length=255)] = "",
+    service: ServiceArg,
+    after: Annotated[str, Query(max_length=255)] = "",
     limit: Annotated[int, Query(ge=1, le=_LISTED)] = _LISTED,
-) -> Response:  # fmt: skip
+) -> Response:
     """List the objects in the order of their names."""
     found, last = await run_in_threadpool(service.objects.after, after, limit)
     return JSONResponse({"objects": [one.to_json() for one in found], "next": last})
@@ -85,7 +86,11 @@ async def health() -> dict[str, str]:
 async def ready(service: ServiceArg) -> Response:
     """Tell whether a worker can take photos and there is room in the queue; 503 otherwise."""
     room = service.pool.waiting < service.pool.limit
-    state = {"ready": service.pool.ready and room, "waiting": service.pool.waiting, "limit": service.pool.limit}
+    state = {
+        "ready": service.pool.ready and room,
+        "waiting": service.pool.waiting,
+        "limit": service.pool.limit,
+    }
     workers = [slot.state.value for slot in service.pool.slots]
     return JSONResponse({**state, "workers": workers}, 200 if state["ready"] else 503)
 
@@ -97,7 +102,9 @@ async def metrics(service: ServiceArg) -> Response:
 
 
 async def _received(request: Request, service: Service, folder: Path) -> Form:
-    """Return the form of a request; raise `BusyError` where too many are sent at once, `SlowClientError` too late."""
+    """Return the form of a request; raise `BusyError` where too many are sent at once, `SlowClientError` too
+    late.
+    """
     if len(service.receiving) >= service.uploads:
         raise BusyError(f"{service.uploads} photos are being sent already; try again in a second.")
     service.receiving.add(folder)
@@ -115,7 +122,7 @@ async def _received(request: Request, service: Service, folder: Path) -> Form:
 
 async def _predicted(
     request: Request, service: Service, known: KnownObject, form: Form, kind: AnswerKind, folder: Path
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return what a worker tells of the photo of a form, and note what the log is to know of it."""
     names = {part.path: part.name for part in form.parts.values()}
     try:
@@ -124,9 +131,12 @@ async def _predicted(
         raise type(error)(renamed(str(error), names)) from error
     outputs = asked.outputs if kind.output is None else (kind.output,)
     wanted = {
-        **asked.to_json(), "task": "predict", "run": str(known.run.path), "folder": f"{folder}/",
+        **asked.to_json(),
+        "task": "predict",
+        "run": str(known.run.path),
+        "folder": f"{folder}/",
         "outputs": list(outputs),
-    }  # fmt: skip
+    }
     task = Task(wanted, known.name, min(asked.deadline or service.deadline, service.deadline))
     service.pool.submit(task)
     service.telemetry.received.inc(sum(part.path.stat().st_size for part in form.parts.values()))

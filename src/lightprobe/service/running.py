@@ -24,16 +24,25 @@ def run_app(app: App, listening: socket.socket, *, grace: int, log_config: dict[
 def server_settings(app: App, *, grace: int, log_config: dict[str, Any] | None) -> uvicorn.Config:
     """Return how the HTTP server treats connections and requests; see `run_app`."""
     return uvicorn.Config(
-        Lingering(app), http=_ImpatientProtocol, log_level="warning", log_config=log_config, access_log=False,
-        server_header=False, timeout_graceful_shutdown=grace, lifespan="off", limit_concurrency=_CONNECTIONS, ws="none",
-    )  # fmt: skip
+        Lingering(app),
+        http=_ImpatientProtocol,
+        log_level="warning",
+        log_config=log_config,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=grace,
+        lifespan="off",
+        limit_concurrency=_CONNECTIONS,
+        ws="none",
+    )
 
 
 class _ImpatientProtocol(H11Protocol):
-    """A connection that is closed when no whole head of a request comes for a while; uvicorn's own waits for ever.
+    """A connection that is closed when no whole head of a request comes for a while; uvicorn's own waits for
+    ever.
 
-    A body that turns out to be damaged ends its request as if the client had gone: the answer that the application
-    would still give cannot be sent any more, and uvicorn would log a traceback for it.
+    A body that turns out to be damaged ends its request as if the client had gone: the answer that the
+    application would still give cannot be sent any more, and uvicorn would log a traceback for it.
     """
 
     _patience: asyncio.TimerHandle | None = None

@@ -74,33 +74,51 @@ _VALUES: dict[str, dict[str, Any]] = {
     "sun": {"type": "string", "enum": [*Sun], "default": Sun.INSIDE},
     "sources": {"type": "boolean", "default": True},
     "background": {"type": "boolean", "default": True},
-    "formats": {"type": "array", "items": {"type": "string", "enum": [*Output]}, "default": ["exr", "confidence"]},
+    "formats": {
+        "type": "array",
+        "items": {"type": "string", "enum": [*Output]},
+        "default": ["exr", "confidence"],
+    },
     "deadline": {"type": "number", "exclusiveMinimum": 0},
 }
 BODY: dict[str, Any] = {
-    "requestBody": {"required": True, "content": {"multipart/form-data": {"schema": {
-        "type": "object", "required": ["photo"],
-        "properties": {
-            name: {**_VALUES[name], "description": f"{words} At most {limit} bytes."}
-            for name, (limit, words) in FIELDS.items()
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["photo"],
+                    "properties": {
+                        name: {**_VALUES[name], "description": f"{words} At most {limit} bytes."}
+                        for name, (limit, words) in FIELDS.items()
+                    },
+                }
+            }
         },
-    }}}}
-}  # fmt: skip
+    }
+}
 """The body of a prediction."""
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _REASONS = {
-    404: "There is no such object.", 406: "None of the kinds of answer is accepted.",
-    408: "The body did not arrive in time.", 413: "A field is too large.", 415: "The body is no form.",
-    422: "A field cannot be used, or the photo does not show the object.", 429: "Too much waits; see Retry-After.",
-    500: "The worker ended twice on this request, or something unexpected.", 503: "Not now; see Retry-After.",
+    404: "There is no such object.",
+    406: "None of the kinds of answer is accepted.",
+    408: "The body did not arrive in time.",
+    413: "A field is too large.",
+    415: "The body is no form.",
+    422: "A field cannot be used, or the photo does not show the object.",
+    429: "Too much waits; see Retry-After.",
+    500: "The worker ended twice on this request, or something unexpected.",
+    503: "Not now; see Retry-After.",
     504: "The deadline is over.",
-}  # fmt: skip
+}
 RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
-        "model": Answer, "description": "The prediction.",
+        "model": Answer,
+        "description": "The prediction.",
         "content": {kind.value: _BINARY for kind in AnswerKind if kind is not AnswerKind.JSON},
     },
     **{status: {"model": Refusal, "description": words} for status, words in _REASONS.items()},
-}  # fmt: skip
+}
 """The answers to it."""

@@ -70,7 +70,13 @@ class ServiceConfig:
         """Refuse limits that no service could work with."""
         if self.queue < 1 or self.uploads < 1:
             raise ConfigError("--queue and --uploads must be at least 1.")
-        positive = (self.deadline, self.upload_seconds, self.max_megapixels, self.cache_memory, self.worker_memory)
+        positive = (
+            self.deadline,
+            self.upload_seconds,
+            self.max_megapixels,
+            self.cache_memory,
+            self.worker_memory,
+        )
         if not all(0 < value < float("inf") for value in positive):
             raise ConfigError("Seconds, megapixels and memory of the service must be above 0 and finite.")
 
@@ -84,16 +90,24 @@ class Served:
 
 
 def serve(
-    folder: Path, *, host: str = "127.0.0.1", port: int = PORT, token: str | None = None, anyone: bool = False,
-    devices: Sequence[str] = (), workers: int | None = None, config: ServiceConfig | None = None,
-    log_level: LogLevel = LogLevel.INFO, tell: Callable[[str], None] = print,
-) -> Served:  # fmt: skip
+    folder: Path,
+    *,
+    host: str = "127.0.0.1",
+    port: int = PORT,
+    token: str | None = None,
+    anyone: bool = False,
+    devices: Sequence[str] = (),
+    workers: int | None = None,
+    config: ServiceConfig | None = None,
+    log_level: LogLevel = LogLevel.INFO,
+    tell: Callable[[str], None] = print,
+) -> Served:
     """Serve predictions from the runs of a folder until a signal comes, and finish what was accepted by then.
 
     token: what requests must bring. anyone: others may ask without one. devices, workers: see
-    `service.devices.assignments`. `tell` is given the address. Photos and maps lie in a temporary folder meanwhile.
-    Raises `InputError` for a folder that is none, `ConfigError` for options that cannot be used or do not fit each
-    other and without the extra `serve`, `ResourceError` for an address that cannot be used.
+    `service.devices.assignments`. `tell` is given the address. Photos and maps lie in a temporary folder
+    meanwhile. Raises `InputError` for a folder that is none, `ConfigError` for options that cannot be used or
+    do not fit each other and without the extra `serve`, `ResourceError` for an address that cannot be used.
     """
     for library in ("fastapi", "uvicorn", "python_multipart", "prometheus_client"):
         extra_library(library, "The service", "serve")
@@ -110,21 +124,31 @@ def serve(
     known = Objects(folder)
     telemetry = Telemetry(logging.getLogger("lightprobe.service"))
     with (
-        until_interrupted(), listening_socket(host, port) as listening, _logging(log_level),
+        until_interrupted(),
+        listening_socket(host, port) as listening,
+        _logging(log_level),
         partial_folder(Path(tempfile.gettempdir())) as temporary,
-    ):  # fmt: skip
+    ):
         name = f"[{host}]" if ":" in host else host
-        tell(f"Service: http://{name}:{listening.getsockname()[1]}/   ({_described(assigned)}; end with Ctrl-C)")
+        tell(
+            f"Service: http://{name}:{listening.getsockname()[1]}/   ({_described(assigned)}; end with Ctrl-C)"
+        )
         with _service(config, known, assigned, temporary, telemetry) as service:
             app = create_app(service, token, local=is_loopback(host) and not anyone)
             run_app(app, listening, grace=math.ceil(config.deadline + _GRACE), log_config=None)
-    return Served(telemetry.total("lightprobe_requests_total"), telemetry.total("lightprobe_prediction_seconds_count"))
+    return Served(
+        telemetry.total("lightprobe_requests_total"), telemetry.total("lightprobe_prediction_seconds_count")
+    )
 
 
 @contextlib.contextmanager
 def _service(
-    config: ServiceConfig, known: "Objects", assigned: Sequence[Assignment], folder: Path, telemetry: "Telemetry"
-) -> Iterator["Service"]:  # fmt: skip
+    config: ServiceConfig,
+    known: "Objects",
+    assigned: Sequence[Assignment],
+    folder: Path,
+    telemetry: "Telemetry",
+) -> Iterator["Service"]:
     """Yield the service with its workers started, which end with it."""
     from lightprobe.service.app import Service
     from lightprobe.service.pool import Pool
@@ -173,7 +197,9 @@ def read_token(path: Path) -> str:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read as text: {error}.") from error
     if not token or "\n" in token:
-        raise InputError(f"{path} must hold the token in one line; make it with: openssl rand -hex 32 > {path}")
+        raise InputError(
+            f"{path} must hold the token in one line; make it with: openssl rand -hex 32 > {path}"
+        )
     return token
 
 

@@ -87,9 +87,10 @@ class WorkerSlot:
         """Start a process and wait until it can be used; raises `LightprobeError` when it cannot."""
         settings, number = self.settings, self.number
         process = WorkerProcess(
-            settings.command(self.assignment), environment=self.assignment.environment,
+            settings.command(self.assignment),
+            environment=self.assignment.environment,
             on_text=lambda text: settings.on_text(number, text),
-        )  # fmt: skip
+        )
         with self._lock:
             self._process, self._ended, self.objects, self.told = process, None, frozenset(), {}
         process.ask(START, lambda stage: None)

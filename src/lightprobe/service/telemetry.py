@@ -52,7 +52,12 @@ class JsonLines(logging.Handler):
         if record.exc_info and record.exc_info[1] is not None:
             values = {**values, "traceback": "".join(traceback.format_exception(record.exc_info[1]))}
         time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
-        line = {"time": time, "level": record.levelname.lower(), "event": getattr(record, "event", "message"), **values}
+        line = {
+            "time": time,
+            "level": record.levelname.lower(),
+            "event": getattr(record, "event", "message"),
+            **values,
+        }
         try:
             with self._writing:
                 self._stream.write(json.dumps(line, default=str) + "\n")
@@ -69,9 +74,15 @@ class Telemetry:
         disable_created_metrics()  # when each count began is of no use, and doubles what is sent
         self._logger, self._registry = logger, CollectorRegistry()
         names: dict[str, Any] = {"registry": self._registry, "namespace": "lightprobe"}
-        self.requests = Counter("requests", "Answers, by route and HTTP status.", ["route", "status"], **names)
+        self.requests = Counter(
+            "requests", "Answers, by route and HTTP status.", ["route", "status"], **names
+        )
         self.seconds = Histogram(
-            "request_seconds", "From the head of a request to its answer.", ["route"], buckets=_SECONDS, **names
+            "request_seconds",
+            "From the head of a request to its answer.",
+            ["route"],
+            buckets=_SECONDS,
+            **names,
         )
         self.waited = Histogram("waiting_seconds", "In the queue.", buckets=_SECONDS, **names)
         self.predicted = Histogram(
@@ -81,7 +92,9 @@ class Telemetry:
         self.uploads = Gauge("uploads", "Requests whose bodies are being received.", **names)
         self._ends = Counter("worker_ends", "Processes that ended, by reason.", ["reason"], **names)
         self._failures = Counter("worker_start_failures", "Processes that could not be started.", **names)
-        self._retries = Counter("retries", "Requests whose worker died and that were tried once more.", **names)
+        self._retries = Counter(
+            "retries", "Requests whose worker died and that were tried once more.", **names
+        )
         self._names = names
 
     def watch(self, pool: "Pool") -> None:
@@ -112,7 +125,9 @@ class Telemetry:
 
     def worker_started(self, slot: WorkerSlot) -> None:
         """Take note of a process that can be used."""
-        self.log(logging.INFO, "worker started", worker=slot.number, pid=slot.pid, device=slot.assignment.device)
+        self.log(
+            logging.INFO, "worker started", worker=slot.number, pid=slot.pid, device=slot.assignment.device
+        )
 
     def worker_failed(self, slot: WorkerSlot, error: LightprobeError) -> None:
         """Take note of a process that could not be started."""
@@ -139,7 +154,10 @@ _OF_WORKERS: Mapping[str, tuple[str, Callable[[WorkerSlot], float]]] = {
     "loaded_objects": ("Objects that a worker keeps loaded.", lambda slot: len(slot.told.get("objects", ()))),
     "loaded_object_bytes": ("What these take.", lambda slot: slot.told.get("held", 0)),
     "object_loads": ("Objects loaded since the worker started.", lambda slot: slot.told.get("loads", 0)),
-    "object_evictions": ("Objects let go for want of room since then.", lambda slot: slot.told.get("evictions", 0)),
+    "object_evictions": (
+        "Objects let go for want of room since then.",
+        lambda slot: slot.told.get("evictions", 0),
+    ),
 }
 
 

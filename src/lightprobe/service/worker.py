@@ -1,6 +1,8 @@
-"""The process that computes for the service, see `service.worker_loop`: predictions, with objects that stay loaded.
+"""The process that computes for the service, see `service.worker_loop`: predictions, with objects that stay
+loaded.
 
-Before any request it says {"result": {"ready": true, ...}}. Every result has "worker": what it keeps and how much.
+Before any request it says {"result": {"ready": true, ...}}. Every result has "worker": what it keeps and how
+much.
 """
 
 import os
@@ -23,7 +25,9 @@ class Worker:
     """What can be asked for, and what is kept between requests."""
 
     def __init__(self, device: str, threads: int, cache: int, max_pixels: int):
-        """Compute on `device` with `threads`; keep `cache` bytes of objects, take photos of up to `max_pixels`."""
+        """Compute on `device` with `threads`; keep `cache` bytes of objects, take photos of up to
+        `max_pixels`.
+        """
         torch.set_num_threads(threads)
         self._runs, self._max_pixels = LoadedRuns(resolve_device(device), memory=cache), max_pixels
 
@@ -33,10 +37,16 @@ class Worker:
             return {"ready": True}
         result = predict(self._runs, request, self._max_pixels, tell)
         held = self._runs.trim()
-        return {**result, "worker": {
-            "objects": [Path(path).name for path in self._runs.paths], "held": held, "loads": self._runs.loads,
-            "evictions": self._runs.evictions, "resident": resident_bytes(os.getpid()),
-        }}  # fmt: skip
+        return {
+            **result,
+            "worker": {
+                "objects": [Path(path).name for path in self._runs.paths],
+                "held": held,
+                "loads": self._runs.loads,
+                "evictions": self._runs.evictions,
+                "resident": resident_bytes(os.getpid()),
+            },
+        }
 
 
 def reworded(request: dict[str, Any], sentence: str) -> str:

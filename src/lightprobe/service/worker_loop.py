@@ -24,12 +24,15 @@ Reworded = Callable[[dict[str, Any], str], str]
 
 
 def answer_requests(
-    answer: Answer, reworded: Reworded = lambda request, sentence: sentence, keep: Callable[[str], None] | None = None
+    answer: Answer,
+    reworded: Reworded = lambda request, sentence: sentence,
+    keep: Callable[[str], None] | None = None,
 ) -> None:
     """Answer requests until there are no more.
 
-    The result of `answer` gets the list "warnings", a sentence each. reworded: says a sentence so that the person who
-    asked knows the files in it. keep: takes unexpected tracebacks, see `core.failures.reporting_errors`.
+    The result of `answer` gets the list "warnings", a sentence each. reworded: says a sentence so that the
+    person who asked knows the files in it. keep: takes unexpected tracebacks, see
+    `core.failures.reporting_errors`.
     """
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
@@ -49,7 +52,7 @@ def answer_requests(
 
 def _result(
     answer: Answer, request: dict[str, Any], tell: Tell, keep: Callable[[str], None] | None
-) -> tuple[dict[str, Any], list[str]]:  # fmt: skip
+) -> tuple[dict[str, Any], list[str]]:
     """Return the result of a request and our own warnings meanwhile."""
     with reporting_errors(keep=keep), warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always", LightprobeWarning)

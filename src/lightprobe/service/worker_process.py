@@ -1,4 +1,6 @@
-"""A process that computes, seen from its server: JSON lines to it and back. `service.worker_loop` is its other end."""
+"""A process that computes, seen from its server: JSON lines to it and back. `service.worker_loop` is its
+other end.
+"""
 
 import json
 import os
@@ -23,19 +25,26 @@ class WorkerProcess:
     """A process that answers one request after the other."""
 
     def __init__(
-        self, command: Sequence[str], *, environment: Mapping[str, str] | None = None,
+        self,
+        command: Sequence[str],
+        *,
+        environment: Mapping[str, str] | None = None,
         on_text: Callable[[str], None] | None = None,
-    ):  # fmt: skip
+    ):
         """Start it; in a session of its own, so that Ctrl-C reaches the server alone.
 
-        environment: variables beside those of this process. on_text: takes the lines it writes to standard error,
-        which else is that of this process.
+        environment: variables beside those of this process. on_text: takes the lines it writes to standard
+        error, which else is that of this process.
         """
         errors = None if on_text is None else subprocess.PIPE
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, start_new_session=True,
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,
             env={**os.environ, **(environment or {})},
-        )  # fmt: skip
+        )
         if on_text is not None and self._process.stderr is not None:
             threading.Thread(target=_forward, args=(self._process.stderr, on_text), daemon=True).start()
 

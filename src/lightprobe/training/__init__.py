@@ -1,7 +1,8 @@
-"""The one way of descending that all trainings share: Phase I's passes, Phase II's networks, a prediction's refinement.
+"""The one way of descending that all trainings share: Phase I's passes, Phase II's networks, a prediction's
+refinement.
 
-`adam` moves named parameters, each group at its own rate. `descent` takes one step down a loss, on a GPU from a
-recording. `loop` takes the steps of a stage, reports them, and writes and reads its checkpoints.
+`adam` moves named parameters, each group at its own rate. `descent` takes one step down a loss, on a GPU from
+a recording. `loop` takes the steps of a stage, reports them, and writes and reads its checkpoints.
 """
 
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)

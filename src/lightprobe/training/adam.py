@@ -2,12 +2,13 @@
 
     m <- b1 m + (1 - b1) g,   v <- b2 v + (1 - b2) g^2,   x <- x - rate  m' / (sqrt(v') + epsilon)
 
-m' and v' are m and v over 1 - b1^t and 1 - b2^t. Adam moves a parameter by about its rate at each step, however large
-its gradient is, so a rate is in the parameter's own unit. With damping, epsilon is at least that share of the root mean
-square of the group's first gradient: values that the loss hardly depends on then move less than the others.
+m' and v' are m and v over 1 - b1^t and 1 - b2^t. Adam moves a parameter by about its rate at each step,
+however large its gradient is, so a rate is in the parameter's own unit. With damping, epsilon is at least
+that share of the root mean square of the group's first gradient: values that the loss hardly depends on then
+move less than the others.
 
-The arithmetic is PyTorch's function and not its class: the first use of any `torch.optim.Optimizer` imports PyTorch's
-compiler, two seconds, of which a prediction in a new process would be the longest part.
+The arithmetic is PyTorch's function and not its class: the first use of any `torch.optim.Optimizer` imports
+PyTorch's compiler, two seconds, of which a prediction in a new process would be the longest part.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,13 +43,18 @@ class Adam:
     """The optimiser: parameters, their rates, and the moments of their gradients, all by name."""
 
     def __init__(
-        self, groups: Sequence[ParameterGroup], *, betas: tuple[float, float] = (0.9, 0.999), epsilon: float = 1e-8,
-        fused: bool = True, recordable: bool = False,
-    ):  # fmt: skip
+        self,
+        groups: Sequence[ParameterGroup],
+        *,
+        betas: tuple[float, float] = (0.9, 0.999),
+        epsilon: float = 1e-8,
+        fused: bool = True,
+        recordable: bool = False,
+    ):
         """Take the groups; no two parameters may share a name.
 
-        fused: one kernel for a whole group; both ways round differently. recordable: all numbers that change are held
-        in tensors on the parameters' device, where a recording of a step reads them; needs a GPU.
+        fused: one kernel for a whole group; both ways round differently. recordable: all numbers that change
+        are held in tensors on the parameters' device, where a recording of a step reads them; needs a GPU.
         """
         self.parameters = {name: p for group in groups for name, p in group.parameters.items()}
         if len(self.parameters) < sum(len(group.parameters) for group in groups):
@@ -92,11 +98,22 @@ class Adam:
             moments = [self._moments_of(name, p) for name, p in moving.items()]
             rate = self._rates[i]
             adam(
-                list(moving.values()), gradients, [m.mean for m in moments], [m.square for m in moments], [],
-                [m.updates for m in moments], amsgrad=False, beta1=self._betas[0], beta2=self._betas[1],
-                lr=rate, weight_decay=0.0, eps=self._epsilon(i, gradients), maximize=False, fused=self._fused,
+                list(moving.values()),
+                gradients,
+                [m.mean for m in moments],
+                [m.square for m in moments],
+                [],
+                [m.updates for m in moments],
+                amsgrad=False,
+                beta1=self._betas[0],
+                beta2=self._betas[1],
+                lr=rate,
+                weight_decay=0.0,
+                eps=self._epsilon(i, gradients),
+                maximize=False,
+                fused=self._fused,
                 capturable=self._recordable,
-            )  # fmt: skip
+            )
 
     def _epsilon(self, i: int, gradients: list[Tensor]) -> float:
         """Return the epsilon of a group, found at its first step where it is damped."""
@@ -110,12 +127,16 @@ class Adam:
     def _moments_of(self, name: str, parameter: Tensor) -> _Moments:
         if name not in self._moments:
             device = parameter.device if self._fused or self._recordable else None
-            mean, square = (torch.zeros_like(parameter, memory_format=torch.preserve_format) for _ in range(2))
+            mean, square = (
+                torch.zeros_like(parameter, memory_format=torch.preserve_format) for _ in range(2)
+            )
             self._moments[name] = _Moments(mean, square, torch.zeros((), device=device))
         return self._moments[name]
 
     def state(self) -> dict[str, Tensor]:
-        """Return what a checkpoint holds: `parameter.<name>`, and once it has moved `adam_mean.<name>` and so on."""
+        """Return what a checkpoint holds: `parameter.<name>`, and once it has moved `adam_mean.<name>` and so
+        on.
+        """
         tensors = {_parameter(name): p.detach() for name, p in self.parameters.items()}
         for name, moments in self._moments.items():
             tensors |= {f"{_MEAN}.{name}": moments.mean, f"{_SQUARE}.{name}": moments.square}

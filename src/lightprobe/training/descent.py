@@ -1,7 +1,8 @@
 """One step down a loss: gradient, bound, update; on a GPU from a recording where the loss allows it.
 
-Several processes take a step together: each finds the gradient of its own loss, and all move down the mean of these.
-What they exchange lies between two recordings and in none, as whether it could depends on the GPUs and their links.
+Several processes take a step together: each finds the gradient of its own loss, and all move down the mean of
+these. What they exchange lies between two recordings and in none, as whether it could depends on the GPUs and
+their links.
 """
 
 import math
@@ -24,7 +25,9 @@ def constant(rate: float, step: int) -> float:
 
 
 def exponential(steps: int, warm_up: int = 0) -> Schedule:
-    """Return the schedule whose rate falls to a tenth over `steps` (paper, section 4.2), after a linear warm-up."""
+    """Return the schedule whose rate falls to a tenth over `steps` (paper, section 4.2), after a linear
+    warm-up.
+    """
 
     def rate_at(rate: float, step: int) -> float:
         warm = 1.0 if warm_up == 0 else min(1.0, (step + 1) / warm_up)
@@ -42,18 +45,26 @@ class Descent:
     """Steps of Adam down a loss."""
 
     def __init__(
-        self, groups: Sequence[ParameterGroup], loss: Callable[..., Tensor], *, schedule: Schedule = constant,
-        betas: tuple[float, float] = (0.9, 0.999), epsilon: float = 1e-8, fused: bool | None = None,
-        recordable: bool = False, largest_gradient: float | None = None, after: Callable[[], None] | None = None,
+        self,
+        groups: Sequence[ParameterGroup],
+        loss: Callable[..., Tensor],
+        *,
+        schedule: Schedule = constant,
+        betas: tuple[float, float] = (0.9, 0.999),
+        epsilon: float = 1e-8,
+        fused: bool | None = None,
+        recordable: bool = False,
+        largest_gradient: float | None = None,
+        after: Callable[[], None] | None = None,
         processes: Processes = ALONE,
-    ):  # fmt: skip
+    ):
         """Make a descent on the parameters of `groups`.
 
-        loss: returns the loss () of what a step is given. fused: as in `Adam`; by default only where steps are
-        recorded. recordable: whether the loss depends on the parameters and the tensors it is given alone, so that a
-        GPU may replay a step. largest_gradient: bound on the norm of the whole gradient. after: called after each
-        update, brings parameters back into their ranges. processes: who takes the steps together, from equal
-        parameters down the mean of their losses.
+        loss: returns the loss () of what a step is given. fused: as in `Adam`; by default only where steps
+        are recorded. recordable: whether the loss depends on the parameters and the tensors it is given
+        alone, so that a GPU may replay a step. largest_gradient: bound on the norm of the whole gradient.
+        after: called after each update, brings parameters back into their ranges. processes: who takes the
+        steps together, from equal parameters down the mean of their losses.
         """
         device = next(iter(groups[0].parameters.values())).device
         recorder = recorder_for(device) if recordable else None
@@ -66,7 +77,8 @@ class Descent:
         self._step = self._step_recorded_by(recorder)
 
     def step(self, number: int, *given: Any) -> Tensor:
-        """Take the step `number` down the loss of what is `given`, and return that loss () without a gradient.
+        """Take the step `number` down the loss of what is `given`, and return that loss () without a
+        gradient.
 
         Of several processes' losses that is the mean. Raises `ResourceError` when one of them has ended.
         """

@@ -6,9 +6,9 @@ A phase is trained in stages, one after the other. A checkpoint holds, by name,
     buffer.<name>     what the stage changes without a gradient
     start.<name>      what the stage started from, the same in all its checkpoints
 
-and in its state phase, stage, the stage's steps done, configuration and seed. The random streams depend on seed and
-step alone, so a resumed training ends with the bits of an uninterrupted one on a CPU; a GPU adds gradients in an order
-of its own.
+and in its state phase, stage, the stage's steps done, configuration and seed. The random streams depend on
+seed and step alone, so a resumed training ends with the bits of an uninterrupted one on a CPU; a GPU adds
+gradients in an order of its own.
 """
 
 import json
@@ -71,7 +71,9 @@ class Task(Protocol):
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of a phase: its name, its length, where it lies in the phase's count of steps, and how it descends."""
+    """A part of a phase: its name, its length, where it lies in the phase's count of steps, and how it
+    descends.
+    """
 
     name: str
     first_step: int
@@ -90,7 +92,9 @@ class Progress:
     on_step: OnStep | None = None
     on_message: Callable[[str], None] | None = None
     on_checkpoint: Callable[[], None] | None = None  # after each one that is saved
-    on_score: Callable[[str, float, float], None] | None = None  # stage, dB on held-out photos before and after it
+    on_score: Callable[[str, float, float], None] | None = (
+        None  # stage, dB on held-out photos before and after it
+    )
 
     def step(self, stage: str, step: int, steps: int, loss: float) -> None:
         """Report a finished step."""
@@ -143,19 +147,23 @@ class Training:
         return found
 
     def restoring(self, step: int) -> AbstractContextManager[None]:
-        """Return what names the checkpoint of `step` when it turns out not to fit; nothing where there are none."""
+        """Return what names the checkpoint of `step` when it turns out not to fit; nothing where there are
+        none.
+        """
         checkpoints = self.progress.checkpoints
         return checkpoints.restoring(step) if checkpoints else nullcontext()
 
     def latest(self) -> Resumed | None:
         """Return the newest checkpoint, None without one.
 
-        Raises `ConfigError` for one of another configuration or seed, `InputError` for one of another training or when
-        several processes do not find the same one.
+        Raises `ConfigError` for one of another configuration or seed, `InputError` for one of another
+        training or when several processes do not find the same one.
         """
         resumed = self.processes.first_then_others(self._latest)
         if not self.processes.agree(-1 if resumed is None else resumed.step):
-            raise InputError("The processes find different checkpoints: the run folder must be one that all see.")
+            raise InputError(
+                "The processes find different checkpoints: the run folder must be one that all see."
+            )
         return resumed
 
     def _latest(self) -> Resumed | None:
@@ -181,7 +189,9 @@ class Training:
         return Resumed(name, done, step, tensors)
 
     def save(self, stage: Stage, done: int, tensors: dict[str, Tensor]) -> None:
-        """Write the checkpoint of a stage after `done` steps, if there are checkpoints and it is ours to write."""
+        """Write the checkpoint of a stage after `done` steps, if there are checkpoints and it is ours to
+        write.
+        """
         if self.progress.checkpoints and self.processes.first:
             state = {"phase": self.phase, "stage": stage.name, "iteration": done, "config": self.config}
             self.progress.checkpoints.save(stage.first_step + done, tensors, {**state, "seed": self.seed})
@@ -194,12 +204,16 @@ class Training:
         return dict(start)
 
     def run(
-        self, task: Task, stage: Stage, resumed: Resumed | None = None, start: Mapping[str, Tensor] | None = None
+        self,
+        task: Task,
+        stage: Stage,
+        resumed: Resumed | None = None,
+        start: Mapping[str, Tensor] | None = None,
     ) -> None:
         """Take all steps of a stage, or those that are left after the checkpoint `resumed`.
 
-        start: what the stage starts from, by name, to be kept in its checkpoints. Raises `ConvergenceError` when the
-        loss stops being finite.
+        start: what the stage starts from, by name, to be kept in its checkpoints. Raises `ConvergenceError`
+        when the loss stops being finite.
         """
         now = [0]  # a recorded loss does not look at it
 
@@ -207,10 +221,17 @@ class Training:
             return task.loss(now[0], now[0] / max(stage.iterations, 1), *given)
 
         descent = Descent(
-            task.groups(), loss, schedule=stage.schedule, betas=stage.betas, epsilon=stage.epsilon, fused=True,
-            recordable=task.recordable, largest_gradient=stage.largest_gradient, after=task.project,
+            task.groups(),
+            loss,
+            schedule=stage.schedule,
+            betas=stage.betas,
+            epsilon=stage.epsilon,
+            fused=True,
+            recordable=task.recordable,
+            largest_gradient=stage.largest_gradient,
+            after=task.project,
             processes=self.processes,
-        )  # fmt: skip
+        )
         done = 0 if resumed is None else resumed.done
         if resumed is not None and done > 0:
             with self.restoring(resumed.step):
@@ -222,7 +243,9 @@ class Training:
             now[0] = iteration
             if iteration % self.checkpoint_every == 0:
                 task.refresh(iteration, iteration / max(stage.iterations, 1))
-            losses.add(descent.step(iteration, *task.given(iteration)), partial(self._note, task, stage, iteration))
+            losses.add(
+                descent.step(iteration, *task.given(iteration)), partial(self._note, task, stage, iteration)
+            )
             if (iteration + 1) % self.checkpoint_every and iteration + 1 < stage.iterations:
                 continue
             losses.read()  # before a checkpoint, which must not keep what has gone wrong
@@ -240,7 +263,9 @@ class Training:
 
 
 def visited(seed: int, stream: str, count: int, step: int) -> int:
-    """Return which of `count` photos `step` visits: each once an epoch, in an order of (seed, stream, epoch) alone."""
+    """Return which of `count` photos `step` visits: each once an epoch, in an order of (seed, stream, epoch)
+    alone.
+    """
     epoch, place = divmod(step, count)
     return int(torch.randperm(count, generator=generator(seed, stream, epoch))[place])
 

@@ -11,8 +11,8 @@ _ON_GPU = 25  # steps; few enough that a training gone wrong is noticed within s
 class LossReader:
     """Hands each step's loss, as a number, to who wants to know it.
 
-    Reading a number from a GPU waits for all that was asked of it, and leaves it idle until the next step is prepared.
-    So there the losses of some steps are read at once. On a CPU nothing is gained by waiting.
+    Reading a number from a GPU waits for all that was asked of it, and leaves it idle until the next step is
+    prepared. So there the losses of some steps are read at once. On a CPU nothing is gained by waiting.
     """
 
     def __init__(self, device: torch.device):

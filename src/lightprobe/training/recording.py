@@ -1,7 +1,7 @@
 """Steps recorded on a GPU and replayed: CUDA graphs.
 
-A step of descent on small tensors is a hundred kernels that keep a GPU busy for less time than the CPU needs to ask for
-them one by one. Recorded, they are asked for at once.
+A step of descent on small tensors is a hundred kernels that keep a GPU busy for less time than the CPU needs
+to ask for them one by one. Recorded, they are asked for at once.
 """
 
 import contextlib
@@ -39,10 +39,10 @@ class Recorder(Protocol):
 class RecordedStep:
     """A step that is made as it is on a CPU, and from a recording on a GPU.
 
-    The step takes tensors and returns its loss (), or another tensor, which is no part of a gradient any more. What
-    changes from one call to the next it finds in those tensors or in others that are changed in place, never in
-    Python's numbers; and it copies nothing from or to the CPU. The first shapes that come up often are recorded; others
-    are stepped singly.
+    The step takes tensors and returns its loss (), or another tensor, which is no part of a gradient any
+    more. What changes from one call to the next it finds in those tensors or in others that are changed in
+    place, never in Python's numbers; and it copies nothing from or to the CPU. The first shapes that come up
+    often are recorded; others are stepped singly.
     """
 
     def __init__(self, step: Callable[..., Tensor], recorder: Recorder | None):
@@ -102,8 +102,9 @@ class CudaRecorder:
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
         """Return the place of the call's result () and the replay of its graph.
 
-        Ending a capture that was broken fails in turn, before PyTorch has left the stream it recorded on and before
-        its allocator knows of the end; both are made good here, so that whoever catches the error can go on.
+        Ending a capture that was broken fails in turn, before PyTorch has left the stream it recorded on and
+        before its allocator knows of the end; both are made good here, so that whoever catches the error can
+        go on.
         """
         graph, pool = torch.cuda.CUDAGraph(), torch.cuda.graph_pool_handle()
         try:
@@ -115,7 +116,10 @@ class CudaRecorder:
                 result = call()
         except RuntimeError:
             _refused.append(graph)
-            with torch.cuda.device(self._device), contextlib.suppress(RuntimeError):  # where the capture did end
+            with (
+                torch.cuda.device(self._device),
+                contextlib.suppress(RuntimeError),
+            ):  # where the capture did end
                 torch._C._cuda_endAllocateToPool(torch.cuda.current_device(), pool)
                 torch._C._cuda_releasePool(torch.cuda.current_device(), pool)
             graph.reset()

@@ -51,7 +51,9 @@ class Session:
 
 
 def create_app(session: Session, hosts: frozenset[str], token: str | None) -> App:
-    """Return the application of a session, behind its guard: asked for under `hosts`, with `token` unless None."""
+    """Return the application of a session, behind its guard: asked for under `hosts`, with `token` unless
+    None.
+    """
     from lightprobe.view.routes import jobs, runs, scenes, uploads
 
     app = FastAPI(title="lightprobe", docs_url=None, redoc_url=None, openapi_url=None)
@@ -76,8 +78,12 @@ def _about(session: Session) -> dict[str, object]:
     """Return what the page must know first."""
     return {
         "version": version("lightprobe"),
-        "runs": [{"index": i, "name": one.run.path.resolve().name} for i, one in enumerate(session.sources.runs)],
-        "scenes": [{"index": i, "name": one.folder.resolve().name} for i, one in enumerate(session.sources.scenes)],
+        "runs": [
+            {"index": i, "name": one.run.path.resolve().name} for i, one in enumerate(session.sources.runs)
+        ],
+        "scenes": [
+            {"index": i, "name": one.folder.resolve().name} for i, one in enumerate(session.sources.scenes)
+        ],
         "limits": {kind.value: limit for kind, limit in LIMITS.items()},
     }
 

@@ -1,7 +1,7 @@
 """The object of a run in training for the page: the surface of its newest checkpoint, and its base colours.
 
-forming.bin, little endian: vertex count V and face count F as uint32, then (V, 3) float32 positions in glTF's y-up
-frame and the user's units, (V, 3) float32 linear base colours, (F, 3) uint32 corners.
+forming.bin, little endian: vertex count V and face count F as uint32, then (V, 3) float32 positions in glTF's
+y-up frame and the user's units, (V, 3) float32 linear base colours, (F, 3) uint32 corners.
 """
 
 import struct
@@ -34,7 +34,9 @@ class FormingObjects:
         self._known: tuple[tuple[Path, str], FormingObject] | None = None  # by run and training
 
     def write(self, path: Path, folder: Path, tell: Callable[[str], None]) -> dict[str, Any]:
-        """Write forming.bin into `folder` and return its step and sizes; raise `InputError` without a checkpoint."""
+        """Write forming.bin into `folder` and return its step and sizes; raise `InputError` without a
+        checkpoint.
+        """
         run = RunFolder.open(path)
         latest = run.checkpoints.latest()
         if latest is None:
@@ -52,7 +54,9 @@ class FormingObjects:
         return {"files": files, "step": step, "stage": surface.stage, "faces": len(surface.faces)}
 
 
-def encoded(vertices: torch.Tensor, faces: torch.Tensor, color: torch.Tensor, similarity: Similarity) -> bytes:
+def encoded(
+    vertices: torch.Tensor, faces: torch.Tensor, color: torch.Tensor, similarity: Similarity
+) -> bytes:
     """Return vertices (V, 3) of the normalised frame, faces (F, 3) and linear colours (V, 3) as forming.bin."""
     positions = to_y_up(similarity.invert(vertices.cpu().numpy())).astype("<f4")
     colors, corners = color.clamp(0, 1).cpu().numpy().astype("<f4"), faces.cpu().numpy().astype("<u4")

@@ -1,4 +1,6 @@
-"""A thing of the person's own put into a photo whose light is predicted, for the page: the picture and its layers."""
+"""A thing of the person's own put into a photo whose light is predicted, for the page: the picture and its
+layers.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,16 +20,18 @@ from lightprobe.view.predicting import MAP
 
 PICTURE = "inserted.png"
 _TITLES = {
-    PICTURE: "the photo with it", "inserted.beauty.exr": "the thing alone, linear",
-    "inserted.shadow.exr": "what it takes from the light, linear", "inserted.mask.exr": "its mask",
-}  # fmt: skip
+    PICTURE: "the photo with it",
+    "inserted.beauty.exr": "the thing alone, linear",
+    "inserted.shadow.exr": "what it takes from the light, linear",
+    "inserted.mask.exr": "its mask",
+}
 
 
 def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
     """Put the GLB `upload` of a request into the file `photo`, whose light the folder `prediction` holds.
 
-    Returns what the page is told. Raises `InputError` for a GLB that cannot be used, `ConfigError` for a place that
-    cannot be.
+    Returns what the page is told. Raises `InputError` for a GLB that cannot be used, `ConfigError` for a
+    place that cannot be.
     """
     folder, prediction, image = (Path(request[key]) for key in ("folder", "prediction", "photo"))
     tell("loading the object")
@@ -42,7 +46,9 @@ def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[st
     made = insert(decomposition, light, photo, thing, Wish(place, request["scale"], request["turn"]))
     made.write(LayerFiles.of(folder / PICTURE))
     return {
-        "files": [{"name": name, "title": title} for name, title in _TITLES.items()], "picture": PICTURE,
-        "at": [made.at[0] / camera.width, made.at[1] / camera.height], "scale": made.scale,
+        "files": [{"name": name, "title": title} for name, title in _TITLES.items()],
+        "picture": PICTURE,
+        "at": [made.at[0] / camera.width, made.at[1] / camera.height],
+        "scale": made.scale,
         "sentences": [*doubt_about_up(run), *made.warnings],
-    }  # fmt: skip
+    }

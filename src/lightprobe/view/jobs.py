@@ -1,7 +1,7 @@
 """Work that takes seconds, one piece after the other in a process of its own, so that the page stays alive.
 
-The process keeps what it has loaded. It may be killed or run out of memory: the job at hand then fails with a sentence
-and the next one gets a new process. A job that takes too long is stopped the same way.
+The process keeps what it has loaded. It may be killed or run out of memory: the job at hand then fails with a
+sentence and the next one gets a new process. A job that takes too long is stopped the same way.
 """
 
 import queue
@@ -74,10 +74,16 @@ class Job:
     def to_json(self) -> dict[str, Any]:
         """Return what the page is told."""
         return {
-            "id": self.id, "task": self.task, "title": self.title, "state": self.state, "stage": self.stage,
-            "sentence": self.sentence, "result": self.result, "began": self.began,
+            "id": self.id,
+            "task": self.task,
+            "title": self.title,
+            "state": self.state,
+            "stage": self.stage,
+            "sentence": self.sentence,
+            "result": self.result,
+            "began": self.began,
             "about": {key: self.request[key] for key in ("run_index", "photo_job") if key in self.request},
-        }  # fmt: skip
+        }
 
 
 class Jobs:
@@ -100,7 +106,9 @@ class Jobs:
         folder = self._folder / id
         with self._lock:
             if sum(job.state is JobState.WAITING for job in self._jobs.values()) >= _WAITING:
-                raise ResourceError("Too much is waiting to be computed already; try again when some of it is done.")
+                raise ResourceError(
+                    "Too much is waiting to be computed already; try again when some of it is done."
+                )
             folder.mkdir(parents=True)
             job = self._jobs[id] = Job(id, task, title, {**request, "folder": str(folder)}, folder)
             self._forget_oldest()
@@ -166,7 +174,9 @@ class Jobs:
             except LightprobeError as error:
                 self._end(job, JobState.FAILED, sentence=str(error))
             except Exception as error:  # whatever it is, the next job must get its turn
-                self._end(job, JobState.FAILED, sentence=f"This failed in an unexpected way ({error}); try again.")
+                self._end(
+                    job, JobState.FAILED, sentence=f"This failed in an unexpected way ({error}); try again."
+                )
             else:
                 self._end(job, JobState.DONE, result=result)
 
@@ -194,7 +204,9 @@ class Jobs:
         timer = threading.Timer(limit, stop)
         timer.start()
         try:
-            return worker.ask({"task": job.task.value, **job.request}, lambda stage: setattr(job, "stage", stage))
+            return worker.ask(
+                {"task": job.task.value, **job.request}, lambda stage: setattr(job, "stage", stage)
+            )
         except WorkerEndedError as error:
             if late.is_set():
                 raise ResourceError(

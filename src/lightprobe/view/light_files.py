@@ -1,7 +1,7 @@
 """Environment maps as the page takes them: half floats, ready for the graphics card.
 
-A map goes out as rows from the bottom up, (H, 2H) texels of four half floats R, G, B, 1, linear radiance in the
-convention of our files (z up), which three.js' y-up scene needs no turn for.
+A map goes out as rows from the bottom up, (H, 2H) texels of four half floats R, G, B, 1, linear radiance in
+the convention of our files (z up), which three.js' y-up scene needs no turn for.
 """
 
 import struct
@@ -28,14 +28,18 @@ class LightTexels:
 
 
 def light_suffix(path: Path, name: str) -> str:
-    """Return the suffix of a map by what its file holds; raise `InputError` calling it `name` for another file."""
+    """Return the suffix of a map by what its file holds; raise `InputError` calling it `name` for another
+    file.
+    """
     with open(path, "rb") as file:
         start = file.read(4)
     if len(start) == 4 and struct.unpack("<I", start)[0] == 20000630:  # OpenEXR's magic number
         return ".exr"
     if start.startswith(b"#?"):
         return ".hdr"
-    raise InputError(f"{name} is no OpenEXR and no Radiance HDR file; choose an .exr or .hdr environment map.")
+    raise InputError(
+        f"{name} is no OpenEXR and no Radiance HDR file; choose an .exr or .hdr environment map."
+    )
 
 
 def light_texels(path: Path) -> LightTexels:

@@ -1,4 +1,6 @@
-"""The page's address: a socket on this machine alone or on the network at home, a token, a QR code for the phone."""
+"""The page's address: a socket on this machine alone or on the network at home, a token, a QR code for the
+phone.
+"""
 
 import secrets
 import socket
@@ -26,7 +28,9 @@ class Address:
 
     @property
     def hosts(self) -> frozenset[str]:
-        """The names under which the page may be asked for, each with its port, which browsers leave out if it is 80."""
+        """The names under which the page may be asked for, each with its port, which browsers leave out if it
+        is 80.
+        """
         names = [_LOCAL, "localhost", *([] if self.network is None else [self.network])]
         return frozenset([f"{name}:{self.port}" for name in names] + (names if self.port == _HTTP else []))
 
@@ -63,16 +67,22 @@ def _own_address() -> str:
             probe.connect(_SOMEWHERE)
             return str(probe.getsockname()[0])
         except OSError as error:
-            raise ResourceError("--lan needs a network, and this machine is in none; leave the option out.") from error
+            raise ResourceError(
+                "--lan needs a network, and this machine is in none; leave the option out."
+            ) from error
 
 
 def qr_code(text: str) -> str:
     """Return a QR code for a terminal, two rows of modules to a line; raise `ConfigError` without segno."""
     segno = extra_library("segno", "A QR code", "view")
-    rows = [[bool(cell) for cell in row] for row in segno.make(text, micro=False, error="l").matrix_iter(border=2)]
+    rows = [
+        [bool(cell) for cell in row] for row in segno.make(text, micro=False, error="l").matrix_iter(border=2)
+    ]
     if len(rows) % 2:
         rows.append([False] * len(rows[0]))
     # Light modules are drawn, so that the code reads on a dark terminal; most readers take it inverted, too.
     blocks = {(False, False): "█", (False, True): "▀", (True, False): "▄", (True, True): " "}
     pairs = zip(rows[::2], rows[1::2], strict=True)
-    return "\n".join("".join(blocks[pair] for pair in zip(upper, lower, strict=True)) for upper, lower in pairs)
+    return "\n".join(
+        "".join(blocks[pair] for pair in zip(upper, lower, strict=True)) for upper, lower in pairs
+    )

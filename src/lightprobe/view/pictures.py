@@ -16,7 +16,8 @@ _OPAQUE = 0.99  # alpha from which a photo counts as not cut out
 
 
 def run_photo(source: RunSource, photo: RunPhoto) -> bytes:
-    """Return a photo of a run as PNG or JPEG, through a pinhole as its camera says; cut-out ones keep their alpha.
+    """Return a photo of a run as PNG or JPEG, through a pinhole as its camera says; cut-out ones keep their
+    alpha.
 
     Raises `InputError` when its file is gone or damaged.
     """

@@ -1,4 +1,6 @@
-"""The light in a photo for the page: camera, mask, map, confidence, balls and the object under the light, as files."""
+"""The light in a photo for the page: camera, mask, map, confidence, balls and the object under the light, as
+files.
+"""
 
 import time
 from collections.abc import Callable
@@ -34,17 +36,25 @@ _MAP_ROWS = 256  # of the pictures of maps
 _BALL = 192  # pixels across a ball
 
 _TITLES = {
-    "photo.jpg": "photo", "overlay.png": "the object's outline in the photo", "mask.png": "mask",
-    "camera.json": "camera", MAP: "environment map, OpenEXR", _RADIANCE: "environment map, Radiance HDR",
+    "photo.jpg": "photo",
+    "overlay.png": "the object's outline in the photo",
+    "mask.png": "mask",
+    "camera.json": "camera",
+    MAP: "environment map, OpenEXR",
+    _RADIANCE: "environment map, Radiance HDR",
     "light.light.json": "the light in numbers: lamps, harmonics, exposure",
-    "light.png": "environment map, picture", "confidence.exr": "confidence, OpenEXR",
-    "confidence.png": "confidence, picture", "balls.png": "diffuse, matte and mirror ball",
+    "light.png": "environment map, picture",
+    "confidence.exr": "confidence, OpenEXR",
+    "confidence.png": "confidence, picture",
+    "balls.png": "diffuse, matte and mirror ball",
     "render.png": "the object under this light",
-}  # fmt: skip
+}
 
 
 def load(models: LoadedRuns, request: dict[str, Any]) -> dict[str, Any]:
-    """Load the predictor of a run and what new photos are located by, so that the first photo need not wait for it."""
+    """Load the predictor of a run and what new photos are located by, so that the first photo need not wait
+    for it.
+    """
     loaded = models.get(RunFolder.open(Path(request["run"])))
     if loaded.run.views_file.is_file():
         loaded.locator()
@@ -52,12 +62,18 @@ def load(models: LoadedRuns, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
-    """Predict the light in the file `upload` of a request with the run `run`, and write all files into `folder`.
+    """Predict the light in the file `upload` of a request with the run `run`, and write all files into
+    `folder`.
 
-    Returns what the page is told. Raises `InputError` for a photo without the object and one that no light explains.
+    Returns what the page is told. Raises `InputError` for a photo without the object and one that no light
+    explains.
     """
     begin = time.perf_counter()
-    run, upload, folder = RunFolder.open(Path(request["run"])), Path(request["upload"]), Path(request["folder"])
+    run, upload, folder = (
+        RunFolder.open(Path(request["run"])),
+        Path(request["upload"]),
+        Path(request["folder"]),
+    )
     tell("loading the object")
     loaded = models.get(run)
     predictor = loaded.predictor
@@ -92,11 +108,15 @@ def _write_maps(prediction: Prediction, camera: Camera, folder: Path) -> None:
     back, up = (torch.from_numpy(camera.camera_to_world[:3, axis].copy()) for axis in (2, 1))
     balls = ThreeSpheres(back, up).picture(torch.from_numpy(image), _BALL)
     disc = np.hypot(*np.meshgrid(*[(np.arange(_BALL) + 0.5) * 2 / _BALL - 1] * 2)) < 1
-    write_png(folder / "balls.png", balls.clamp(0, 1).numpy(), np.tile(disc, 3).astype(np.float32), srgb=False)
+    write_png(
+        folder / "balls.png", balls.clamp(0, 1).numpy(), np.tile(disc, 3).astype(np.float32), srgb=False
+    )
 
 
 def _enlarged(encoded: np.ndarray) -> np.ndarray:
-    """Return a picture (h, w, 3) in [0, 1] with texels repeated up to 256 rows, so that a browser need not blur it."""
+    """Return a picture (h, w, 3) in [0, 1] with texels repeated up to 256 rows, so that a browser need not
+    blur it.
+    """
     factor = max(_MAP_ROWS // encoded.shape[0], 1)
     return np.clip(encoded, 0, 1).repeat(factor, 0).repeat(factor, 1)
 
@@ -117,8 +137,13 @@ def _told(photo: NewPhoto, prediction: Prediction, folder: Path, seconds: float)
     sources = [] if prediction.split is None else [source.to_json() for source in prediction.split.sources]
     files = [{"name": name, "title": title} for name, title in _TITLES.items() if (folder / name).is_file()]
     return {
-        "files": files, "verdict": prediction.verdict.status.value, "pose": pose, "sentences": sentences,
-        "seconds": {**prediction.seconds, "all": seconds}, "camera": photo.camera.to_json(),
-        "confidence": float(cubemap.sphere_mean(prediction.confidence)), "background": prediction.background.value,
+        "files": files,
+        "verdict": prediction.verdict.status.value,
+        "pose": pose,
+        "sentences": sentences,
+        "seconds": {**prediction.seconds, "all": seconds},
+        "camera": photo.camera.to_json(),
+        "confidence": float(cubemap.sphere_mean(prediction.confidence)),
+        "background": prediction.background.value,
         "sources": sources,
-    }  # fmt: skip
+    }

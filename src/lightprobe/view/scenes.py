@@ -41,7 +41,9 @@ class ScenePhotos:
         if not 0 <= index < len(self.images):
             raise InputError("This scene has no such photo any more; load the page again.")
         path = self.images[index]
-        return inside(self.source.folder, str(path.relative_to(self.source.folder)), source=self.source.folder)
+        return inside(
+            self.source.folder, str(path.relative_to(self.source.folder)), source=self.source.folder
+        )
 
     def mask_file(self, index: int) -> Path:
         """Return where a photo's mask is or goes; raise `InputError` where that lies outside of the folder."""
@@ -49,24 +51,33 @@ class ScenePhotos:
         return inside(self.source.folder, name, source=self.source.folder / PREPARED)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the page lists: photos with the agreement of mask and hull, warnings, the box that was drawn."""
+        """Return what the page lists: photos with the agreement of mask and hull, warnings, the box that was
+        drawn.
+        """
         report = read_json(self.source.folder / PREPARED) if self.source.prepared else {}
         report = report if isinstance(report, dict) else {}
         agreement = report.get("mask_hull_iou")
         agreement = agreement if isinstance(agreement, dict) else {}
         photos = [
-            {"name": path.stem, "file": path.name, "agreement": agreement.get(path.stem)} for path in self.images
-        ]  # fmt: skip
+            {"name": path.stem, "file": path.name, "agreement": agreement.get(path.stem)}
+            for path in self.images
+        ]
         hint = stored_hint(self.source.folder) if self.source.prepared else None
         warnings = [text for text in report.get("warnings", []) if isinstance(text, str)]
         return {
-            "name": self.source.folder.resolve().name, "folder": str(self.source.folder),
-            "prepared": self.source.prepared, "photos": photos, "warnings": warnings, "hint": hint,
-        }  # fmt: skip
+            "name": self.source.folder.resolve().name,
+            "folder": str(self.source.folder),
+            "prepared": self.source.prepared,
+            "photos": photos,
+            "warnings": warnings,
+            "hint": hint,
+        }
 
 
 def mask_picture(photos: ScenePhotos, index: int) -> bytes:
-    """Return a photo's mask as grey PNG, black where there is none; raise `InputError` when it cannot be read."""
+    """Return a photo's mask as grey PNG, black where there is none; raise `InputError` when it cannot be
+    read.
+    """
     path = photos.mask_file(index)
     if path.is_file():
         mask = shrink_area(read_mask(path), MASK_SIDE)
@@ -82,16 +93,21 @@ def mask_picture(photos: ScenePhotos, index: int) -> bytes:
 def save_mask(photos: ScenePhotos, index: int, painted: Path) -> Path:
     """Write a painted mask over a photo's, at the photo's size, and return its file.
 
-    Raises `ConfigError` for a folder of plain photos, `InputError` for a picture of another shape or without object.
+    Raises `ConfigError` for a folder of plain photos, `InputError` for a picture of another shape or without
+    object.
     """
     if not photos.source.prepared:
         raise ConfigError("This folder has no masks yet; draw a box and prepare it first.")
     width, height = image_size(photos.image(index))
     mask = read_mask(painted)
     if not same_shape((mask.shape[1], mask.shape[0]), (width, height)):
-        raise InputError(f"The painted mask is {mask.shape[1]} x {mask.shape[0]}, but the photo is {width} x {height}.")
+        raise InputError(
+            f"The painted mask is {mask.shape[1]} x {mask.shape[0]}, but the photo is {width} x {height}."
+        )
     if not 0 < (mask >= 0.5).mean() < 1:
-        raise InputError("The mask shows no object, or nothing but it; paint the object and leave the rest free.")
+        raise InputError(
+            "The mask shows no object, or nothing but it; paint the object and leave the rest free."
+        )
     target = photos.mask_file(index)
     write_mask(target, mask, (height, width))
     return target
@@ -100,7 +116,8 @@ def save_mask(photos: ScenePhotos, index: int, painted: Path) -> Path:
 def save_box(photos: ScenePhotos, index: int, box: Sequence[float]) -> str:
     """Keep a box around the object in a prepared scene, and return the command that takes it up.
 
-    box: left, top, right, bottom in shares of the photo's width and height. Raises `InputError` for no box in it.
+    box: left, top, right, bottom in shares of the photo's width and height. Raises `InputError` for no box in
+    it.
     """
     image = photos.image(index)
     width, height = image_size(image)

@@ -1,8 +1,9 @@
-"""Who may talk to the page: requests for its own address, from its own pages, with the token where it has one.
+"""Who may talk to the page: requests for its own address, from its own pages, with the token where it has
+one.
 
-A site that the browser shows beside ours could post to us, or come to our address under a name of its own (DNS
-rebinding). So the Host must be one of ours; what changes anything must come from our own origin and carry a header
-that other sites cannot send without asking first; and what other sites embed is refused.
+A site that the browser shows beside ours could post to us, or come to our address under a name of its own
+(DNS rebinding). So the Host must be one of ours; what changes anything must come from our own origin and
+carry a header that other sites cannot send without asking first; and what other sites embed is refused.
 """
 
 import base64
@@ -18,7 +19,9 @@ _SAFE = ("GET", "HEAD")
 
 
 def content_policy(inline_scripts: Iterable[str]) -> str:
-    """Return the Content-Security-Policy of the page: its own files only, and these inline scripts by their hashes."""
+    """Return the Content-Security-Policy of the page: its own files only, and these inline scripts by their
+    hashes.
+    """
     hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in inline_scripts]
     scripts = " ".join(["'self'", *(f"'sha256-{value}'" for value in hashes)])
     return (
@@ -31,7 +34,9 @@ class Guard:
     """The application behind the checks above, and with the headers that keep a page to itself."""
 
     def __init__(self, app: App, hosts: frozenset[str], token: str | None, policy: str):
-        """Let through what asks for one of `hosts` (name:port), with `token` in its cookie unless that is None."""
+        """Let through what asks for one of `hosts` (name:port), with `token` in its cookie unless that is
+        None.
+        """
         self._app, self._hosts, self._token = app, hosts, token
         port = next(iter(sorted(hosts)), "").rpartition(":")[2]
         self._cookie = f"lightprobe-{port}"  # cookies are shared by the ports of a machine
@@ -48,7 +53,8 @@ class Guard:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
-            # Files are sent whole, as any server may (RFC 9110, section 14.2): the page never asks for a part of one.
+            # Files are sent whole, as any server may (RFC 9110, section 14.2): the page never asks for a part
+            # of one.
             scope = {**scope, "headers": [pair for pair in scope["headers"] if pair[0].lower() != b"range"]}
             await self._answer(scope, receive, self._with_headers(scope, send))
 
@@ -60,12 +66,22 @@ class Guard:
         elif self._token is None or self._has_token(headers.get("cookie", "")):
             await self._app(scope, receive, send)
         elif scope["path"] == "/" and self._is_token(_query_token(scope)):
-            await reply(send, 303, "Come in.", [
-                (b"location", b"/"),
-                (b"set-cookie", f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict".encode()),
-            ])  # fmt: skip
+            await reply(
+                send,
+                303,
+                "Come in.",
+                [
+                    (b"location", b"/"),
+                    (
+                        b"set-cookie",
+                        f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict".encode(),
+                    ),
+                ],
+            )
         else:
-            await reply(send, 401, "This page needs the address with its token; scan the QR code in the terminal.")
+            await reply(
+                send, 401, "This page needs the address with its token; scan the QR code in the terminal."
+            )
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> str | None:
         """Return why a request is refused, whatever its token, or None."""
@@ -99,7 +115,11 @@ class Guard:
         async def send_with(message: Message) -> None:
             if message["type"] == "http.response.start":
                 given = list(message.get("headers", []))
-                own = [] if any(name.lower() == b"cache-control" for name, _ in given) else [(b"cache-control", cached)]
+                own = (
+                    []
+                    if any(name.lower() == b"cache-control" for name, _ in given)
+                    else [(b"cache-control", cached)]
+                )
                 message = {**message, "headers": given + self._headers + own}
             await send(message)
 

@@ -16,16 +16,21 @@ PORT = 8421
 
 
 def serve(
-    folders: Sequence[Path], *, port: int = PORT, lan: bool = False, browser: bool = True, device: str = "auto",
+    folders: Sequence[Path],
+    *,
+    port: int = PORT,
+    lan: bool = False,
+    browser: bool = True,
+    device: str = "auto",
     tell: Callable[[str], None] = print,
-) -> None:  # fmt: skip
+) -> None:
     """Serve the page of runs, and of scenes to correct, until it is interrupted.
 
-    folders: runs, scenes that `lightprobe prepare` made, or folders of photos. lan: let devices in the same network
-    open it, too, by an address with a token, which `tell` is given with a QR code. browser: open it here.
-    Everything that is uploaded or computed lies in a temporary folder, which goes with the server.
-    Raises `InputError` for a folder that is none of these, `ConfigError` for a port that is none or without the extra
-    `view`, `ResourceError` for a port in use.
+    folders: runs, scenes that `lightprobe prepare` made, or folders of photos. lan: let devices in the same
+    network open it, too, by an address with a token, which `tell` is given with a QR code. browser: open it
+    here. Everything that is uploaded or computed lies in a temporary folder, which goes with the server.
+    Raises `InputError` for a folder that is none of these, `ConfigError` for a port that is none or without
+    the extra `view`, `ResourceError` for a port in use.
     """
     for library in ("fastapi", "uvicorn", *(["segno"] if lan else [])):
         extra_library(library, "The page of a run", "view")

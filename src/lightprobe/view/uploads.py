@@ -1,4 +1,5 @@
-"""Files that a person gives to the page: streamed to the temporary folder up to a limit, told by their content.
+"""Files that a person gives to the page: streamed to the temporary folder up to a limit, told by their
+content.
 
 Their names are only shown. What they are kept as is chosen here.
 """

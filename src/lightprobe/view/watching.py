@@ -42,11 +42,19 @@ class TrainingWatch:
         running = age is not None and age < _QUIET and not all(phase["finished"] for phase in phases)
         left = self._seconds_left(phases, latest) if running else None
         return {
-            "records": records, "next": end, "from": start, "phases": phases, "running": running, "age": age,
-            "seconds_left": left, "log": log_tail(self.run.log_file), "evaluation": _evaluation(self.run),
-            "checkpoint": self.run.checkpoints.newest_step(), "object": self.run.asset_file.is_file(),
+            "records": records,
+            "next": end,
+            "from": start,
+            "phases": phases,
+            "running": running,
+            "age": age,
+            "seconds_left": left,
+            "log": log_tail(self.run.log_file),
+            "evaluation": _evaluation(self.run),
+            "checkpoint": self.run.checkpoints.newest_step(),
+            "object": self.run.asset_file.is_file(),
             "verdicts": _verdicts(self.run),
-        }  # fmt: skip
+        }
 
     def _latest(self) -> tuple[str, int] | None:
         """Return phase and step of the newest record, and take note of when it was seen."""
@@ -67,8 +75,13 @@ class TrainingWatch:
         step = total if finished else (latest[1] if latest and latest[0] == phase else 0)
         seconds = None if timing is None else timing.seconds
         return {
-            "name": phase, "stages": lengths, "steps": total, "step": step, "finished": finished, "seconds": seconds
-        }  # fmt: skip
+            "name": phase,
+            "stages": lengths,
+            "steps": total,
+            "step": step,
+            "finished": finished,
+            "seconds": seconds,
+        }
 
     def _seconds_left(self, phases: list[dict[str, Any]], latest: tuple[str, int] | None) -> float | None:
         """Return the time that the phase at hand will take from here, None while its speed is unknown."""
@@ -86,7 +99,8 @@ class TrainingWatch:
 
 
 def read_records(path: Path, after: int) -> tuple[list[dict[str, Any]], int, int]:
-    """Return the whole lines of metrics.jsonl from byte `after` on, where they end, and where they were read from.
+    """Return the whole lines of metrics.jsonl from byte `after` on, where they end, and where they were read
+    from.
 
     A file that has become shorter, as after --restart, is read from its start. Damaged lines are left out.
     """
@@ -132,7 +146,10 @@ def stage_lengths(run: RunFolder, phase: str) -> dict[str, int]:
     settings = {key: value for key, value in section.items() if key not in ("seed", "hdri")}
     try:
         if phase == PHASES[0]:
-            return {stage.name: stage.iterations for stage in decompose_stages(DecomposeConfig.from_json(settings))}
+            return {
+                stage.name: stage.iterations
+                for stage in decompose_stages(DecomposeConfig.from_json(settings))
+            }
         return {stage.name: stage.iterations for stage in distill_stages(DistillConfig.from_json(settings))}
     except LightprobeError:
         return {}
@@ -152,7 +169,13 @@ def log_tail(path: Path) -> list[str]:
 
 def _age(run: RunFolder) -> float | None:
     """Return the seconds since something was recorded, None where nothing was."""
-    files = (run.metrics_log, run.log_file, run.timings_file, run.checkpoints.folder, run.model_checkpoints.folder)
+    files = (
+        run.metrics_log,
+        run.log_file,
+        run.timings_file,
+        run.checkpoints.folder,
+        run.model_checkpoints.folder,
+    )
     times = [path.stat().st_mtime for path in files if path.exists()]
     return time.time() - max(times) if times else None
 

@@ -19,7 +19,10 @@ class Tasks:
 
     def __init__(self, device: str):
         where = resolve_device(device)
-        self._runs, self._forming = LoadedRuns(where, most=1), FormingObjects(where)  # two need not be held at once
+        self._runs, self._forming = (
+            LoadedRuns(where, most=1),
+            FormingObjects(where),
+        )  # two need not be held at once
 
     def answer(self, request: dict[str, Any], tell: Tell) -> dict[str, Any]:
         """Return the result of a request; raise `LightprobeError` when it cannot be had."""

@@ -20,9 +20,15 @@ def test_the_paper_s_preset_takes_the_paper_s_single_step():
 
 @pytest.mark.parametrize(
     "values",
-    [{"light_resolution": 24}, {"max_pixels": 0}, {"sampled_share": 0.0}, {"sampled_share": 1.5},
-     {"unseen_share": -0.1}, {"unseen_share": float("nan")}],
-)  # fmt: skip
+    [
+        {"light_resolution": 24},
+        {"max_pixels": 0},
+        {"sampled_share": 0.0},
+        {"sampled_share": 1.5},
+        {"unseen_share": -0.1},
+        {"unseen_share": float("nan")},
+    ],
+)
 def test_unusable_values_are_refused_by_name(values):
     with pytest.raises(ConfigError, match=next(iter(values))):
         PredictionOptions(**values).over(PredictConfig())
@@ -39,4 +45,6 @@ def test_the_command_line_changes_what_it_names_alone():
     assert PredictionOptions().over(config) == config
     changed = PredictionOptions(light_resolution=64).over(config)
     assert (changed.light_resolution, changed.method, changed.unseen_share) == (64, Method.PROBE_MLP, 0.0)
-    assert {field.name for field in fields(PredictionOptions)} | {"method"} == {f.name for f in fields(PredictConfig)}
+    assert {field.name for field in fields(PredictionOptions)} | {"method"} == {
+        f.name for f in fields(PredictConfig)
+    }

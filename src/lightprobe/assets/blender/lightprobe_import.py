@@ -1,7 +1,8 @@
-"""Blender add-on: the object of `lightprobe export` and a light of `lightprobe predict`, as mesh, world and sun lamps.
+"""Blender add-on: the object of `lightprobe export` and a light of `lightprobe predict`, as mesh, world and
+sun lamps.
 
-Install it with Edit > Preferences > Add-ons > Install from Disk; it is then in File > Import > lightprobe. It also runs
-as a module of Blender's own Python:
+Install it with Edit > Preferences > Add-ons > Install from Disk; it is then in File > Import > lightprobe. It
+also runs as a module of Blender's own Python:
 
     import lightprobe_import
     lightprobe_import.import_object("files/mesh.glb")
@@ -45,10 +46,10 @@ class LightFileError(Exception):
 def import_object(path: Path | str) -> list[Any]:
     """Import a GLB file and return its objects, their materials with glTF's own reflection.
 
-    Blender's importer leaves its default, which adds light scattered many times between the grains of rough surfaces.
-    glTF's material has none of it, nor has the one that lightprobe fitted to the photos: rough gold would be brighter.
-    Suns are taken as bright as the file has them, in the unit of the maps; by default the importer takes them for lux
-    and divides them by 683.
+    Blender's importer leaves its default, which adds light scattered many times between the grains of rough
+    surfaces. glTF's material has none of it, nor has the one that lightprobe fitted to the photos: rough gold
+    would be brighter. Suns are taken as bright as the file has them, in the unit of the maps; by default the
+    importer takes them for lux and divides them by 683.
     """
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=str(path), export_import_convert_lighting_mode="COMPAT")
@@ -96,7 +97,8 @@ def set_world(path: Path) -> None:
 def lamps_beside(path: Path) -> list[dict[str, Any]]:
     """Return the suns and lamps that the map at `path` was written without, from NAME.light.json.
 
-    Each has "direction" (unit, towards it), "angular_radius_deg" and "irradiance_rgb". Raises `LightFileError`.
+    Each has "direction" (unit, towards it), "angular_radius_deg" and "irradiance_rgb". Raises
+    `LightFileError`.
     """
     file = path.with_name(f"{path.stem}.light.json")
     if not file.is_file():
@@ -106,7 +108,9 @@ def lamps_beside(path: Path) -> list[dict[str, Any]]:
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
         if (stored["format"], stored["version"]) != (_FORMAT, _VERSION):
-            raise LightFileError(f"{file} is no light file of version {_VERSION}; remove it to import the map alone")
+            raise LightFileError(
+                f"{file} is no light file of version {_VERSION}; remove it to import the map alone"
+            )
         told = stored["map"]
         name = str(told.get("file", path.name))
         others = Path(name).stem == path.stem and path.name not in (name, *told.get("copies", []))
@@ -143,7 +147,9 @@ def _add_lamp(lamp: dict[str, Any], index: int) -> Any:
 
 
 def _collection() -> Any:
-    """Return the present scene's collection of lamps; another scene of the file has its own, which stays as it is."""
+    """Return the present scene's collection of lamps; another scene of the file has its own, which stays as
+    it is.
+    """
     root = bpy.context.scene.collection
     found = next((one for one in root.children_recursive if one.get(_OWN) or one.name == _NAME), None)
     if found is None:
@@ -161,10 +167,14 @@ def set_plain_colors() -> None:
 
 
 def light_of(mesh: Path) -> Path | None:
-    """Return the map that belongs to an exported mesh: light.exr or .hdr beside it, else the first one in env/."""
+    """Return the map that belongs to an exported mesh: light.exr or .hdr beside it, else the first one in
+    env/.
+    """
     beside = [mesh.with_name(f"light{suffix}") for suffix in _MAPS]
     folder = mesh.parent / "env"
-    stored = sorted(path for path in folder.glob("*") if path.suffix.lower() in _MAPS) if folder.is_dir() else []
+    stored = (
+        sorted(path for path in folder.glob("*") if path.suffix.lower() in _MAPS) if folder.is_dir() else []
+    )
     return next((path for path in (*beside, *stored) if path.is_file()), None)
 
 
@@ -179,16 +189,21 @@ class LIGHTPROBE_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 (as 
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN"})  # type: ignore[valid-type]
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN"})  # type: ignore[valid-type]
     with_light: BoolProperty(  # type: ignore[valid-type]
-        name="Light of the folder", default=True,
+        name="Light of the folder",
+        default=True,
         description="With a mesh alone, also import light.exr beside it, or the first map in env",
-    )  # fmt: skip
+    )
     plain_colors: BoolProperty(  # type: ignore[valid-type]
-        name="Plain sRGB", default=True, description="Set the view transform to Standard, to compare with photos"
+        name="Plain sRGB",
+        default=True,
+        description="Set the view transform to Standard, to compare with photos",
     )
 
     def execute(self, context: Any) -> set[str]:
         """Import the chosen files."""
-        chosen = [Path(self.directory, item.name) for item in self.files if item.name] or [Path(self.filepath)]
+        chosen = [Path(self.directory, item.name) for item in self.files if item.name] or [
+            Path(self.filepath)
+        ]
         meshes = [path for path in chosen if path.suffix.lower() == ".glb"]
         maps = [path for path in chosen if path.suffix.lower() in _MAPS]
         if self.with_light and meshes and not maps:

@@ -1,4 +1,5 @@
-"""All configuration: of both phases (`reconstruction`, `distillation`), of predictions, and the presets of all three.
+"""All configuration: of both phases (`reconstruction`, `distillation`), of predictions, and the presets of
+all three.
 
 Every field can be set on the command line; what a run was made with is written to its folder as JSON.
 """
@@ -17,6 +18,20 @@ from lightprobe.core.config.reconstruction import (
 )
 
 __all__ = [
-    "DecomposeConfig", "DistillConfig", "ImageLoss", "LightUpdate", "Method", "OptimizeConfig", "PredictConfig",
-    "Preset", "SdfMode", "Settings", "Smoothed", "SolveConfig", "StartShape", "VertexUnit", "demo_settings", "settings",
-]  # fmt: skip
+    "DecomposeConfig",
+    "DistillConfig",
+    "ImageLoss",
+    "LightUpdate",
+    "Method",
+    "OptimizeConfig",
+    "PredictConfig",
+    "Preset",
+    "SdfMode",
+    "Settings",
+    "Smoothed",
+    "SolveConfig",
+    "StartShape",
+    "VertexUnit",
+    "demo_settings",
+    "settings",
+]

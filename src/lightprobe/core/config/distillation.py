@@ -19,23 +19,25 @@ class AlphaRule(StrEnum):
 
 
 class LossSpace(StrEnum):
-    """Where Equation 6 takes its difference: radiance as printed, or log(1 + radiance), where a sun weighs little."""
+    """Where Equation 6 takes its difference: radiance as printed, or log(1 + radiance), where a sun weighs
+    little.
+    """
 
     LINEAR = "linear"
     LOG = "log"
 
 
 class RadianceUnit(StrEnum):
-    """What Equation 6 counts radiance in: the photo's light level, average light being half way to white in Y, or the
-    photo's own exposure, to the letter."""
+    """What Equation 6 counts radiance in: the photo's light level, average light being half way to white in
+    Y, or the photo's own exposure, to the letter."""
 
     LEVEL = "level"
     PHOTO = "photo"
 
 
 class TotalDistribution(StrEnum):
-    """D_total of Equation 6: the mean of D over all object pixels, its sum, or its mean over those that a direction can
-    light at all (those whose normal faces it)."""
+    """D_total of Equation 6: the mean of D over all object pixels, its sum, or its mean over those that a
+    direction can light at all (those whose normal faces it)."""
 
     MEAN = "mean"
     SUM = "sum"
@@ -45,8 +47,9 @@ class TotalDistribution(StrEnum):
 class NetworkForm(StrEnum):
     """What the illumination MLP is told and says.
 
-    `relative`: logarithms of colour and of the average light the pixel saw, encoded directions, the mirror direction;
-    a log factor on that average light. `plain`: c, k_d, k_s, n, r and w_o; the probe's colour (the paper).
+    `relative`: logarithms of colour and of the average light the pixel saw, encoded directions, the mirror
+    direction; a log factor on that average light. `plain`: c, k_d, k_s, n, r and w_o; the probe's colour (the
+    paper).
     """
 
     RELATIVE = "relative"
@@ -54,7 +57,9 @@ class NetworkForm(StrEnum):
 
 
 class Lessons(StrEnum):
-    """What Phase II learns from: photos with their Phase I environments (the paper), re-rendered pairs, or both."""
+    """What Phase II learns from: photos with their Phase I environments (the paper), re-rendered pairs, or
+    both.
+    """
 
     TEACHER = "teacher"
     SYNTHETIC = "synthetic"
@@ -63,7 +68,9 @@ class Lessons(StrEnum):
 
 @dataclass(frozen=True)
 class DistillConfig:
-    """Phase II: train the predictors of light, the illumination MLP and then the sphere network that builds on it."""
+    """Phase II: train the predictors of light, the illumination MLP and then the sphere network that builds
+    on it.
+    """
 
     lessons: Lessons = Lessons.BOTH
     """What is learned from."""
@@ -78,8 +85,8 @@ class DistillConfig:
     sphere_width: int = 24
     """Channels of the sphere network at its finest resolution."""
     pretrained: bool = True
-    """Start the sphere network from the bundled one, which knows other objects, and end halfway between that one and
-    what this object taught; only for a network of its width (24)."""
+    """Start the sphere network from the bundled one, which knows other objects, and end halfway between that
+    one and what this object taught; only for a network of its width (24)."""
     sphere_learning_rate: float = 5e-4
     """Largest Adam step of the sphere network; it falls to nothing along a cosine."""
     learning_rate: float = 5e-4
@@ -107,7 +114,9 @@ class DistillConfig:
     radiance_unit: RadianceUnit = RadianceUnit.LEVEL
     """Unit of the radiance that is compared."""
     solid_angle_weight: bool = True
-    """Weigh texels by their solid angles, of which those of a cubemap differ by a factor of five; else all alike."""
+    """Weigh texels by their solid angles, of which those of a cubemap differ by a factor of five; else all
+    alike.
+    """
     sample_weight: bool = True
     """Weigh each direction by how much of it the sampled pixels saw (Equation 6, first weight)."""
     total_distribution: TotalDistribution = TotalDistribution.MEAN
@@ -122,9 +131,19 @@ class DistillConfig:
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
         positive = (
-            "steps", "synthetic_lessons", "sphere_batch", "sphere_width", "samples", "light_resolution", "max_side",
-            "pixels_per_photo", "width", "depth", "frequencies", "checkpoint_every",
-        )  # fmt: skip
+            "steps",
+            "synthetic_lessons",
+            "sphere_batch",
+            "sphere_width",
+            "samples",
+            "light_resolution",
+            "max_side",
+            "pixels_per_photo",
+            "width",
+            "depth",
+            "frequencies",
+            "checkpoint_every",
+        )
         for name in positive:
             if getattr(self, name) < 1:
                 raise ConfigError(f"distill.{name} must be at least 1, not {getattr(self, name)}.")
@@ -163,15 +182,34 @@ def demo() -> DistillConfig:
 def standard() -> DistillConfig:
     """Minutes on one GPU."""
     return replace(
-        quick(), steps=15_000, sphere_steps=10_000, synthetic_lessons=10_000, sphere_width=48, pretrained=False,
-        sphere_learning_rate=2e-3, light_resolution=32, max_side=512, pixels_per_photo=16_384,
-    )  # fmt: skip
+        quick(),
+        steps=15_000,
+        sphere_steps=10_000,
+        synthetic_lessons=10_000,
+        sphere_width=48,
+        pretrained=False,
+        sphere_learning_rate=2e-3,
+        light_resolution=32,
+        max_side=512,
+        pixels_per_photo=16_384,
+    )
 
 
 def paper() -> DistillConfig:
-    """The paper's settings (sections 3.2 and 4.2), the loss as printed; what it leaves open: docs/paper-preset.md."""
+    """The paper's settings (sections 3.2 and 4.2), the loss as printed; what it leaves open:
+    docs/paper-preset.md.
+    """
     return replace(
-        standard(), lessons=Lessons.TEACHER, steps=30_000, sphere_steps=0, light_resolution=128, max_side=512,
-        pixels_per_photo=262_144, network=NetworkForm.PLAIN, alpha_rule=AlphaRule.R2, loss_space=LossSpace.LINEAR,
-        radiance_unit=RadianceUnit.PHOTO, solid_angle_weight=False,
-    )  # fmt: skip
+        standard(),
+        lessons=Lessons.TEACHER,
+        steps=30_000,
+        sphere_steps=0,
+        light_resolution=128,
+        max_side=512,
+        pixels_per_photo=262_144,
+        network=NetworkForm.PLAIN,
+        alpha_rule=AlphaRule.R2,
+        loss_space=LossSpace.LINEAR,
+        radiance_unit=RadianceUnit.PHOTO,
+        solid_angle_weight=False,
+    )

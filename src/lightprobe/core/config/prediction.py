@@ -1,4 +1,6 @@
-"""Configuration of predictions and its presets; a run keeps it with its model, the command line can change it."""
+"""Configuration of predictions and its presets; a run keeps it with its model, the command line can change
+it.
+"""
 
 import math
 from dataclasses import dataclass, fields, replace
@@ -58,13 +60,16 @@ class PredictConfig:
     sampled_share: float = 0.25
     """Share of the object's pixels that become light probes."""
     unseen_share: float = 0.02
-    """Weight of the lessons' mean light in the stacked map, relative to the mean weight of the probes; it fills in
-    directions at which hardly a pixel looks, and 0 leaves them as they are, black where no probe reaches."""
+    """Weight of the lessons' mean light in the stacked map, relative to the mean weight of the probes; it
+    fills in directions at which hardly a pixel looks, and 0 leaves them as they are, black where no probe
+    reaches."""
 
     def __post_init__(self) -> None:
         """Refuse values no prediction could use."""
         if self.light_resolution not in LIGHT_RESOLUTIONS:
-            raise ConfigError(f"light_resolution must be a power of two from 8 to 256, not {self.light_resolution}.")
+            raise ConfigError(
+                f"light_resolution must be a power of two from 8 to 256, not {self.light_resolution}."
+            )
         if self.max_pixels < 1:
             raise ConfigError(f"max_pixels must be at least 1, not {self.max_pixels}.")
         if not 0 < self.sampled_share <= 1:
@@ -114,7 +119,9 @@ class OptimizeConfig:
     def __post_init__(self) -> None:
         """Refuse values no optimisation could use."""
         if self.iterations < 1 or self.pixels < 1 or not self.learning_rate > 0:
-            raise ConfigError("An optimisation needs iterations and pixels of at least 1 and a positive step.")
+            raise ConfigError(
+                "An optimisation needs iterations and pixels of at least 1 and a positive step."
+            )
         if min(self.smooth_learning_rate, self.damping, self.broad_damping, self.grey, self.batch) < 0:
             raise ConfigError("An optimisation needs weights and a batch of at least 0.")
 
@@ -122,14 +129,21 @@ class OptimizeConfig:
 def refinement() -> OptimizeConfig:
     """Return a tenth of a second of it, for where a network has gone most of the way."""
     return OptimizeConfig(
-        iterations=60, learning_rate=0.1, smooth_learning_rate=0.2, damping=0.3, broad_damping=0.1, pixels=3072,
+        iterations=60,
+        learning_rate=0.1,
+        smooth_learning_rate=0.2,
+        damping=0.3,
+        broad_damping=0.1,
+        pixels=3072,
         batch=256,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
 class PredictionOptions:
-    """What a command changes of how its run predicts (`PredictConfig`); what is not given stays as the run has it."""
+    """What a command changes of how its run predicts (`PredictConfig`); what is not given stays as the run
+    has it.
+    """
 
     light_resolution: int | None = None
     """Texels along each cubemap edge of the maps, a power of two; by default what the run was trained with."""
@@ -141,7 +155,9 @@ class PredictionOptions:
     """Weight of the usual light where hardly a pixel looks; by default what the run was trained with."""
 
     def over(self, config: PredictConfig) -> PredictConfig:
-        """Return a run's configuration with what was given in its place; raise `ConfigError` for unusable values."""
+        """Return a run's configuration with what was given in its place; raise `ConfigError` for unusable
+        values.
+        """
         return replace(config, **self.given())
 
     def given(self) -> dict[str, Any]:
@@ -167,4 +183,4 @@ def paper() -> PredictConfig:
     """The paper's single step (sections 3.2.3 and 4.2): probes alone, on 6x128x128 texels, nothing filled in."""
     return replace(
         quick(), method=Method.PROBE_MLP, light_resolution=128, max_pixels=1_048_576, unseen_share=0.0
-    )  # fmt: skip
+    )

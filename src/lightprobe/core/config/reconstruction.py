@@ -14,7 +14,9 @@ from lightprobe.core.errors import ConfigError
 
 # field of `DecomposeConfig` -> the least value that a run can use
 _LEAST = {
-    **dict.fromkeys(("pass1_iterations", "pass1_side", "pass2_side", "pass3_side", "max_faces", "checkpoint_every"), 1),
+    **dict.fromkeys(
+        ("pass1_iterations", "pass1_side", "pass2_side", "pass3_side", "max_faces", "checkpoint_every"), 1
+    ),
     **dict.fromkeys(("hash_levels", "hash_features", "hash_log2_size", "hash_coarsest", "hash_finest"), 1),
     **dict.fromkeys(("light_solve_pixels", "light_solve_iterations"), 1),
     **dict.fromkeys(("texture_size", "pass3_texture_size"), 2),
@@ -42,7 +44,9 @@ class SdfMode(StrEnum):
 
 
 class StartShape(StrEnum):
-    """What the first pass starts from: the visual hull of the masks, a ball, or noise (nvdiffrec; not for an MLP)."""
+    """What the first pass starts from: the visual hull of the masks, a ball, or noise (nvdiffrec; not for an
+    MLP).
+    """
 
     HULL = "hull"
     SPHERE = "sphere"
@@ -52,9 +56,9 @@ class StartShape(StrEnum):
 class ImageLoss(StrEnum):
     """How a rendered photo is compared.
 
-    `object`: tone-mapped, absolute, over the object's area, no penalty for more light than a clipped pixel shows.
-    `log-l1`: tone-mapped, absolute, over the frame, within the photo's mask (nvdiffrec). `l2`: so, but squared linear
-    differences (the words of the paper).
+    `object`: tone-mapped, absolute, over the object's area, no penalty for more light than a clipped pixel
+    shows. `log-l1`: tone-mapped, absolute, over the frame, within the photo's mask (nvdiffrec). `l2`: so, but
+    squared linear differences (the words of the paper).
     """
 
     OBJECT = "object"
@@ -63,7 +67,9 @@ class ImageLoss(StrEnum):
 
 
 class Smoothed(StrEnum):
-    """Which channels are held smooth: all of the material, or base colour from step 500 on in full (nvdiffrec)."""
+    """Which channels are held smooth: all of the material, or base colour from step 500 on in full
+    (nvdiffrec).
+    """
 
     MATERIAL = "material"
     BASE_COLOR = "base-color"
@@ -77,7 +83,9 @@ class VertexUnit(StrEnum):
 
 
 class LightUpdate(StrEnum):
-    """How a photo's light follows the asset: closed-form least squares at each visit, or gradient steps (the paper)."""
+    """How a photo's light follows the asset: closed-form least squares at each visit, or gradient steps (the
+    paper).
+    """
 
     SOLVE = "solve"
     GRADIENT = "gradient"
@@ -92,7 +100,9 @@ class DecomposeConfig:
     pass2_iterations: int = 800
     """Optimisation steps on vertices and textures; 0 keeps the result of the first pass."""
     pass3_iterations: int = 1500
-    """Optimisation steps on the textures alone, for photos larger than `pass2_side`; 0 keeps the second pass's."""
+    """Optimisation steps on the textures alone, for photos larger than `pass2_side`; 0 keeps the second
+    pass's.
+    """
     pass1_side: int = 200
     """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""
     pass2_side: int = 400
@@ -108,7 +118,9 @@ class DecomposeConfig:
     sdf: SdfMode = SdfMode.DIRECT
     """Representation of the signed distance."""
     sdf_coarse_grids: int = 2
-    """Coarse grids whose sum is added to direct distances, the finest with a value at every fourth lattice cell."""
+    """Coarse grids whose sum is added to direct distances, the finest with a value at every fourth lattice
+    cell.
+    """
     hash_levels: int = 8
     """Levels of the material's hash grid."""
     hash_features: int = 2
@@ -130,17 +142,19 @@ class DecomposeConfig:
     light_solve_iterations: int = 5
     """Iterations of a light solve, warm-started from the previous visit."""
     light_regularisation: float = 0.001
-    """Pull of a light towards its own mean in places the photo does not pin down, while the asset changes, and of
-    lights that halves of the asset's pixels are compared by."""
+    """Pull of a light towards its own mean in places the photo does not pin down, while the asset changes,
+    and of lights that halves of the asset's pixels are compared by."""
     final_light_regularisation: float = 0.003
     """The same for held-out photos and for the lights that are kept."""
     light_chroma: float = 0.1
-    """Pull of a solved light's places towards its mean colour: lights differ more in brightness than in colour."""
+    """Pull of a solved light's places towards its mean colour: lights differ more in brightness than in
+    colour.
+    """
     shadows: bool = True
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
     learning_rate_geometry: float = 0.015
-    """Adam step of the shape: of lattice distances in cells, of offsets before the tanh that bounds them, of vertices
-    in mean edges (or, as in the paper, object radii: `vertex_unit`)."""
+    """Adam step of the shape: of lattice distances in cells, of offsets before the tanh that bounds them, of
+    vertices in mean edges (or, as in the paper, object radii: `vertex_unit`)."""
     sdf_rate: float = 0.1
     """Adam step of the MLP of distances, relative to that of the geometry."""
     learning_rate_material: float = 0.005
@@ -162,7 +176,9 @@ class DecomposeConfig:
     sdf_regularisation: float = 0.2
     """Sign-change cross-entropy weight at the start; it falls to a twentieth over the first quarter."""
     smoothed: Smoothed = Smoothed.MATERIAL
-    """Which channels `smoothness` is about; base colour alone is compared beside visible points in both passes."""
+    """Which channels `smoothness` is about; base colour alone is compared beside visible points in both
+    passes.
+    """
     smoothness: float = 0.03
     """Weight of the material's change under a small displacement."""
     smoothness_texture: float = 0.1
@@ -170,27 +186,36 @@ class DecomposeConfig:
     smoothness_detail: float = 0.01
     """The same in the third pass."""
     metallic_prior: float = 0.015
-    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals go free."""
+    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals
+    go free.
+    """
     roughness_prior: float = 0.03
     """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
     late_roughness_prior: float = 0.006
-    """The same for what is no metal, once it has been tried what is: by then photos tell more about it than usage."""
+    """The same for what is no metal, once it has been tried what is: by then photos tell more about it than
+    usage.
+    """
     brightness_anchor: float = 0.1
-    """Weight of the squared log of the mean base colour over its present one, which the first checkpoints choose."""
+    """Weight of the squared log of the mean base colour over its present one, which the first checkpoints
+    choose.
+    """
     trial_steps: int = 240
-    """Steps for which a new material is fitted from each of several brightnesses, early in the first pass, to find out
-    whether the object is a dark one, and twice as many as the present one is for the same late in it; 0: neither."""
+    """Steps for which a new material is fitted from each of several brightnesses, early in the first pass, to
+    find out whether the object is a dark one, and twice as many as the present one is for the same late in
+    it; 0: neither."""
     parsimony: float = 0.02
-    """Weight of the entropy of the metals' base colours. It sets in over the first pass's second quarter; the third
-    pass has none."""
+    """Weight of the entropy of the metals' base colours. It sets in over the first pass's second quarter; the
+    third pass has none."""
     color_gauge: float = 0.02
     """Pull of the base colour to where the mean light over all photos is grey."""
     texture_gradient_from: float = 0.2
-    """Share of the first pass after which photos that disagree about a point's colour move the surface; before, only
-    outline and shading do. If a part looks like a lid over a cavity, not before it was tried to open it. 0: from the
-    start in any case (nvdiffrec); 1: never."""
+    """Share of the first pass after which photos that disagree about a point's colour move the surface;
+    before, only outline and shading do. If a part looks like a lid over a cavity, not before it was tried to
+    open it. 0: from the start in any case (nvdiffrec); 1: never."""
     normal_prior: float = 5.0
-    """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the second."""
+    """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the
+    second.
+    """
     normal_ramp: float = 0.5
     """Share of the first pass over which the field's normal offset comes in."""
     normal_prior_detail: float = 0.0
@@ -206,11 +231,15 @@ class DecomposeConfig:
     coverage_weight: float = 4.0
     """Weight of the squared coverage error beside the colour loss."""
     surface_smoothing: int = 5
-    """Rounds of smoothing between the first two passes, which take out the lattice's ripples and leave longer forms."""
+    """Rounds of smoothing between the first two passes, which take out the lattice's ripples and leave longer
+    forms.
+    """
     max_faces: int = 40000
     """The mesh is decimated to at most this many triangles before unwrapping."""
     crease_degrees: float = 40.0
-    """Faces that meet at more than this angle do not share a normal in the second pass; 180 keeps all edges smooth."""
+    """Faces that meet at more than this angle do not share a normal in the second pass; 180 keeps all edges
+    smooth.
+    """
     texture_size: int = 512
     """Edge of the square textures in texels."""
     pass3_texture_size: int = 1024
@@ -218,8 +247,8 @@ class DecomposeConfig:
     unwrap_seconds: float = 60.0
     """Time limit of the UV unwrapper, after which a simple atlas is used."""
     validation_photos: int = 5
-    """Training photos held out to decide whether the second and third pass are kept, and to judge the object by.
-    With 0 the passes are kept unseen, and the object is doubtful at best."""
+    """Training photos held out to decide whether the second and third pass are kept, and to judge the object
+    by. With 0 the passes are kept unseen, and the object is doubtful at best."""
     checkpoint_every: int = 150
     """Steps between checkpoints, and between renewals of the object's shadows."""
 
@@ -234,17 +263,21 @@ class DecomposeConfig:
                 raise ConfigError(f"decompose.{field.name} must be 0 or more and finite, not {value}.")
         for name in ("light_resolution", "teacher_resolution"):
             if getattr(self, name) not in LIGHT_RESOLUTIONS:
-                raise ConfigError(f"decompose.{name} must be a power of two from 8 to 256, not {getattr(self, name)}.")
+                raise ConfigError(
+                    f"decompose.{name} must be a power of two from 8 to 256, not {getattr(self, name)}."
+                )
 
         if self.adam_decay >= 1:
             raise ConfigError(f"decompose.adam_decay must be below 1, not {self.adam_decay}.")
         if self.start is StartShape.RANDOM and self.sdf is SdfMode.MLP:
-            raise ConfigError("decompose.start random needs decompose.sdf direct: a network cannot hold noise.")
+            raise ConfigError(
+                "decompose.start random needs decompose.sdf direct: a network cannot hold noise."
+            )
 
     @property
     def depth_map_side(self) -> int:
-        """Pixels along each edge of the depth maps that the object's shadows on itself come from; the first pass takes
-        half. 512, and eight a cell for a lattice of less than 64 cells, whose faces need no more.
+        """Pixels along each edge of the depth maps that the object's shadows on itself come from; the first
+        pass takes half. 512, and eight a cell for a lattice of less than 64 cells, whose faces need no more.
         """
         return min(8 * self.lattice_cells, 512)
 
@@ -266,32 +299,87 @@ def demo() -> DecomposeConfig:
     docs/decisions/brightness-once-more.md.
     """
     return replace(
-        quick(), pass1_iterations=650, pass2_iterations=330, lattice_cells=64, max_faces=16000, metallic_prior=0.01,
-        trial_steps=0, texture_gradient_from=1.0,
-    )  # fmt: skip
+        quick(),
+        pass1_iterations=650,
+        pass2_iterations=330,
+        lattice_cells=64,
+        max_faces=16000,
+        metallic_prior=0.01,
+        trial_steps=0,
+        texture_gradient_from=1.0,
+    )
 
 
 def standard() -> DecomposeConfig:
     """One GPU, about the quality of `paper` in a fraction of its steps."""
     return replace(
-        quick(), pass1_iterations=5000, pass2_iterations=5000, pass3_iterations=3000, pass1_side=512, pass2_side=800,
-        pass3_side=1600, lattice_cells=128, hull_voxels=192, hash_levels=12, hash_log2_size=18,
-        hash_finest=1024, light_resolution=32, teacher_resolution=128, light_solve_pixels=16384, max_faces=100_000,
-        texture_size=1024, pass3_texture_size=2048, unwrap_seconds=300.0,
-    )  # fmt: skip
+        quick(),
+        pass1_iterations=5000,
+        pass2_iterations=5000,
+        pass3_iterations=3000,
+        pass1_side=512,
+        pass2_side=800,
+        pass3_side=1600,
+        lattice_cells=128,
+        hull_voxels=192,
+        hash_levels=12,
+        hash_log2_size=18,
+        hash_finest=1024,
+        light_resolution=32,
+        teacher_resolution=128,
+        light_solve_pixels=16384,
+        max_faces=100_000,
+        texture_size=1024,
+        pass3_texture_size=2048,
+        unwrap_seconds=300.0,
+    )
 
 
 def paper() -> DecomposeConfig:
-    """The paper's settings (section 4.2), and nvdiffrec's published ones where it gives none: docs/paper-preset.md."""
+    """The paper's settings (section 4.2), and nvdiffrec's published ones where it gives none:
+    docs/paper-preset.md.
+    """
     return replace(
-        standard(), pass1_iterations=40_000, pass2_iterations=40_000, pass3_iterations=0, pass1_side=512,
-        pass2_side=512, lattice_cells=64, start=StartShape.SPHERE, sdf=SdfMode.MLP,
-        hash_levels=16, hash_log2_size=19, hash_coarsest=16, hash_finest=4096, light_update=LightUpdate.GRADIENT,
-        light_resolution=128, light_chroma=0.0, shadows=False, learning_rate_finish=0.005, warm_up_steps=100,
-        adam_decay=0.999, image_loss=ImageLoss.LOG_L1, coverage_weight=1.0, sdf_regularisation=0.4,
-        smoothed=Smoothed.BASE_COLOR, smoothness_texture=0.0, metallic_prior=0.0, roughness_prior=0.0,
-        late_roughness_prior=0.0, brightness_anchor=0.0, color_gauge=0.0, parsimony=0.0,
-        texture_gradient_from=0.0, normal_prior=0.0, normal_ramp=0.0, laplacian_fades=True,
-        surface_smoothing=0, max_faces=1_000_000, crease_degrees=180.0, texture_size=2048,
-        unwrap_seconds=3600.0, validation_photos=0, checkpoint_every=1000,
-    )  # fmt: skip
+        standard(),
+        pass1_iterations=40_000,
+        pass2_iterations=40_000,
+        pass3_iterations=0,
+        pass1_side=512,
+        pass2_side=512,
+        lattice_cells=64,
+        start=StartShape.SPHERE,
+        sdf=SdfMode.MLP,
+        hash_levels=16,
+        hash_log2_size=19,
+        hash_coarsest=16,
+        hash_finest=4096,
+        light_update=LightUpdate.GRADIENT,
+        light_resolution=128,
+        light_chroma=0.0,
+        shadows=False,
+        learning_rate_finish=0.005,
+        warm_up_steps=100,
+        adam_decay=0.999,
+        image_loss=ImageLoss.LOG_L1,
+        coverage_weight=1.0,
+        sdf_regularisation=0.4,
+        smoothed=Smoothed.BASE_COLOR,
+        smoothness_texture=0.0,
+        metallic_prior=0.0,
+        roughness_prior=0.0,
+        late_roughness_prior=0.0,
+        brightness_anchor=0.0,
+        color_gauge=0.0,
+        parsimony=0.0,
+        texture_gradient_from=0.0,
+        normal_prior=0.0,
+        normal_ramp=0.0,
+        laplacian_fades=True,
+        surface_smoothing=0,
+        max_faces=1_000_000,
+        crease_degrees=180.0,
+        texture_size=2048,
+        unwrap_seconds=3600.0,
+        validation_photos=0,
+        checkpoint_every=1000,
+    )

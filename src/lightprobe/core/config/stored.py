@@ -15,7 +15,8 @@ Config = TypeVar("Config")
 def config_from_json(kind: type[Config], value: Any, what: str) -> Config:
     """Return the dataclass `kind` of a JSON object; absent fields keep their defaults.
 
-    Raises `ConfigError`, in which `what` names the configuration, for an unknown field or a value of another type.
+    Raises `ConfigError`, in which `what` names the configuration, for an unknown field or a value of another
+    type.
     """
     types = get_type_hints(kind)
     if not isinstance(value, Mapping):
@@ -33,7 +34,9 @@ def plain(value: Any) -> Any:
 
 
 def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] | None:
-    """Return (path of keys from `key` on, stored value, given value) where two JSON values first differ, or None."""
+    """Return (path of keys from `key` on, stored value, given value) where two JSON values first differ, or
+    None.
+    """
     if isinstance(stored, dict) and isinstance(given, dict):
         for name in [*given, *(k for k in stored if k not in given)]:
             found = first_difference(stored.get(name), given.get(name), f"{key}.{name}")
@@ -44,7 +47,9 @@ def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] 
 
 
 def setting_of_one(stored: Any, given: Mapping[str, Any]) -> str | None:
-    """Return the first setting that only one of two configurations has, so that no option makes them the same."""
+    """Return the first setting that only one of two configurations has, so that no option makes them the
+    same.
+    """
     return min(set(stored) ^ set(given), default=None) if isinstance(stored, dict) else None
 
 
@@ -63,7 +68,9 @@ def _typed(kind: Any, value: Any, what: str) -> Any:
         except ValueError as error:
             raise ConfigError(f"The stored {what} cannot be used: {error}.") from error
     wanted = (int, float) if kind is float else kind
-    if kind in (bool, int, float) and (not isinstance(value, wanted) or (isinstance(value, bool) and kind is not bool)):
+    if kind in (bool, int, float) and (
+        not isinstance(value, wanted) or (isinstance(value, bool) and kind is not bool)
+    ):
         raise ConfigError(f"The stored {what} cannot be used: {str(value)[:60]!r} is no {kind.__name__}.")
     try:
         return float(value) if kind is float else value

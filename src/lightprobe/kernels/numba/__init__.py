@@ -1,1 +1,3 @@
-"""Numba bodies for float32 tensors on the CPU. Tensors in, tensors out, validated by the public modules above."""
+"""Numba bodies for float32 tensors on the CPU. Tensors in, tensors out, validated by the public modules
+above.
+"""

@@ -15,20 +15,30 @@ from lightprobe.kernels.culled_stacking import NODES, SEPARATION, TileTree
 from lightprobe.kernels.lobe_frames import lobe_frames
 from lightprobe.kernels.numba.stacking import FUSED, ZERO, components, lobe, pixel_frame
 
-HONEST = FUSED - {"nnan", "ninf"}  # comparisons with NaN are false, so that a broken pixel goes down to all texels
+HONEST = FUSED - {
+    "nnan",
+    "ninf",
+}  # comparisons with NaN are false, so that a broken pixel goes down to all texels
 STEPS_PER_PIXEL = 20_000  # nanoseconds or so, with all roots
 
 
-def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, tree: TileTree) -> tuple[Tensor, Tensor]:
+def stack(
+    colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, tree: TileTree
+) -> tuple[Tensor, Tensor]:
     """Return radiance (M, 3) and weight (M,)."""
     scale = alpha2[:, None] / math.pi
     factors = torch.cat([scale, scale * colors], dim=1)
     weight, radiance = colors.new_empty(tree.texels.size), colors.new_empty(tree.texels.size, 3)
     threads(len(colors) * STEPS_PER_PIXEL)
     _stack(
-        *arrays(lobe_frames(normals, views, alpha2), factors), tree.bounds, tree.maps, tree.texels, tree.tiles.copy(),
-        weight.numpy(), radiance.numpy(),
-    )  # fmt: skip
+        *arrays(lobe_frames(normals, views, alpha2), factors),
+        tree.bounds,
+        tree.maps,
+        tree.texels,
+        tree.tiles.copy(),
+        weight.numpy(),
+        radiance.numpy(),
+    )
     return radiance, weight
 
 

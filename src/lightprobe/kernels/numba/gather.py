@@ -1,7 +1,8 @@
 """Numba body of the row gathers; symbols as in `lightprobe.kernels.gather`.
 
-The scatters run on one thread, in index order: that is limited by memory, repeatable without care, and measured faster
-than dealing the rows out to two threads, which each have to read the whole index and skip half of it unpredictably.
+The scatters run on one thread, in index order: that is limited by memory, repeatable without care, and
+measured faster than dealing the rows out to two threads, which each have to read the whole index and skip
+half of it unpredictably.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """Numba body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
 
-Forward goes level by level, so that one level's table stays in the cache, with the points shared among threads.
-Backward to the table shares out the levels: no two threads add to one table, and each sum runs in the order of the
-points. Backward to the points shares out the points.
+Forward goes level by level, so that one level's table stays in the cache, with the points shared among
+threads. Backward to the table shares out the levels: no two threads add to one table, and each sum runs in
+the order of the points. Backward to the points shares out the points.
 """
 
 import numpy as np
@@ -63,7 +63,9 @@ def _encode(points, table, cells, workers, out):
     share = (points.shape[0] + workers - 1) // workers
     for worker in prange(workers):
         for level in range(table.shape[0]):
-            _encode_level(points, table, cells, level, worker * share, min(points.shape[0], (worker + 1) * share), out)
+            _encode_level(
+                points, table, cells, level, worker * share, min(points.shape[0], (worker + 1) * share), out
+            )
 
 
 @compiled()

@@ -1,4 +1,6 @@
-"""Numba body of the lobes' rows; symbols as in `lightprobe.kernels.lobe_rows`. Rows are counted, then written."""
+"""Numba body of the lobes' rows; symbols as in `lightprobe.kernels.lobe_rows`. Rows are counted, then
+written.
+"""
 
 import math
 
@@ -43,7 +45,9 @@ def _pyramid_offset(size):
 
 @compiled()
 def _chord2(frame, direction, a, b):
-    """Return the squared chord from `direction` to the face point (a, b), and that point's distance from the origin."""
+    """Return the squared chord from `direction` to the face point (a, b), and that point's distance from the
+    origin.
+    """
     length = math.sqrt(1.0 + a * a + b * b)
     chord2 = 0.0
     for axis in range(3):
@@ -78,7 +82,8 @@ def _look_at(frame, direction, x, y, size, lobe):
 
 @compiled()
 def _refine_row(direction, frames, lobe, index, weight, write):
-    """Refine one row's pyramid from the top, depth first; count its entries, and write them where `write` says so.
+    """Refine one row's pyramid from the top, depth first; count its entries, and write them where `write`
+    says so.
 
     All parts of a texel follow one another in this order, so they add up in the entry written last.
     """
@@ -114,4 +119,6 @@ def _refine_row(direction, frames, lobe, index, weight, write):
 @compiled(parallel=True)
 def _refine(directions, frames, lobe, start, counts, index, weight, write):
     for row in prange(len(directions)):
-        counts[row] = _refine_row(directions[row], frames, lobe, index[start[row] :], weight[start[row] :], write)
+        counts[row] = _refine_row(
+            directions[row], frames, lobe, index[start[row] :], weight[start[row] :], write
+        )

@@ -1,7 +1,7 @@
 """Numba body of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
 
-A thread takes a block of pixels; per pixel the unoccluded of all directions is gathered into a row that stays in the
-first-level cache, and the sums run over it in vectors.
+A thread takes a block of pixels; per pixel the unoccluded of all directions is gathered into a row that stays
+in the first-level cache, and the sums run over it in vectors.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ from lightprobe.core.jit import arrays, compiled, threads
 BLOCK = 256  # pixels that one thread takes at a time; partial light gradients are summed block by block
 TINY = np.float32(1e-12)
 ZERO = np.float32(0)
-# Nothing more: with `nsz` and `nnan` as well, the process that compiles these loops computes other last bits than those
-# that find them in Numba's cache, which holds them optimised once more.
+# Nothing more: with `nsz` and `nnan` as well, the process that compiles these loops computes other last bits
+# than those that find them in Numba's cache, which holds them optimised once more.
 FUSED = {"contract", "reassoc"}
 
 
@@ -32,12 +32,20 @@ def occluded_light(
     out = light.new_empty(normals.shape[0], 7)
     pixels = arrays(normals, index, weight / 255)
     threads(2 * normals.shape[0] * directions.shape[0])
-    _forward(*pixels, unoccluded.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), out.numpy())
+    _forward(
+        *pixels, unoccluded.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), out.numpy()
+    )
     return out
 
 
 def light_gradient(
-    grad: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    grad: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
 ) -> Tensor:
     """Return the gradient (K, 3) of the light."""
     blocks = -(-normals.shape[0] // BLOCK)
@@ -50,9 +58,16 @@ def light_gradient(
 
 
 def normal_gradient(
-    grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor,
-    directions: Tensor, angles: Tensor,
-) -> Tensor:  # fmt: skip
+    grad: Tensor,
+    out: Tensor,
+    light: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
+) -> Tensor:
     """Return the gradient (P, 3) of the normals, for the forward result `out`."""
     result = torch.empty_like(normals)
     pixels = arrays(normals, index, weight / 255, grad, out)
@@ -91,7 +106,15 @@ def _forward(normals, index, weight, unoccluded, sphere, out):
 
 @compiled(fastmath=FUSED)
 def _pixel(nx, ny, nz, row, sphere, out, p):
-    x, y, z, angle, red, green, blue = sphere[0], sphere[1], sphere[2], sphere[3], sphere[4], sphere[5], sphere[6]
+    x, y, z, angle, red, green, blue = (
+        sphere[0],
+        sphere[1],
+        sphere[2],
+        sphere[3],
+        sphere[4],
+        sphere[5],
+        sphere[6],
+    )
     total, share, r, g, b = ZERO, ZERO, ZERO, ZERO, ZERO
     around, ar, ag, ab = ZERO, ZERO, ZERO, ZERO
     for k in range(row.size):
@@ -149,7 +172,15 @@ def _normal_gradient(normals, index, weight, grad, forward, unoccluded, sphere, 
 
 @compiled(fastmath=FUSED)
 def _turn(nx, ny, nz, row, sphere, grad, forward, out):
-    x, y, z, angle, red, green, blue = sphere[0], sphere[1], sphere[2], sphere[3], sphere[4], sphere[5], sphere[6]
+    x, y, z, angle, red, green, blue = (
+        sphere[0],
+        sphere[1],
+        sphere[2],
+        sphere[3],
+        sphere[4],
+        sphere[5],
+        sphere[6],
+    )
     gr, gg, gb, ga = grad[0], grad[1], grad[2], grad[6]
     mean = gr * forward[0] + gg * forward[1] + gb * forward[2] + ga * forward[6]
     total, ox, oy, oz = ZERO, ZERO, ZERO, ZERO

@@ -1,4 +1,6 @@
-"""Numba body of the permuted rows; symbols as in `lightprobe.kernels.permuted_rows`. Every row is written apart."""
+"""Numba body of the permuted rows; symbols as in `lightprobe.kernels.permuted_rows`. Every row is written
+apart.
+"""
 
 import numpy as np
 from numba import prange
@@ -7,10 +9,19 @@ from lightprobe.core.jit import compiled, threads
 
 
 def permute(
-    start: np.ndarray, column: np.ndarray, value: np.ndarray, which: np.ndarray, by: np.ndarray, source: np.ndarray,
-    new_start: np.ndarray, new_column: np.ndarray, new_value: np.ndarray,
-) -> None:  # fmt: skip
-    """Write the T new rows, which start at `new_start` (T + 1,), into `new_column` and `new_value` (entries,)."""
+    start: np.ndarray,
+    column: np.ndarray,
+    value: np.ndarray,
+    which: np.ndarray,
+    by: np.ndarray,
+    source: np.ndarray,
+    new_start: np.ndarray,
+    new_column: np.ndarray,
+    new_value: np.ndarray,
+) -> None:
+    """Write the T new rows, which start at `new_start` (T + 1,), into `new_column` and `new_value`
+    (entries,).
+    """
     threads(len(new_column))
     _permute(start, column, value, which, by, source, new_start, new_column, new_value)
 

@@ -1,4 +1,6 @@
-"""Numba body of the sparse products; symbols as in `lightprobe.kernels.sparse`. Loops take float32 and float64."""
+"""Numba body of the sparse products; symbols as in `lightprobe.kernels.sparse`. Loops take float32 and
+float64.
+"""
 
 import numpy as np
 import torch
@@ -43,16 +45,41 @@ def _multiply(start, column, value, rows, x, out):
         whole = first + (end - first) // 4 * 4
         for k in range(first, whole, 4):
             j, w = column[k], value[k]
-            a0, a1, a2, a3 = a0 + w * padded[j, 0], a1 + w * padded[j, 1], a2 + w * padded[j, 2], a3 + w * padded[j, 3]
+            a0, a1, a2, a3 = (
+                a0 + w * padded[j, 0],
+                a1 + w * padded[j, 1],
+                a2 + w * padded[j, 2],
+                a3 + w * padded[j, 3],
+            )
             j, w = column[k + 1], value[k + 1]
-            b0, b1, b2, b3 = b0 + w * padded[j, 0], b1 + w * padded[j, 1], b2 + w * padded[j, 2], b3 + w * padded[j, 3]
+            b0, b1, b2, b3 = (
+                b0 + w * padded[j, 0],
+                b1 + w * padded[j, 1],
+                b2 + w * padded[j, 2],
+                b3 + w * padded[j, 3],
+            )
             j, w = column[k + 2], value[k + 2]
-            c0, c1, c2, c3 = c0 + w * padded[j, 0], c1 + w * padded[j, 1], c2 + w * padded[j, 2], c3 + w * padded[j, 3]
+            c0, c1, c2, c3 = (
+                c0 + w * padded[j, 0],
+                c1 + w * padded[j, 1],
+                c2 + w * padded[j, 2],
+                c3 + w * padded[j, 3],
+            )
             j, w = column[k + 3], value[k + 3]
-            d0, d1, d2, d3 = d0 + w * padded[j, 0], d1 + w * padded[j, 1], d2 + w * padded[j, 2], d3 + w * padded[j, 3]
+            d0, d1, d2, d3 = (
+                d0 + w * padded[j, 0],
+                d1 + w * padded[j, 1],
+                d2 + w * padded[j, 2],
+                d3 + w * padded[j, 3],
+            )
         for k in range(whole, end):
             j, w = column[k], value[k]
-            a0, a1, a2, a3 = a0 + w * padded[j, 0], a1 + w * padded[j, 1], a2 + w * padded[j, 2], a3 + w * padded[j, 3]
+            a0, a1, a2, a3 = (
+                a0 + w * padded[j, 0],
+                a1 + w * padded[j, 1],
+                a2 + w * padded[j, 2],
+                a3 + w * padded[j, 3],
+            )
         out[q, 0], out[q, 1], out[q, 2] = a0 + b0 + c0 + d0, a1 + b1 + c1 + d1, a2 + b2 + c2 + d2
 
 

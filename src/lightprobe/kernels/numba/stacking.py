@@ -1,7 +1,7 @@
 """Numba body of the stacking; symbols as in `lightprobe.kernels.stacking` and `lobe_frames`.
 
-Loops run over a tile of texels in vectors; tile by tile the sums stay in the first-level cache, and partial sums over
-`CHUNK` pixels or `TILE` texels keep the rounding of long float32 sums small.
+Loops run over a tile of texels in vectors; tile by tile the sums stay in the first-level cache, and partial
+sums over `CHUNK` pixels or `TILE` texels keep the rounding of long float32 sums small.
 """
 
 import math
@@ -22,7 +22,9 @@ ZERO = np.float32(0)
 FUSED = {"contract", "arcp", "nsz", "nnan", "ninf"}
 
 
-def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+def stack(
+    colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return sum_p c_p D_p (M, 3) and sum_p D_p (M,)."""
     scale = alpha2[:, None] / math.pi
     factors = torch.cat([scale, scale * colors], dim=1)
@@ -32,7 +34,9 @@ def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, direct
     return out[1:].T.contiguous(), out[0]
 
 
-def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> Tensor:
+def stack_backward(
+    grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
+) -> Tensor:
     """Return sum_w D_p(w) grad(w), shape (N, 3), for `grad` (M, 3) already divided by W."""
     out = grad.new_zeros(normals.shape[0], 3)
     threads(normals.shape[0] * directions.shape[0])
@@ -44,9 +48,20 @@ def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor,
 def pixel_frame(values, p):
     """Return the frame of pixel p as numbers, which a loop that writes elsewhere can keep in registers."""
     return (
-        values[p, 0], values[p, 1], values[p, 2], values[p, 3], values[p, 4], values[p, 5], values[p, 6],
-        values[p, 7], values[p, 8], values[p, 9], values[p, 10], values[p, 11], values[p, 12],
-    )  # fmt: skip
+        values[p, 0],
+        values[p, 1],
+        values[p, 2],
+        values[p, 3],
+        values[p, 4],
+        values[p, 5],
+        values[p, 6],
+        values[p, 7],
+        values[p, 8],
+        values[p, 9],
+        values[p, 10],
+        values[p, 11],
+        values[p, 12],
+    )
 
 
 @compiled(fastmath=FUSED, inline="always")

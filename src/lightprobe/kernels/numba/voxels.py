@@ -21,7 +21,12 @@ def vote(
 
 
 def cast(
-    distance: np.ndarray, origin: np.ndarray, axes: np.ndarray, intrinsics: np.ndarray, height: int, width: int
+    distance: np.ndarray,
+    origin: np.ndarray,
+    axes: np.ndarray,
+    intrinsics: np.ndarray,
+    height: int,
+    width: int,
 ) -> np.ndarray:
     """Return the picture (height, width) bool, a ray marched per pixel."""
     threads(height * width * distance.shape[0])
@@ -71,17 +76,22 @@ def _cast(distance, origin, axes, intrinsics, height, width):
 
 @compiled()
 def _hits(distance, ox, oy, oz, dx, dy, dz):
-    """Tell whether a ray meets an occupied voxel: from voxel to voxel near one, in leaps where all around is empty.
+    """Tell whether a ray meets an occupied voxel: from voxel to voxel near one, in leaps where all around is
+    empty.
 
-    From so far away that a step is lost in rounding, it may stay where it is; after many times the steps that a ray can
-    need it has met nothing.
+    From so far away that a step is lost in rounding, it may stay where it is; after many times the steps that
+    a ray can need it has met nothing.
     """
     size = distance.shape[0]
     longest = max(abs(dx), abs(dy), abs(dz))
     # Tiny components instead of zeros keep every division finite.
     dx, dy, dz = _nonzero(dx), _nonzero(dy), _nonzero(dz)
-    enter = max(min(-ox / dx, (size - ox) / dx), min(-oy / dy, (size - oy) / dy), min(-oz / dz, (size - oz) / dz))
-    leave = min(max(-ox / dx, (size - ox) / dx), max(-oy / dy, (size - oy) / dy), max(-oz / dz, (size - oz) / dz))
+    enter = max(
+        min(-ox / dx, (size - ox) / dx), min(-oy / dy, (size - oy) / dy), min(-oz / dz, (size - oz) / dz)
+    )
+    leave = min(
+        max(-ox / dx, (size - ox) / dx), max(-oy / dy, (size - oy) / dy), max(-oz / dz, (size - oz) / dz)
+    )
     nudge = 1e-6 / longest  # past the wall of a voxel
     t = max(enter, 0.0) + nudge
     for _ in range(16 * size):

@@ -7,7 +7,9 @@ from lightprobe.kernels.culled_stacking import NODES, TileTree
 from lightprobe.kernels.reference import stacking
 
 
-def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, tree: TileTree) -> tuple[Tensor, Tensor]:
+def stack(
+    colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, tree: TileTree
+) -> tuple[Tensor, Tensor]:
     """Return radiance (M, 3) and weight (M,)."""
     texel = torch.from_numpy(tree.texels).to(colors.device).reshape(-1)
     places = torch.from_numpy(tree.tiles[:, -tree.texels.shape[1] :, : 3 * NODES]).to(colors)

@@ -42,13 +42,17 @@ def _row(
 def _integral(frame: np.ndarray, direction: np.ndarray, x: int, y: int, size: int, alpha: float) -> float:
     """Return the integral of the lobe over a square, by 2 x 2 Gauss points."""
     offsets = (1 - 1 / math.sqrt(3), 1 + 1 / math.sqrt(3))
-    points = [((2 * x + along) / size - 1, (2 * y + down) / size - 1) for along in offsets for down in offsets]
+    points = [
+        ((2 * x + along) / size - 1, (2 * y + down) / size - 1) for along in offsets for down in offsets
+    ]
     seen = [_seen(frame, direction, *point, 2 * size) for point in points]
     return sum(area * _lobe(chord, alpha) for chord, area in seen)
 
 
 def _seen(frame: np.ndarray, direction: np.ndarray, a: float, b: float, size: int) -> tuple[float, float]:
-    """Return the chord from `direction` to the face point (a, b), and the solid angle of a small square around it."""
+    """Return the chord from `direction` to the face point (a, b), and the solid angle of a small square
+    around it.
+    """
     length = math.sqrt(1 + a * a + b * b)
     chord = np.linalg.norm(np.array([1.0, a, b]) @ frame / length - direction)
     return float(chord), 4 / (size**2 * length**3)

@@ -1,4 +1,6 @@
-"""Plain body of the occluded light; symbols as in `lightprobe.kernels.occlusion`. A slab of pixels exists at a time."""
+"""Plain body of the occluded light; symbols as in `lightprobe.kernels.occlusion`. A slab of pixels exists at
+a time.
+"""
 
 from collections.abc import Iterator
 

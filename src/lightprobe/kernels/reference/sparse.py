@@ -1,4 +1,6 @@
-"""Plain body of the sparse products; symbols as in `lightprobe.kernels.sparse`. It fixes no order of the sums."""
+"""Plain body of the sparse products; symbols as in `lightprobe.kernels.sparse`. It fixes no order of the
+sums.
+"""
 
 import numpy as np
 import torch

@@ -1,4 +1,6 @@
-"""Plain body of the stacking; symbols as in `lightprobe.kernels.stacking`. One slab of the matrix exists at a time."""
+"""Plain body of the stacking; symbols as in `lightprobe.kernels.stacking`. One slab of the matrix exists at a
+time.
+"""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +11,9 @@ from torch import Tensor
 PAIRS_AT_ONCE = 1 << 22  # probes times directions, for memory
 
 
-def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+def stack(
+    colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return sum_p c_p D_p (M, 3) and sum_p D_p (M,)."""
     total, weight = colors.new_zeros(directions.shape[0], 3), colors.new_zeros(directions.shape[0])
     for part, lobe in _slabs(normals, views, alpha2, directions):
@@ -17,7 +21,9 @@ def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, direct
     return total, weight
 
 
-def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> Tensor:
+def stack_backward(
+    grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
+) -> Tensor:
     """Return sum_w D_p(w) grad(w), shape (N, 3), for `grad` (M, 3) already divided by W."""
     out = grad.new_zeros(normals.shape[0], 3)
     for part, lobe in _slabs(normals, views, alpha2, directions):
@@ -35,7 +41,9 @@ def distribution(normals: Tensor, views: Tensor, alpha2: Tensor, directions: Ten
     return a2 / (math.pi * bracket**2) * (normals @ directions.T).clamp(min=0)
 
 
-def _slabs(normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> Iterator[tuple[slice, Tensor]]:
+def _slabs(
+    normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
+) -> Iterator[tuple[slice, Tensor]]:
     step = max(1, PAIRS_AT_ONCE // max(1, normals.shape[0]))
     for start in range(0, directions.shape[0], step):
         part = slice(start, start + step)

@@ -27,7 +27,12 @@ def vote(
 
 
 def cast(
-    distance: np.ndarray, origin: np.ndarray, axes: np.ndarray, intrinsics: np.ndarray, height: int, width: int
+    distance: np.ndarray,
+    origin: np.ndarray,
+    axes: np.ndarray,
+    intrinsics: np.ndarray,
+    height: int,
+    width: int,
 ) -> np.ndarray:
     """Return the picture (height, width) bool: every occupied voxel's box against every ray."""
     fx, fy, cx, cy = intrinsics

@@ -1,7 +1,7 @@
 """Sums by atomic addition that do not depend on the order: 64-bit integers count multiples of a power of two.
 
-With at most n terms of magnitude up to m, the unit 2^-e is the finest for which no sum can overflow: n m 2^e < 2^62.
-For 2^20 terms each is then held to 2^-42 m, much finer than float32 holds a sum of them.
+With at most n terms of magnitude up to m, the unit 2^-e is the finest for which no sum can overflow: n m 2^e
+< 2^62. For 2^20 terms each is then held to 2^-42 m, much finer than float32 holds a sum of them.
 """
 
 import torch
@@ -14,7 +14,9 @@ _MOST = 120  # keeps scale and 1 / scale normal in float32
 
 
 def scale_for(magnitude: Tensor, terms: int) -> Tensor:
-    """Return the float32 factor 2^e (1,) for sums of at most `terms` values up to `magnitude` (); NaN stays NaN."""
+    """Return the float32 factor 2^e (1,) for sums of at most `terms` values up to `magnitude` (); NaN stays
+    NaN.
+    """
     exponent = torch.floor(_BITS - torch.log2(magnitude * max(terms, 1)))
     return torch.exp2(exponent.clamp(-_MOST, _MOST)).reshape(1)
 

@@ -1,7 +1,7 @@
 """Triton body of the row gathers; symbols as in `lightprobe.kernels.gather`.
 
-A program serves a block of queries and a block of channels. The scatters add with integer atomics (`fixed_point`), so
-they need no sorting and yet repeat to the bit.
+A program serves a block of queries and a block of channels. The scatters add with integer atomics
+(`fixed_point`), so they need no sorting and yet repeat to the bit.
 """
 
 import torch
@@ -22,9 +22,15 @@ def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     if out.numel():
         with torch.cuda.device_of(values):
             _gather[grid](
-                values.contiguous(), index.contiguous(), weight.contiguous(), out, *out.shape, index.shape[1], *block,
+                values.contiguous(),
+                index.contiguous(),
+                weight.contiguous(),
+                out,
+                *out.shape,
+                index.shape[1],
+                *block,
                 enable_fp_fusion=True,
-            )  # fmt: skip
+            )
     return out
 
 
@@ -41,9 +47,16 @@ def row_products(grad: Tensor, index: Tensor, values: Tensor) -> Tensor:
     if out.numel():
         with torch.cuda.device_of(grad):
             _row_products[grid[:1]](
-                grad.contiguous(), index.contiguous(), values.contiguous(), out, queries, channels, index.shape[1],
-                *block, enable_fp_fusion=True,
-            )  # fmt: skip
+                grad.contiguous(),
+                index.contiguous(),
+                values.contiguous(),
+                out,
+                queries,
+                channels,
+                index.shape[1],
+                *block,
+                enable_fp_fusion=True,
+            )
     return out
 
 
@@ -63,9 +76,17 @@ def _scattered(grad: Tensor, index: Tensor, weight: Tensor | None, rows: int) ->
     factor = scale if weight is None else weight  # never read when there is no weight
     with torch.cuda.device_of(grad):
         _scatter[grid](
-            grad.contiguous(), index.contiguous(), factor, scale, sums, *grad.shape, index.shape[1],
-            weight is not None, *block, enable_fp_fusion=True,
-        )  # fmt: skip
+            grad.contiguous(),
+            index.contiguous(),
+            factor,
+            scale,
+            sums,
+            *grad.shape,
+            index.shape[1],
+            weight is not None,
+            *block,
+            enable_fp_fusion=True,
+        )
     return fixed_point.decode(sums, scale)
 
 
@@ -86,15 +107,26 @@ def _gather(values, index, weight, out, queries, channels, taps, TALL: tl.conste
     for k in range(taps):
         row = tl.load(index + n * taps + k, mask=live, other=0).to(tl.int64)
         factor = tl.load(weight + n * taps + k, mask=live, other=0.0)
-        total += factor[:, None] * tl.load(values + row[:, None] * channels + c[None, :], mask=mask, other=0.0)
+        total += factor[:, None] * tl.load(
+            values + row[:, None] * channels + c[None, :], mask=mask, other=0.0
+        )
     tl.store(out + n[:, None] * channels + c[None, :], total, mask=mask)
 
 
 @triton.jit
 def _scatter(
-    grad, index, weight, scale, sums, queries, channels, taps,
-    WEIGHTED: tl.constexpr, TALL: tl.constexpr, WIDE: tl.constexpr,
-):  # fmt: skip
+    grad,
+    index,
+    weight,
+    scale,
+    sums,
+    queries,
+    channels,
+    taps,
+    WEIGHTED: tl.constexpr,
+    TALL: tl.constexpr,
+    WIDE: tl.constexpr,
+):
     n = tl.program_id(0).to(tl.int64) * TALL + tl.arange(0, TALL)
     c = tl.program_id(1) * WIDE + tl.arange(0, WIDE)
     live = n < queries

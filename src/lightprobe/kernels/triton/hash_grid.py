@@ -1,8 +1,8 @@
 """Triton body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
 
-A program serves a block of points on one level. The table's gradient is summed with integer atomics (`fixed_point`):
-points of a batch meet in few rows of the coarse levels, and yet the bits repeat. That of a point is summed by one
-program over all levels.
+A program serves a block of points on one level. The table's gradient is summed with integer atomics
+(`fixed_point`): points of a batch meet in few rows of the coarse levels, and yet the bits repeat. That of a
+point is summed by one program over all levels.
 """
 
 import functools
@@ -23,9 +23,15 @@ def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
     if out.numel():
         with torch.cuda.device_of(points):
             _encode[_grid(points, cells)](
-                points.contiguous(), table.contiguous(), _on_device(tuple(cells), points.device), out,
-                points.shape[0], len(cells), *_sizes(table.shape), enable_fp_fusion=True,
-            )  # fmt: skip
+                points.contiguous(),
+                table.contiguous(),
+                _on_device(tuple(cells), points.device),
+                out,
+                points.shape[0],
+                len(cells),
+                *_sizes(table.shape),
+                enable_fp_fusion=True,
+            )
     return out
 
 
@@ -37,9 +43,16 @@ def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape:
     sums = torch.zeros(table_shape, dtype=torch.int64, device=grad.device)
     with torch.cuda.device_of(points):
         _encode_backward[_grid(points, cells)](
-            grad.contiguous(), points.contiguous(), _on_device(tuple(cells), points.device), scale, sums,
-            points.shape[0], len(cells), *_sizes(table_shape), enable_fp_fusion=True,
-        )  # fmt: skip
+            grad.contiguous(),
+            points.contiguous(),
+            _on_device(tuple(cells), points.device),
+            scale,
+            sums,
+            points.shape[0],
+            len(cells),
+            *_sizes(table_shape),
+            enable_fp_fusion=True,
+        )
     return fixed_point.decode(sums, scale)
 
 
@@ -49,9 +62,16 @@ def encode_backward_to_points(grad: Tensor, points: Tensor, table: Tensor, cells
     if grad.numel():
         with torch.cuda.device_of(points):
             _encode_backward_to_points[_grid(points, cells)[:1]](
-                grad.contiguous(), points.contiguous(), table.contiguous(), _on_device(tuple(cells), points.device),
-                out, points.shape[0], len(cells), *_sizes(table.shape), enable_fp_fusion=True,
-            )  # fmt: skip
+                grad.contiguous(),
+                points.contiguous(),
+                table.contiguous(),
+                _on_device(tuple(cells), points.device),
+                out,
+                points.shape[0],
+                len(cells),
+                *_sizes(table.shape),
+                enable_fp_fusion=True,
+            )
     return out
 
 
@@ -67,7 +87,9 @@ def _sizes(table_shape: torch.Size) -> tuple[int, int, int, int]:
 
 @functools.lru_cache(maxsize=16)
 def _on_device(cells: tuple[int, ...], device: torch.device) -> Tensor:
-    """Return the resolutions (L,) int32; kept, for a copy to the device in every step could not join a CUDA graph."""
+    """Return the resolutions (L,) int32; kept, for a copy to the device in every step could not join a CUDA
+    graph.
+    """
     return torch.tensor(cells, dtype=torch.int32, device=device)
 
 
@@ -117,9 +139,17 @@ def _corner(i, j, k, x, y, z, CORNER: tl.constexpr, side, rows):
 
 @triton.jit
 def _encode(
-    points, table, cells, out, count, levels,
-    rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
-):  # fmt: skip
+    points,
+    table,
+    cells,
+    out,
+    count,
+    levels,
+    rows,
+    features,
+    WIDE: tl.constexpr,
+    POINTS: tl.constexpr,
+):
     n, f, live, mask = _block(count, features, WIDE, POINTS)
     level = tl.program_id(1).to(tl.int64)
     resolution = tl.load(cells + level)
@@ -136,9 +166,18 @@ def _encode(
 
 @triton.jit
 def _encode_backward(
-    grad, points, cells, scale, sums, count, levels,
-    rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
-):  # fmt: skip
+    grad,
+    points,
+    cells,
+    scale,
+    sums,
+    count,
+    levels,
+    rows,
+    features,
+    WIDE: tl.constexpr,
+    POINTS: tl.constexpr,
+):
     n, f, live, mask = _block(count, features, WIDE, POINTS)
     level = tl.program_id(1).to(tl.int64)
     resolution = tl.load(cells + level)
@@ -162,9 +201,18 @@ def _slope(points, n, axis, live, total, out):
 
 @triton.jit
 def _encode_backward_to_points(
-    grad, points, table, cells, out, count, levels,
-    rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr,
-):  # fmt: skip
+    grad,
+    points,
+    table,
+    cells,
+    out,
+    count,
+    levels,
+    rows,
+    features,
+    WIDE: tl.constexpr,
+    POINTS: tl.constexpr,
+):
     n, f, live, mask = _block(count, features, WIDE, POINTS)
     total_x = tl.zeros([POINTS], dtype=tl.float32)
     total_y = tl.zeros([POINTS], dtype=tl.float32)

@@ -1,7 +1,8 @@
 """Triton body of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
 
-What is summed over directions has one program per pixel, whose lanes are directions, so that the bytes of an unoccluded
-row are read side by side. What is summed over pixels has lanes of directions too, and walks through a share of pixels.
+What is summed over directions has one program per pixel, whose lanes are directions, so that the bytes of an
+unoccluded row are read side by side. What is summed over pixels has lanes of directions too, and walks
+through a share of pixels.
 """
 
 import torch
@@ -29,14 +30,26 @@ def occluded_light(
     if len(out):
         with torch.cuda.device_of(light):
             _forward[(len(out),)](
-                *_pixels(normals, unoccluded, index, weight), _sphere(light, directions, angles), out,
-                *_sizes(unoccluded), index.shape[1], TINY, num_warps=1, enable_fp_fusion=True,
-            )  # fmt: skip
+                *_pixels(normals, unoccluded, index, weight),
+                _sphere(light, directions, angles),
+                out,
+                *_sizes(unoccluded),
+                index.shape[1],
+                TINY,
+                num_warps=1,
+                enable_fp_fusion=True,
+            )
     return out
 
 
 def light_gradient(
-    grad: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+    grad: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
 ) -> Tensor:
     """Return the gradient (K, 3) of the light."""
     count, bins = normals.shape[0], directions.shape[0]
@@ -60,9 +73,16 @@ def light_gradient(
 
 
 def normal_gradient(
-    grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor,
-    directions: Tensor, angles: Tensor,
-) -> Tensor:  # fmt: skip
+    grad: Tensor,
+    out: Tensor,
+    light: Tensor,
+    normals: Tensor,
+    unoccluded: Tensor,
+    index: Tensor,
+    weight: Tensor,
+    directions: Tensor,
+    angles: Tensor,
+) -> Tensor:
     """Return the gradient (P, 3) of the normals, for the forward result `out`."""
     result = torch.empty_like(normals, memory_format=torch.contiguous_format)
     if len(out):
@@ -70,9 +90,16 @@ def normal_gradient(
         pull = torch.cat([grad[:, :3], grad[:, 6:], mean], dim=1)
         with torch.cuda.device_of(grad):
             _turn[(len(out),)](
-                *_pixels(normals, unoccluded, index, weight), _sphere(light, directions, angles), pull, result,
-                *_sizes(unoccluded), index.shape[1], TINY, num_warps=1, enable_fp_fusion=True,
-            )  # fmt: skip
+                *_pixels(normals, unoccluded, index, weight),
+                _sphere(light, directions, angles),
+                pull,
+                result,
+                *_sizes(unoccluded),
+                index.shape[1],
+                TINY,
+                num_warps=1,
+                enable_fp_fusion=True,
+            )
     return result
 
 
@@ -115,9 +142,17 @@ def _cosine(normals, p, sphere, k, live, bins):
 
 @triton.jit
 def _forward(
-    normals, unoccluded, index, weight, sphere, out, bins,
-    BLOCK: tl.constexpr, CORNERS: tl.constexpr, TINY: tl.constexpr,
-):  # fmt: skip
+    normals,
+    unoccluded,
+    index,
+    weight,
+    sphere,
+    out,
+    bins,
+    BLOCK: tl.constexpr,
+    CORNERS: tl.constexpr,
+    TINY: tl.constexpr,
+):
     p = tl.program_id(0).to(tl.int64)
     total, share, r, g, b = 0.0, 0.0, 0.0, 0.0, 0.0
     around, ar, ag, ab = 0.0, 0.0, 0.0, 0.0
@@ -154,9 +189,16 @@ def _forward(
 
 @triton.jit
 def _totals(
-    normals, unoccluded, index, weight, sphere, sums, bins,
-    BLOCK: tl.constexpr, CORNERS: tl.constexpr,
-):  # fmt: skip
+    normals,
+    unoccluded,
+    index,
+    weight,
+    sphere,
+    sums,
+    bins,
+    BLOCK: tl.constexpr,
+    CORNERS: tl.constexpr,
+):
     """Write the sum of c and the sum of dw v of each pixel."""
     p = tl.program_id(0).to(tl.int64)
     total, around = 0.0, 0.0
@@ -172,9 +214,19 @@ def _totals(
 
 @triton.jit
 def _spread(
-    normals, unoccluded, index, weight, sphere, arriving, parts, bins, count,
-    CORNERS: tl.constexpr, LANES: tl.constexpr, SHARE: tl.constexpr,
-):  # fmt: skip
+    normals,
+    unoccluded,
+    index,
+    weight,
+    sphere,
+    arriving,
+    parts,
+    bins,
+    count,
+    CORNERS: tl.constexpr,
+    LANES: tl.constexpr,
+    SHARE: tl.constexpr,
+):
     """Sum v dw (max(n.w, 0) diffuse + ambient) over a share of the pixels."""
     k = tl.program_id(0) * LANES + tl.arange(0, LANES)
     live = k < bins
@@ -197,9 +249,18 @@ def _spread(
 
 @triton.jit
 def _turn(
-    normals, unoccluded, index, weight, sphere, pull, result, bins,
-    BLOCK: tl.constexpr, CORNERS: tl.constexpr, TINY: tl.constexpr,
-):  # fmt: skip
+    normals,
+    unoccluded,
+    index,
+    weight,
+    sphere,
+    pull,
+    result,
+    bins,
+    BLOCK: tl.constexpr,
+    CORNERS: tl.constexpr,
+    TINY: tl.constexpr,
+):
     p = tl.program_id(0).to(tl.int64)
     at = pull + 5 * p
     gr, gg, gb, ga, mean = tl.load(at), tl.load(at + 1), tl.load(at + 2), tl.load(at + 3), tl.load(at + 4)

@@ -1,11 +1,13 @@
 """Triton body of the rasteriser: faces compete for pixels by a 64-bit atomic minimum of a packed depth | id.
 
-The key of a face at a pixel is the complement of the bits of its float32 inverse depth above its index: the bits of
-positive floats order like the floats, so the smallest key is the nearest, lowest-numbered face, in whatever order the
-faces come. The arithmetic is float64 and, without fused operations, the reference's to the bit.
+The key of a face at a pixel is the complement of the bits of its float32 inverse depth above its index: the
+bits of positive floats order like the floats, so the smallest key is the nearest, lowest-numbered face, in
+whatever order the faces come. The arithmetic is float64 and, without fused operations, the reference's to the
+bit.
 
-Small faces are drawn side by side, one lane per (face, pixel of its box). A face with a large box would hold up its
-neighbours: its number goes into a list, and a second launch deals the boxes on the list out to many lanes each.
+Small faces are drawn side by side, one lane per (face, pixel of its box). A face with a large box would hold
+up its neighbours: its number goes into a list, and a second launch deals the boxes on the list out to many
+lanes each.
 """
 
 import torch
@@ -16,7 +18,11 @@ from torch import Tensor
 FACES = 32  # of one program
 STRIP = 4  # pixels of each that it draws at once
 LARGE = 256  # pixels of the largest box drawn side by side
-LISTS, PARTS, SPAN = 64, 8, 1024  # second launch: programs along the list, programs in a box, pixels drawn at once
+LISTS, PARTS, SPAN = (
+    64,
+    8,
+    1024,
+)  # second launch: programs along the list, programs in a box, pixels drawn at once
 EMPTY = (1 << 63) - 1  # key of a pixel without a face: further than any
 LOW = (1 << 32) - 1  # bits of a key that hold the face
 ALL_BITS = (1 << 31) - 1  # of a positive float's pattern, from which depth is taken
@@ -32,9 +38,19 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
         length = torch.zeros(1, dtype=torch.int32, device=screen.device)
         with torch.cuda.device_of(screen):
             _draw_small[(triton.cdiv(count, FACES),)](
-                points, corners, key, large, length, count, height, width, FACES, STRIP, LARGE,
+                points,
+                corners,
+                key,
+                large,
+                length,
+                count,
+                height,
+                width,
+                FACES,
+                STRIP,
+                LARGE,
                 enable_fp_fusion=False,
-            )  # fmt: skip
+            )
             _draw_large[(LISTS, PARTS)](
                 points, corners, key, large, length, height, width, SPAN, enable_fp_fusion=False
             )
@@ -65,7 +81,9 @@ def _pixels(low, high, size):
 @triton.jit
 def _box(ax, ay, az, bx, by, bz, cx, cy, cz, height, width):
     """Return left, columns, top and rows of the boxes; no columns where the face is not drawn."""
-    size = tl.abs(ax) + tl.abs(ay) + tl.abs(az) + tl.abs(bx) + tl.abs(by) + tl.abs(bz) + tl.abs(cx) + tl.abs(cy)
+    size = (
+        tl.abs(ax) + tl.abs(ay) + tl.abs(az) + tl.abs(bx) + tl.abs(by) + tl.abs(bz) + tl.abs(cx) + tl.abs(cy)
+    )
     finite = size + tl.abs(cz) < float("inf")  # so written that NaN fails
     drawn = finite & (az > 0) & (bz > 0) & (cz > 0)
     low_x, high_x = tl.minimum(tl.minimum(ax, bx), cx), tl.maximum(tl.maximum(ax, bx), cx)
@@ -104,9 +122,18 @@ def _compete(ax, ay, az, bx, by, bz, cx, cy, cz, f, column, row, live, key, widt
 
 @triton.jit(do_not_specialize=["height", "width"])
 def _draw_small(
-    points, faces, key, large, length, count, height, width,
-    FACES: tl.constexpr, STRIP: tl.constexpr, LARGE: tl.constexpr,
-):  # fmt: skip
+    points,
+    faces,
+    key,
+    large,
+    length,
+    count,
+    height,
+    width,
+    FACES: tl.constexpr,
+    STRIP: tl.constexpr,
+    LARGE: tl.constexpr,
+):
     f = tl.program_id(0).to(tl.int64) * FACES + tl.arange(0, FACES)
     exists = f < count
     ax, ay, az = _corner(points, faces, f, exists, 0)
@@ -126,9 +153,22 @@ def _draw_small(
         column = left[:, None] + offset % wide[:, None]
         row = top[:, None] + offset // wide[:, None]
         _compete(
-            ax[:, None], ay[:, None], az[:, None], bx[:, None], by[:, None], bz[:, None], cx[:, None], cy[:, None],
-            cz[:, None], f[:, None], column, row, live, key, width,
-        )  # fmt: skip
+            ax[:, None],
+            ay[:, None],
+            az[:, None],
+            bx[:, None],
+            by[:, None],
+            bz[:, None],
+            cx[:, None],
+            cy[:, None],
+            cz[:, None],
+            f[:, None],
+            column,
+            row,
+            live,
+            key,
+            width,
+        )
 
 
 @triton.jit(do_not_specialize=["height", "width"])
@@ -146,6 +186,19 @@ def _draw_large(points, faces, key, large, length, height, width, SPAN: tl.const
             offset = first + lane
             column, row = left + offset % columns, top + offset // columns
             _compete(
-                ax, ay, az, bx, by, bz, cx, cy, cz, f + tl.zeros([SPAN], dtype=tl.int32), column, row,
-                offset < pixels, key, width,
-            )  # fmt: skip
+                ax,
+                ay,
+                az,
+                bx,
+                by,
+                bz,
+                cx,
+                cy,
+                cz,
+                f + tl.zeros([SPAN], dtype=tl.int32),
+                column,
+                row,
+                offset < pixels,
+                key,
+                width,
+            )

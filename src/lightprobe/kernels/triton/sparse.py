@@ -1,7 +1,7 @@
 """Triton body of the sparse product; symbols as in `lightprobe.kernels.sparse`.
 
-A program serves a row, its entries in blocks of one size, so that the order of the sums is fixed. Only whole products
-are asked of a GPU: there the transpose is a matrix of its own.
+A program serves a row, its entries in blocks of one size, so that the order of the sums is fixed. Only whole
+products are asked of a GPU: there the transpose is a matrix of its own.
 """
 
 import torch
@@ -23,9 +23,15 @@ def product(matrix: CompressedRows, x: Tensor, rows: None) -> Tensor:
         wide = min(_WIDEST, max(_NARROWEST, triton.next_power_of_2(triton.cdiv(matrix.value.numel(), count))))
         with torch.cuda.device_of(x):
             _multiply[(count,)](
-                matrix.start, matrix.column, matrix.value, x.float().contiguous(), out, wide,
-                num_warps=max(1, wide // _PER_WARP), enable_fp_fusion=True,
-            )  # fmt: skip
+                matrix.start,
+                matrix.column,
+                matrix.value,
+                x.float().contiguous(),
+                out,
+                wide,
+                num_warps=max(1, wide // _PER_WARP),
+                enable_fp_fusion=True,
+            )
     return out
 
 
@@ -34,8 +40,11 @@ def _multiply(start, column, value, x, out, WIDE: tl.constexpr):
     row = tl.program_id(0)
     first, end = tl.load(start + row), tl.load(start + row + 1)
     lane = tl.arange(0, WIDE)
-    red, green, blue = (tl.zeros([WIDE], dtype=tl.float32), tl.zeros([WIDE], dtype=tl.float32),
-                        tl.zeros([WIDE], dtype=tl.float32))  # fmt: skip
+    red, green, blue = (
+        tl.zeros([WIDE], dtype=tl.float32),
+        tl.zeros([WIDE], dtype=tl.float32),
+        tl.zeros([WIDE], dtype=tl.float32),
+    )
     for block in range(first, end, WIDE):
         live = block + lane < end
         weight = tl.load(value + block + lane, mask=live, other=0.0)

@@ -1,8 +1,8 @@
 """Triton body of the stacking; symbols as in `lightprobe.kernels.stacking` and `lobe_frames`.
 
-Forward: a program holds a block of texels and walks through a share of the pixels; backward: it holds a block of
-pixels and walks through a share of the texels. What it walks through is read as scalars, which every lane shares. The
-shares depend on the sizes alone and their partial sums are added in order, so the bits repeat.
+Forward: a program holds a block of texels and walks through a share of the pixels; backward: it holds a block
+of pixels and walks through a share of the texels. What it walks through is read as scalars, which every lane
+shares. The shares depend on the sizes alone and their partial sums are added in order, so the bits repeat.
 """
 
 import math
@@ -20,7 +20,9 @@ CHUNK = 256  # terms summed before they join the total: keeps the rounding of lo
 PROGRAMS = 2048  # wanted: a few for each multiprocessor of a large GPU
 
 
-def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+def stack(
+    colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return sum_p c_p D_p (M, 3) and sum_p D_p (M,)."""
     pixels, texels = normals.shape[0], directions.shape[0]
     if pixels == 0 or texels == 0:
@@ -38,7 +40,9 @@ def stack(colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, direct
     return out[1:].T.contiguous(), out[0]
 
 
-def stack_backward(grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor) -> Tensor:
+def stack_backward(
+    grad: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, directions: Tensor
+) -> Tensor:
     """Return sum_w D_p(w) grad(w), shape (N, 3), for `grad` (M, 3) already divided by W."""
     pixels, texels = normals.shape[0], directions.shape[0]
     if pixels == 0 or texels == 0:
@@ -90,10 +94,23 @@ def _stack(lobes, directions, parts, pixels, texels, share, CHUNK: tl.constexpr,
         for p in range(first, tl.minimum(first + CHUNK, end)):
             at = lobes + p * 17
             lobe = _lobe(
-                tl.load(at), tl.load(at + 1), tl.load(at + 2), tl.load(at + 3), tl.load(at + 4), tl.load(at + 5),
-                tl.load(at + 6), tl.load(at + 7), tl.load(at + 8), tl.load(at + 9), tl.load(at + 10),
-                tl.load(at + 11), tl.load(at + 12), x, y, z,
-            )  # fmt: skip
+                tl.load(at),
+                tl.load(at + 1),
+                tl.load(at + 2),
+                tl.load(at + 3),
+                tl.load(at + 4),
+                tl.load(at + 5),
+                tl.load(at + 6),
+                tl.load(at + 7),
+                tl.load(at + 8),
+                tl.load(at + 9),
+                tl.load(at + 10),
+                tl.load(at + 11),
+                tl.load(at + 12),
+                x,
+                y,
+                z,
+            )
             w += tl.load(at + 13) * lobe
             r += tl.load(at + 14) * lobe
             g += tl.load(at + 15) * lobe

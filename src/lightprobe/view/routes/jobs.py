@@ -53,7 +53,9 @@ def stop_job(id: str, session: SessionArg) -> dict[str, Any]:
 def job_file(id: str, name: str, session: SessionArg, save: bool = False) -> Response:
     """Return a file of a job, to be saved under its name if asked for."""
     path = session.jobs.get(id).file(name)
-    return FileResponse(path, filename=name if save else None, headers={"cache-control": "private, max-age=3600"})
+    return FileResponse(
+        path, filename=name if save else None, headers={"cache-control": "private, max-age=3600"}
+    )
 
 
 @router.get("/{id}/light")
@@ -71,8 +73,15 @@ def insert_thing(id: str, placement: Placement, session: SessionArg) -> dict[str
     thing = session.uploads.get(UploadKind.THING, placement.thing)
     session.uploads.get(UploadKind.PHOTO, photo.request["photo"])  # still here
     request = {
-        "run": photo.request["run"], "run_index": photo.request["run_index"], "photo_job": photo.id,
-        "photo": photo.request["upload"], "prediction": str(photo.folder), "upload": str(thing.path),
-        "name": thing.name, "at": placement.at, "scale": placement.scale, "turn": placement.turn,
-    }  # fmt: skip
+        "run": photo.request["run"],
+        "run_index": photo.request["run_index"],
+        "photo_job": photo.id,
+        "photo": photo.request["upload"],
+        "prediction": str(photo.folder),
+        "upload": str(thing.path),
+        "name": thing.name,
+        "at": placement.at,
+        "scale": placement.scale,
+        "turn": placement.turn,
+    }
     return session.jobs.submit(TaskName.INSERT, thing.name, request).to_json()

@@ -27,12 +27,14 @@ def about_run(index: int, session: SessionArg) -> dict[str, Any]:
     listed = [
         {"name": photo.name, "split": photo.split, "camera": photo.camera.to_json(), "light": light}
         for photo, light in zip(photos, lights, strict=True)
-    ]  # fmt: skip
+    ]
     similarity = read_record(source.run).similarity.to_json() if photos else None
     return {
-        "name": source.run.path.resolve().name, "photos": listed, "similarity": similarity,
+        "name": source.run.path.resolve().name,
+        "photos": listed,
+        "similarity": similarity,
         "object": source.mesh_file.is_file(),
-    }  # fmt: skip
+    }
 
 
 @router.get("/object.glb")
@@ -63,7 +65,9 @@ def photo_light(index: int, number: int, session: SessionArg) -> Response:
     name = named_file(source.run.environment_folder, _photo(source, number).name, ".exr").name
     path = inside(source.run.path, f"env/{name}", source=source.run.scene_file)
     if not path.is_file():
-        raise InputError("This photo has no light of its own; drop it on the page 'Photo' to have it predicted.")
+        raise InputError(
+            "This photo has no light of its own; drop it on the page 'Photo' to have it predicted."
+        )
     return light_response(light_texels(path))
 
 
@@ -75,7 +79,9 @@ def training_state(index: int, session: SessionArg, after: int = 0) -> dict[str,
 
 @router.post("/forming")
 def form_object(index: int, session: SessionArg) -> dict[str, Any]:
-    """Have the object of the newest checkpoint read; the answer is a job, one that is there already if it can be."""
+    """Have the object of the newest checkpoint read; the answer is a job, one that is there already if it can
+    be.
+    """
     source = session.run(index)
     asked = {"run_index": index, "begun": source.begun, "step": source.run.checkpoints.newest_step()}
     known = _forming_job(session, asked)

@@ -61,7 +61,10 @@ async def correct_mask(index: int, number: int, request: Request, session: Sessi
         raise type(error)(renamed(str(error), {painted: "The mask"})) from error
     finally:
         painted.unlink(missing_ok=True)
-    return {"file": str(written), "command": f"lightprobe prepare PHOTOS -o {shell_word(photos.source.folder)}"}
+    return {
+        "file": str(written),
+        "command": f"lightprobe prepare PHOTOS -o {shell_word(photos.source.folder)}",
+    }
 
 
 @router.put("/box")
