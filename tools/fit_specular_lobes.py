@@ -2,19 +2,17 @@
 
     python tools/fit_specular_lobes.py        # rewrites src/lightprobe/assets/specular_lobes.json, four minutes
 
-The renderer reads the table through `lightprobe.render.specular_lobes`, which says what the lobes are. For a
-grid of cosines and roughnesses this finds the mixture g of two prefiltered lobes in the plane of incidence
-and the cosine lobe of the normal that is nearest to the true lobe f = F D V n.l. There is one set of
-parameters for F0 = 1 and one for a dielectric, fitted together so that their blends serve what lies between.
-Near means, for soft lamps in all places,
+The renderer reads the table through `lightprobe.render.specular_lobes`, which says what the lobes are. For a grid of
+cosines and roughnesses this finds the mixture g of two prefiltered lobes in the plane of incidence and the cosine lobe
+of the normal that is nearest to the true lobe f = F D V n.l. There is one set of parameters for F0 = 1 and one for a
+dielectric, fitted together so that their blends serve what lies between. Near means, for soft lamps in all places,
 
     sum over lamps of (response of g - response of f)^2 / sum over lamps of (response of f)^2,
 
-plus a share of the same ratio for point lamps, |g - f|^2 / |f|^2, lest a lobe narrower than a lamp falls
-apart into two. No particular light enters. Same machine, same table.
+plus a share of the same ratio for point lamps, |g - f|^2 / |f|^2, lest a lobe narrower than a lamp falls apart into
+two. No particular light enters. Same machine, same table.
 
-Frame: n = z, the plane of incidence is x, z, the mirror direction has x > 0. C cosines, S roughnesses, M
-directions.
+Frame: n = z, the plane of incidence is x, z, the mirror direction has x > 0. C cosines, S roughnesses, M directions.
 """
 
 import json

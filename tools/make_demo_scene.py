@@ -1,11 +1,9 @@
-"""Make the bundled scene of `lightprobe demo`, or of one of the test objects: every photo is under another
-light.
+"""Make the bundled scene of `lightprobe demo`, or of one of the test objects: every photo is under another light.
 
     python tools/make_demo_scene.py OUT_DIR            # the scene as shipped, some minutes on two cores
     python tools/make_demo_scene.py OUT_DIR --check    # prove conventions and noise of a scene made before
 
-Objects that are nearly black, to see how Phase I finds their brightness; two to four minutes each on two
-cores:
+Objects that are nearly black, to see how Phase I finds their brightness; two to four minutes each on two cores:
 
     python tools/make_demo_scene.py black-metal --object toy-car --samples 160        # metallic paint, .02 to .08
     python tools/make_demo_scene.py black-matte --object camera --samples 160         # plastic and leather, .02 to .05
@@ -19,9 +17,9 @@ One without any texture, to see how well new photos of it are located:
 
     python tools/make_demo_scene.py smooth --object pebble --samples 160
 
-Needs the development extra `mitsuba` and an LLVM shared library, newer than 15 (Debian: `apt install
-libllvm19`). Nothing is downloaded: geometry, textures and training lights are computed, the lights of the
-test photos are the three CC0 environments in `demo_scene/hdri`. The same options make the same scene.
+Needs the development extra `mitsuba` and an LLVM shared library, newer than 15 (Debian: `apt install libllvm19`).
+Nothing is downloaded: geometry, textures and training lights are computed, the lights of the test photos are the three
+CC0 environments in `demo_scene/hdri`. The same options make the same scene.
 """
 
 import argparse

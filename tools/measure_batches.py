@@ -2,9 +2,9 @@
 
     OMP_NUM_THREADS=1 python tools/measure_batches.py RUN [--repeats N]
 
-RUN: a run whose scene is still in place; its test photos are predicted from. First the parts of a prediction
-photo by photo, for the default and for the single-step method, with the process's peak memory. Then what
-photos of one object could share, per photo against their number N:
+RUN: a run whose scene is still in place; its test photos are predicted from. First the parts of a prediction photo by
+photo, for the default and for the single-step method, with the process's peak memory. Then what photos of one object
+could share, per photo against their number N:
 
   sphere network   the six turns of N photos' maps as one batch of 6 N
   illumination MLP the probes of N photos as one batch of rows
@@ -13,8 +13,7 @@ photos of one object could share, per photo against their number N:
   linear map       what a step of the refinement does today for one photo (`render.transport`): the rows of that matrix
                    which its pixels look up, the shadows, and the look-ups themselves
 
-The prefilter loads each entry once for N photos, the linear map none where no pixel looks. Prints Markdown
-tables.
+The prefilter loads each entry once for N photos, the linear map none where no pixel looks. Prints Markdown tables.
 """
 
 import argparse

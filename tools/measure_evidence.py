@@ -9,8 +9,8 @@ DATA holds synthetic scene folders, RUNS a trained run of the same name for each
     together     photos of the relight split, four views of each light: one map from all four, with exposures found
                  with the light, beside the maps from each
 
-Scores are those of the evaluation: log-RMSE over all directions, the three spheres, and the object in other
-views relit with the map against the true light, in dB raw and after one factor per channel.
+Scores are those of the evaluation: log-RMSE over all directions, the three spheres, and the object in other views
+relit with the map against the true light, in dB raw and after one factor per channel.
 """
 
 import argparse

@@ -1,19 +1,18 @@
 """Measures a fleet: what it costs beside the work itself, and what it does when a machine dies.
 
     python tools/measure_fleet.py load [--rows 100000] [--ray]
-    python tools/measure_fleet.py photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net]
-    [--sources] python tools/measure_fleet.py nodes SCENE [--nodes 3] [--scenes 6]
+    python tools/measure_fleet.py photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net] [--sources]
+    python tools/measure_fleet.py nodes SCENE [--nodes 3] [--scenes 6]
 
-load: predictions that do nothing, so that what is left is reading jobs, handing out tasks and writing the
-index; with --ray the tasks go through Ray, without it they are called here. photos: the test photos of a run
-whose scene is still in place, again and again: --photos of them by a fleet of --workers tasks at a time,
---alone of them by one process before and after it; with --sources suns and lamps are looked for, too. The
-index must have a row for each photo, and one of them fails. nodes: copies of a scene, trained for a few steps
-on a simulated cluster of that many machines with one core each, of which one is killed once checkpoints
-exist; every run must have the bits of one that was trained alone.
+load: predictions that do nothing, so that what is left is reading jobs, handing out tasks and writing the index; with
+--ray the tasks go through Ray, without it they are called here.
+photos: the test photos of a run whose scene is still in place, again and again: --photos of them by a fleet of
+--workers tasks at a time, --alone of them by one process before and after it; with --sources suns and lamps are looked
+for, too. The index must have a row for each photo, and one of them fails.
+nodes: copies of a scene, trained for a few steps on a simulated cluster of that many machines with one core each, of
+which one is killed once checkpoints exist; every run must have the bits of one that was trained alone.
 
-Everything goes to a temporary folder. Prints what was found, and ends with 1 where something is missing or
-differs.
+Everything goes to a temporary folder. Prints what was found, and ends with 1 where something is missing or differs.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """Measures the program on a GPU beside the CPU, within 25 minutes, and writes benchmarks/GPU.md.
 
-    python tools/measure_gpu.py [--device cuda] [-o benchmarks/GPU.md] [--minutes 24.5] [--seed 0] [--parts
-    NAME ...] python tools/measure_gpu.py --device cpu --brief [-o PAGE.md]
+    python tools/measure_gpu.py [--device cuda] [-o benchmarks/GPU.md] [--minutes 24.5] [--seed 0] [--parts NAME ...]
+    python tools/measure_gpu.py --device cpu --brief [-o PAGE.md]
 
     tests       pytest -m cuda                                                             (gpu.checks)
     kernels     every kernel's body against the device's limits and the CPU's result       (gpu.kernels)
@@ -10,9 +10,9 @@
     pace        the first steps of each stage of the preset `standard`                     (gpu.training)
     standard    Phase I and II of `standard`, and its scores                               (gpu.training)
 
-Each part, or each of --parts, runs in a process of its own within its share of the time. One that fails or
-takes too long is recorded with the sentence it left, and the rest goes on. Everything is made from the
-bundled scene. On a CPU the page is printed, and written only where -o says: benchmarks/GPU.md is for GPUs.
+Each part, or each of --parts, runs in a process of its own within its share of the time. One that fails or takes too
+long is recorded with the sentence it left, and the rest goes on. Everything is made from the bundled scene. On a CPU
+the page is printed, and written only where -o says: benchmarks/GPU.md is for GPUs.
 """
 
 import argparse

@@ -1,17 +1,15 @@
 """How right `lightprobe insert` is: a second object put into path-traced photos of the demo's coffee pot.
 
-    python tools/measure_insertion.py FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern
-    camera]
+    python tools/measure_insertion.py FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern camera]
 
-Three scenes: the pot on a matt ground under a photographed light of the demo, seen by a camera of its own.
-The photo is path-traced without the second object, rounded to 8 bits, and `insert` puts a GLB of the second
-object into it, once with the true light, object and mask, and with `--run`, a run that learnt the pot, also
-with what the run predicts and reconstructed. The truth is path-traced with both objects, at the place where
-`insert` put the second one.
+Three scenes: the pot on a matt ground under a photographed light of the demo, seen by a camera of its own. The photo
+is path-traced without the second object, rounded to 8 bits, and `insert` puts a GLB of the second object into it, once
+with the true light, object and mask, and with `--run`, a run that learnt the pot, also with what the run predicts and
+reconstructed. The truth is path-traced with both objects, at the place where `insert` put the second one.
 
-PSNR in dB of displayed (sRGB) values, over the pixels that either changes by more than 3 of 255: all of them,
-and apart those that the thing covers, those of the ground, and those of the pot. Pictures and scores.json go
-to FOLDER. Mitsuba is needed (`pip install 'lightprobe[dev]'`) with an LLVM library newer than 15.
+PSNR in dB of displayed (sRGB) values, over the pixels that either changes by more than 3 of 255: all of them, and
+apart those that the thing covers, those of the ground, and those of the pot. Pictures and scores.json go to FOLDER.
+Mitsuba is needed (`pip install 'lightprobe[dev]'`) with an LLVM library newer than 15.
 """
 
 import argparse

@@ -1,12 +1,10 @@
 """How well new photos are located: poses, light, and photos without the object.
 
-    python tools/measure_locate.py --data DATA --runs RUNS --scenes spot chair [--tables poses free light
-    wrong]
+    python tools/measure_locate.py --data DATA --runs RUNS --scenes spot chair [--tables poses free light wrong]
         [--others vase cape]
 
-DATA holds scene folders, RUNS a trained run of the same name for each of --scenes. Test photos with a true
-environment are laid over it (`composed_photos`), others are taken as they are; neither camera nor mask is
-given. Tables:
+DATA holds scene folders, RUNS a trained run of the same name for each of --scenes. Test photos with a true environment
+are laid over it (`composed_photos`), others are taken as they are; neither camera nor mask is given. Tables:
 
     poses   the focal length is known: mean distance, in pixels of a photo with 320 on its longer side, between where
             the found and the given camera see the mesh's vertices that the given camera sees

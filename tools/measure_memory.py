@@ -1,14 +1,13 @@
 """Peak memory of the commands whose memory a photo's size decides: the table of docs/limits.md.
 
-    python tools/measure_memory.py RUN [--megapixels 12 48 134] [--kinds jpg png] [--commands predict locate
-    ...]
+    python tools/measure_memory.py RUN [--megapixels 12 48 134] [--kinds jpg png] [--commands predict locate ...]
                                        [--max-memory SIZE]
 
-RUN is a trained run of the bundled scene (`lightprobe demo -o RUN`); it is copied and stays as it is. The
-photo is one of the scene's test photos in front of its light, enlarged. Every command runs in a process of
-its own, one after the other, and its largest resident set is counted, in GiB. `read` decodes the photo and
-does nothing else; `inspect`, `fit` and `prepare` get two such photos among smaller ones of the same scene.
-What a command said is printed as it ends; a cell in brackets is of one that was refused or failed.
+RUN is a trained run of the bundled scene (`lightprobe demo -o RUN`); it is copied and stays as it is. The photo is one
+of the scene's test photos in front of its light, enlarged. Every command runs in a process of its own, one after the
+other, and its largest resident set is counted, in GiB. `read` decodes the photo and does nothing else; `inspect`, `fit`
+and `prepare` get two such photos among smaller ones of the same scene. What a command said is printed as it ends; a
+cell in brackets is of one that was refused or failed.
 """
 
 import argparse

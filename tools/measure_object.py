@@ -1,14 +1,11 @@
-"""Run Phase I alone on scenes that bring their truth, and score the object and the lights: a table in
-Markdown.
+"""Run Phase I alone on scenes that bring their truth, and score the object and the lights: a table in Markdown.
 
-    python tools/measure_object.py DATA/synthetic/vase DATA/synthetic/bottle [--set light_chroma=0
-    metallic_prior=.01]
+    python tools/measure_object.py DATA/synthetic/vase DATA/synthetic/bottle [--set light_chroma=0 metallic_prior=.01]
 
-For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide
-or add an error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training
-photos, compared with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, and of that
-the part in which channels differ (cast). The last columns are what the object's verdict rests on
-(`models.object_verdict`).
+For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide or add an
+error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training photos, compared
+with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, and of that the part in which channels
+differ (cast). The last columns are what the object's verdict rests on (`models.object_verdict`).
 """
 
 import argparse

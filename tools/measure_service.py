@@ -1,14 +1,13 @@
-"""How the service stands up to load: lost and wrong answers, seconds, memory, with hostile requests and
-killed workers.
+"""How the service stands up to load: lost and wrong answers, seconds, memory, with hostile requests and killed workers.
 
     python tools/measure_service.py RUN --scene SCENE --method probe-mlp --sources false --requests 10000
     python tools/measure_service.py RUN --scene SCENE --requests 1000
     python tools/measure_service.py RUN --scene SCENE --method probe-mlp --sources false --requests 10000 \\
         --hostile 0.2 --slow 4 --kill-every 20
 
-RUN is a finished run of SCENE, whose photos are sent with their cameras, 320 pixels on the longer side.
-`lightprobe serve` is started on a copy of the run with two workers; eight clients ask one request after the
-other. Each photo's map is asked for alone first; a map under load must have the same pixels.
+RUN is a finished run of SCENE, whose photos are sent with their cameras, 320 pixels on the longer side. `lightprobe
+serve` is started on a copy of the run with two workers; eight clients ask one request after the other. Each photo's map
+is asked for alone first; a map under load must have the same pixels.
 
     lost      requests without an answer: the connection broke or timed out, or no sentence says why it failed
     wrong     maps that differ, and hostile requests that were not refused with a 4xx
@@ -16,9 +15,9 @@ other. Each photo's map is asked for alone first; a map under load must have the
     seconds   of honest requests that got a map, the wait in the queue included
     memory    resident sizes of the server and its workers together, after a tenth of the requests and at the end
 
-Hostile requests are truncated photos, a PNG that announces 60 000 x 60 000 pixels, damaged cameras, names
-that are paths, other kinds of bodies, unknown fields, forms that end early, and photos that are too large.
-Slow clients send a byte a second and never finish.
+Hostile requests are truncated photos, a PNG that announces 60 000 x 60 000 pixels, damaged cameras, names that are
+paths, other kinds of bodies, unknown fields, forms that end early, and photos that are too large. Slow clients send a
+byte a second and never finish.
 """
 
 import argparse

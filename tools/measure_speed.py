@@ -1,20 +1,18 @@
-"""Measures kernels, predictions and training on the CPU beside the machine's limits, and writes
-benchmarks/SPEED.md.
+"""Measures kernels, predictions and training on the CPU beside the machine's limits, and writes benchmarks/SPEED.md.
 
     python tools/measure_speed.py [-o benchmarks/SPEED.md] [--run RUN [--scene FOLDER]] [--quick]
 
     limits      the rates of copying and of multiply-adds, measured in the same process with the same threads
     kernels     Numba and reference bodies, the work that the formula asks for, its share of the limit (speed.kernels)
-    prediction  at 512 x 512 onto 6 x 128 x 128 by the default method, and its memory, in a process of its
-    own; only
+    prediction  at 512 x 512 onto 6 x 128 x 128 by the default method, and its memory, in a process of its own; only
                 with a finished RUN, as it needs a trained model (speed.target)
     stages      of a prediction by `solve`, growing with object pixels, texels and triangles (speed.stages)
     training    steps growing with photos, a profile of the steps of Phase I, and what the log of RUN says of the whole
                 (speed.training)
 
-Where no RUN is needed the object is a ball of many triangles with blotchy material under a smooth light.
-Times are medians after a call to warm up; exponents are fitted to logarithms. `--quick` takes small cases
-once, to see that all of it works.
+Where no RUN is needed the object is a ball of many triangles with blotchy material under a smooth light. Times are
+medians after a call to warm up; exponents are fitted to logarithms. `--quick` takes small cases once, to see that all
+of it works.
 """
 
 import argparse

@@ -3,11 +3,10 @@
     python tools/pretrain_sphere_net.py      # rewrites src/lightprobe/assets/sphere_net.safetensors, 29 minutes
     torchrun --nproc-per-node 2 tools/pretrain_sphere_net.py --device cuda       # the same on two GPUs
 
-What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to
-trust, how far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on
-one object has time for a few hundred lights; this one sees 17 000, turned and mirrored, on random solids of
-random materials under the generated places of `lightprobe.lessons.generated_lights`. No photo and no light of
-any scene enters.
+What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to trust, how
+far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on one object has time
+for a few hundred lights; this one sees 17 000, turned and mirrored, on random solids of random materials under the
+generated places of `lightprobe.lessons.generated_lights`. No photo and no light of any scene enters.
 """
 
 import argparse

@@ -1,19 +1,15 @@
-"""Our shading of a convex object against Mitsuba's path tracer, which shares no code with it, under three
-lights.
+"""Our shading of a convex object against Mitsuba's path tracer, which shares no code with it, under three lights.
 
-Everything goes through its file-side conventions: an ellipsoid's mesh, a camera, an equirectangular light.
-What can be compared exactly is compared:
+Everything goes through its file-side conventions: an ellipsoid's mesh, a camera, an equirectangular light. What can be
+compared exactly is compared:
 
-- Diffuse: our glTF model lets only what the Fresnel term leaves through, base (1 - F0) (1 - C) E / pi. The
-  difference of a white and a black dielectric, divided by that factor, is E / pi, which Mitsuba's Lambertian
-  `diffuse` reflects.
-- Specular: white metal has F = 1, as has Mitsuba's `roughconductor` of material "none", GGX with alpha = r^2.
-  Mitsuba's masking is separable, ours height-correlated, so ours is brighter where both directions graze.
-  Divided by the image under a white light, which each renderer makes for itself, both show the light's
-  average under the lobe.
+- Diffuse: our glTF model lets only what the Fresnel term leaves through, base (1 - F0) (1 - C) E / pi. The difference
+  of a white and a black dielectric, divided by that factor, is E / pi, which Mitsuba's Lambertian `diffuse` reflects.
+- Specular: white metal has F = 1, as has Mitsuba's `roughconductor` of material "none", GGX with alpha = r^2. Mitsuba's
+  masking is separable, ours height-correlated, so ours is brighter where both directions graze. Divided by the image
+  under a white light, which each renderer makes for itself, both show the light's average under the lobe.
 
-Errors are RMS over the pixels inside the outline, relative to the RMS of Mitsuba's image, linear and per
-channel.
+Errors are RMS over the pixels inside the outline, relative to the RMS of Mitsuba's image, linear and per channel.
 """
 
 import math

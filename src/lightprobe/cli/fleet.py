@@ -76,15 +76,14 @@ def fleet_train(
 ) -> None:
     """Train a run for every scene of a folder, on this machine or on a Ray cluster.
 
-    RUNS/index.parquet says what became of each scene. The same command goes on where an interrupted one
-    stopped; where a machine dies, its scenes go on elsewhere from their checkpoints. With --needs.gpus a task
-    computes on a GPU. Needs the extra lightprobe[cluster].
+    RUNS/index.parquet says what became of each scene. The same command goes on where an interrupted one stopped; where
+    a machine dies, its scenes go on elsewhere from their checkpoints. With --needs.gpus a task computes on a GPU.
+    Needs the extra lightprobe[cluster].
 
     Examples:
       lightprobe fleet train scenes -o runs
       lightprobe fleet train scenes -o runs --evaluate --needs.cpus 4
-      lightprobe fleet train s3://bucket/scenes -o s3://bucket/runs --address auto --preset standard
-      --needs.gpus 1
+      lightprobe fleet train s3://bucket/scenes -o s3://bucket/runs --address auto --preset standard --needs.gpus 1
     """
     maps = None if hdri is None else os.path.abspath(hdri)  # machines of a cluster work in other folders
     options = SceneOptions(decompose, distill, predict, seed, maps, evaluate)

@@ -70,18 +70,15 @@ def insert(
     mask: _MaskArg = None,
     device: Device = "auto",
 ) -> None:
-    """Put a thing of your own beside the object in a photo: lit as the photo is, with shadows and the photo's
-    grain.
+    """Put a thing of your own beside the object in a photo: lit as the photo is, with shadows and the photo's grain.
 
-    The thing stands on the ground that the object stands on. The picture is a PNG of the photo's size; its
-    layers are linear OpenEXR files: picture = photo x shadow x (1 - mask) + beauty. Of a cut-out photo the
-    picture is one, too.
+    The thing stands on the ground that the object stands on. The picture is a PNG of the photo's size; its layers are
+    linear OpenEXR files: picture = photo x shadow x (1 - mask) + beauty. Of a cut-out photo the picture is one, too.
 
     Examples:
       lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png
-      lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --at 812,640 --scale 0.8 --turn
-      30 lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --env light.exr --camera
-      new.json
+      lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --at 812,640 --scale 0.8 --turn 30
+      lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --env light.exr --camera new.json
     """
     found = insert_object(
         run,

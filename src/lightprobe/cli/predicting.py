@@ -104,14 +104,13 @@ def predict(
     settings: Prediction = UNCHANGED,
     device: Device = "auto",
 ) -> None:
-    """Predict the environment around the object from one photo, from several one by one or together, or from
-    a video.
+    """Predict the environment around the object from one photo, from several one by one or together, or from a video.
 
-    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions, of a video
-    its frames and the maps alone. NAME.light.json beside the map has its suns and lamps, their brightness
-    solved from the shadows in the photo, and more. Without --camera the object is found in the photo first,
-    as by `lightprobe locate`; photos of the run's own scene have their cameras in the run. A photo that no
-    light explains gets a warning and a lower confidence, or no map at all.
+    Without -o the map, a picture of it and the confidence of each direction go to RUN/predictions, of a video its
+    frames and the maps alone. NAME.light.json beside the map has its suns and lamps, their brightness solved from the
+    shadows in the photo, and more. Without --camera the object is found in the photo first, as by `lightprobe locate`;
+    photos of the run's own scene have their cameras in the run. A photo that no light explains gets a warning and a
+    lower confidence, or no map at all.
 
     Examples:
       lightprobe predict runs/cup new.jpg
@@ -120,9 +119,8 @@ def predict(
       lightprobe predict runs/cup clip.mp4 --every 10 -o lights
       lightprobe predict runs/cup new.jpg --camera new.json --mask new_mask.png -o light.exr
       lightprobe predict runs/cup test/r_003.png --camera transforms_test.json
-      lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o
-      light.exr lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o
-      lights
+      lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o light.exr
+      lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
     located = _wanted(camera, LocationFiles(save_camera, save_mask, save_overlay))
     height = None if size is None else map_height(size)

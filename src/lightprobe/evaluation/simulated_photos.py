@@ -1,13 +1,10 @@
-"""Photos of a reconstructed object, rendered under known lights: how well it tells of its light, without any
-truth.
+"""Photos of a reconstructed object, rendered under known lights: how well it tells of its light, without any truth.
 
-    a training camera, a generated light -> the object with errors of the usual size, exposure, noise,
-    clipping, 8 bits
+    a training camera, a generated light -> the object with errors of the usual size, exposure, noise, clipping, 8 bits
       -> the predictor -> the map against the light, the spheres, and the error that the confidence expected
 
-Every object gets the same lights, none of which a training has seen, so that its numbers compare it with
-others. What is wrong with this one object in particular they do not see: that is `models.object_verdict`'s
-part.
+Every object gets the same lights, none of which a training has seen, so that its numbers compare it with others. What
+is wrong with this one object in particular they do not see: that is `models.object_verdict`'s part.
 """
 
 import contextlib

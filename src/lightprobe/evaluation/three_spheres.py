@@ -1,18 +1,17 @@
 """The three-sphere protocol: how well a light lights a diffuse, a matte and a mirror sphere.
 
-Maps (H, 2H, 3) are equirectangular as in `light.equirect`. Each is tone-mapped first: x^(1/2.4), then scaled
-so that the median of its own positive values is .5; nothing is cut off. The spheres are seen from the photo's
-camera, from afar (parallel rays, v the same for every pixel), and compared over their discs.
+Maps (H, 2H, 3) are equirectangular as in `light.equirect`. Each is tone-mapped first: x^(1/2.4), then scaled so that
+the median of its own positive values is .5; nothing is cut off. The spheres are seen from the photo's camera, from afar
+(parallel rays, v the same for every pixel), and compared over their discs.
 
-Notation: n the normal of a disc's pixel, l a direction of the map, w its solid angle, h the half vector of l
-and v.
+Notation: n the normal of a disc's pixel, l a direction of the map, w its solid angle, h the half vector of l and v.
 
     diffuse  sum_l w (n.l) T(l) / pi            white, Lambertian
     matte    sum_l w D (n.l) T(l) / sum_l w D (n.l)    GGX of roughness .369 (alpha = r^2), reflecting all it receives
     mirror   T(2 (n.v) n - v)
 
-A mirror sphere seen from afar shows every direction on the same area of its disc, so its scores are taken
-over the texels of the map by solid angle: exact, where a raster of the disc would hit or miss the sun.
+A mirror sphere seen from afar shows every direction on the same area of its disc, so its scores are taken over the
+texels of the map by solid angle: exact, where a raster of the disc would hit or miss the sun.
 
 Each error is over pixels p and colour channels c, the squared error summed over c and averaged over p:
 

@@ -2,10 +2,9 @@
 
     points (N, 3) in [0, 1]^3     resolutions (L,) cells per edge of each level     table (L, T, F), T a power of two
 
-Level l cuts the unit cube into r = resolutions[l] cells per edge and interpolates the F features of the
-cell's 8 corners trilinearly. Corner (x, y, z) lives in row x + (r + 1) (y + (r + 1) z) if all (r + 1)^3
-corners fit into the table, else in row (x ^ 2654435761 y ^ 805459861 z) mod T in unsigned 32-bit arithmetic;
-training sorts out collisions.
+Level l cuts the unit cube into r = resolutions[l] cells per edge and interpolates the F features of the cell's 8
+corners trilinearly. Corner (x, y, z) lives in row x + (r + 1) (y + (r + 1) z) if all (r + 1)^3 corners fit into the
+table, else in row (x ^ 2654435761 y ^ 805459861 z) mod T in unsigned 32-bit arithmetic; training sorts out collisions.
 """
 
 from typing import Any

@@ -1,8 +1,8 @@
 """Light that reaches a surface past the object itself: cosine and uniform averages over the open directions.
 
     w_k (K, 3) unit directions, dw_k their solid angles, L_k (K, 3) the light averaged over them
-    v_pk = sum over c of weight[p, c] unoccluded[index[p, c], k] / 255, the share of direction k that pixel p
-    has open c_pk = max(n_p.w_k, 0) dw_k
+    v_pk = sum over c of weight[p, c] unoccluded[index[p, c], k] / 255, the share of direction k that pixel p has open
+    c_pk = max(n_p.w_k, 0) dw_k
 
     diffuse_p = sum_k c v L / sum_k c      ambient_p = sum_k dw v L / sum_k dw v      open_p = sum_k c v / sum_k c
 

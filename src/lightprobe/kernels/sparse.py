@@ -1,13 +1,12 @@
 """Products of a constant sparse matrix with radiance triples, and of its transpose.
 
-    matrix (M, N) in compressed sparse rows: row r has the entries start[r] .. start[r + 1] of `column` and
-    `value`
+    matrix (M, N) in compressed sparse rows: row r has the entries start[r] .. start[r + 1] of `column` and `value`
     x (N, 3)   product y (M, 3), or of chosen rows alone (K, 3): they cost only what they hold
 
-On the CPU both are loops, because PyTorch's own needs MKL, which not every build has; sums have a fixed
-order, so results do not depend on the number of threads. On a GPU only whole products are formed, by Triton
-in a fixed order as well: PyTorch's CSR product took 0.47 ms there for 6.3 million entries, 3 % of what memory
-allows. The matrix is constant: to differentiate a product in x, multiply its gradient by the transpose.
+On the CPU both are loops, because PyTorch's own needs MKL, which not every build has; sums have a fixed order, so
+results do not depend on the number of threads. On a GPU only whole products are formed, by Triton in a fixed order as
+well: PyTorch's CSR product took 0.47 ms there for 6.3 million entries, 3 % of what memory allows. The matrix is
+constant: to differentiate a product in x, multiply its gradient by the transpose.
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,4 @@
-"""Stacking of probe pixels onto the sphere: a kernel-weighted average that never stores its pixels x texels
-matrix.
+"""Stacking of probe pixels onto the sphere: a kernel-weighted average that never stores its pixels x texels matrix.
 
     n (N, 3) unit normals   v (N, 3) unit, surface -> camera   w (M, 3) unit, surface -> light   h = (w + v)/|w + v|
     a2 (N,) squared GGX width alpha^2 (r^4 for roughness r; the paper prints r^2)     c (N, 3) linear colours
@@ -9,9 +8,9 @@ matrix.
 
 With g = dLoss/dP the gradient is dLoss/dc_p = sum_w D_p(w) g(w) / W(w), a second pass of the same shape.
 
-Every body computes the bracket as |n x h|^2 + a2 (n.h)^2, which it equals for unit vectors. The printed form
-subtracts two numbers near 1 in the core of a sharp lobe, and in float32 loses most of its digits there. Where
-w = -v there is no h, and D is taken as if h were perpendicular to n.
+Every body computes the bracket as |n x h|^2 + a2 (n.h)^2, which it equals for unit vectors. The printed form subtracts
+two numbers near 1 in the core of a sharp lobe, and in float32 loses most of its digits there.
+Where w = -v there is no h, and D is taken as if h were perpendicular to n.
 """
 
 from typing import Any

@@ -1,12 +1,10 @@
-"""Lessons without limit: the asset, seen by the training cameras, re-rendered under lights that are known
-exactly.
+"""Lessons without limit: the asset, seen by the training cameras, re-rendered under lights that are known exactly.
 
     light pool (teachers turned and mixed, generated places, a folder of maps)
-      -> the asset with small errors  -> exposure, noise, clipping, 8 bits -> a lesson on the asset without
-      them
+      -> the asset with small errors  -> exposure, noise, clipping, 8 bits -> a lesson on the asset without them
 
-The errors are why the pairs teach more than an inversion: what a wrong normal or roughness does to a photo is
-noise to a predictor that believes the asset, and the lessons say how much of it to expect.
+The errors are why the pairs teach more than an inversion: what a wrong normal or roughness does to a photo is noise to
+a predictor that believes the asset, and the lessons say how much of it to expect.
 """
 
 import math

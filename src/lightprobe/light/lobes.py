@@ -4,20 +4,18 @@ The prefiltered radiance of direction d at roughness r is the mean of the light 
 
     D(h) max(n.l, 0),  with v = n = d, h the half vector, D = GGX of alpha = r^2.
 
-With t the chord |l - d|: (n.h)^2 = cos^2(angle / 2) = 1 - t^2/4 and n.l = 1 - t^2/2, so the lobe depends on t
-alone:
+With t the chord |l - d|: (n.h)^2 = cos^2(angle / 2) = 1 - t^2/4 and n.l = 1 - t^2/2, so the lobe depends on t alone:
 
     lobe(t) = max(1 - t^2/2, 0) / (alpha^2 + (1 - alpha^2) t^2/4)^2    (half width about 2 alpha; a cosine if alpha = 1)
 
 Rows over the light's own texels would be nearly full. They go over *nodes* instead, in one of two ways:
 
-- Narrow lobes have a sharp core and a long faint tail. Nodes are area averages over the squares of a pyramid
-  (2 x 2 per face, 4 x 4, ... the texels): fine under the core, coarse in the tail, so that averaging the
-  light over a node misplaces little of the row's weight. Under a lobe narrower than a texel the squares go on
-  below the texel, which integrates the lobe properly; their weights add up in that texel.
-- Wide lobes are smooth. Nodes are the light's moments with the tent functions of one coarse grid, and the
-  weights are the least-squares fit of the lobe by these tents. Under a sun this is several times as exact as
-  as many squares.
+- Narrow lobes have a sharp core and a long faint tail. Nodes are area averages over the squares of a pyramid (2 x 2
+  per face, 4 x 4, ... the texels): fine under the core, coarse in the tail, so that averaging the light over a node
+  misplaces little of the row's weight. Under a lobe narrower than a texel the squares go on below the texel, which
+  integrates the lobe properly; their weights add up in that texel.
+- Wide lobes are smooth. Nodes are the light's moments with the tent functions of one coarse grid, and the weights are
+  the least-squares fit of the lobe by these tents. Under a sun this is several times as exact as as many squares.
 """
 
 import functools

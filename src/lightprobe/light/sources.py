@@ -4,14 +4,12 @@ A source is a spherical Gaussian, the usual lobe of such lights:
 
     L(d) = a exp(kappa (d . s - 1)),   irradiance of a surface that faces it  E = 2 pi a (1/kappa - 1/kappa^2 + ...)
 
-s is its direction, kappa its sharpness. As users think of discs, its size is given as the radius of the disc
-with the same mean square angle from s: radius^2 / 2 for a disc, 2 / kappa for the Gaussian, so radius = 2 /
-sqrt(kappa).
+s is its direction, kappa its sharpness. As users think of discs, its size is given as the radius of the disc with the
+same mean square angle from s: radius^2 / 2 for a disc, 2 / kappa for the Gaussian, so radius = 2 / sqrt(kappa).
 
-Sources are found where radiance stands out of a ring of some 15 to 30 degrees around it, the strongest first,
-and each is taken out, down to the ring's median, before the next is looked for. All of it is deterministic.
-Directions are those of the light's own axes, z up. An `uncertainty` is only known where a photo tells it
-(`prediction.source_fit`).
+Sources are found where radiance stands out of a ring of some 15 to 30 degrees around it, the strongest first, and each
+is taken out, down to the ring's median, before the next is looked for. All of it is deterministic. Directions are
+those of the light's own axes, z up. An `uncertainty` is only known where a photo tells it (`prediction.source_fit`).
 """
 
 import math

@@ -3,11 +3,10 @@
     photo -> poses from matches -> refined by the light; if none is good:
           -> search over sides, places and sizes -> refined, coarse to fine; if none is good:
           -> the best ones moved a little at random, and refined again
-    the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit better, or
-    as well
+    the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit better, or as well
 
-Every pose, wherever it comes from, is judged by the same two things: how much of the photo light explains on
-the object at that pose, and whether the photo's edges run where the object's outline does (`refinement.Fit`).
+Every pose, wherever it comes from, is judged by the same two things: how much of the photo light explains on the object
+at that pose, and whether the photo's edges run where the object's outline does (`refinement.Fit`).
 """
 
 import itertools

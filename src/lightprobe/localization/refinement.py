@@ -1,16 +1,12 @@
-"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought
-together.
+"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought together.
 
-At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W
-weights:
+At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W weights:
 
-    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k (distance to the photo's
-    edge)_k^2
+    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k (distance to the photo's edge)_k^2
 
-The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a
-ridge regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A +
-R)^-1 A^T W J, with J how the photo's colours change as points of the object move over them. So the light may
-be any.
+The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a ridge
+regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A + R)^-1 A^T W J, with
+J how the photo's colours change as points of the object move over them. So the light may be any.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,10 @@
-"""Where in a photo a known object may stand, and how: templates compared at every place and size, under any
-light.
+"""Where in a photo a known object may stand, and how: templates compared at every place and size, under any light.
 
 At a place and size, with N template pixels on the object and y the photo's appearance less the template's:
 
     left   = |y - mean(y) - U U^T y|^2 / N       what no light explains; for the tints U is empty
     spread = |l - mean(l)|^2 / N                 what the photo shows there at all
-    score  = sqrt(N) sum_channels w log((spread + noise^2) / (left + noise^2)) / 2 + w_edges cos(2 angle to
-    the outline)
+    score  = sqrt(N) sum_channels w log((spread + noise^2) / (left + noise^2)) / 2 + w_edges cos(2 angle to the outline)
 
 A featureless part of the background is explained by every object, but there is nothing to explain in it.
 """

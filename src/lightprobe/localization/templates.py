@@ -4,9 +4,8 @@ For a view of P object pixels, and the appearance of `localization.appearance`:
 
     l(E) ~ t + U e + c        t: log luma under a constant light, U (P, K): orthonormal log-luma changes by other lights
 
-K directions span most of what lights of 6 x 2 x 2 texels do, to first order about the constant light. What of
-a photo's log luma lies outside of U and of a constant, no light explains; that takes products with t and U,
-nothing else.
+K directions span most of what lights of 6 x 2 x 2 texels do, to first order about the constant light. What of a photo's
+log luma lies outside of U and of a constant, no light explains; that takes products with t and U, nothing else.
 """
 
 import dataclasses

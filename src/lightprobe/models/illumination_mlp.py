@@ -1,17 +1,15 @@
 """The illumination MLP: the colour of the light that a pixel, as a probe, reports (Equation 3).
 
-Notation: x = c / s, the pixel's colour relative to the photo's light level s; f the pixel's white-furnace
-colour; l = 2 (n.w_o) n - w_o the mirror direction. With e = 0.02 against division by black,
+Notation: x = c / s, the pixel's colour relative to the photo's light level s; f the pixel's white-furnace colour;
+l = 2 (n.w_o) n - w_o the mirror direction. With e = 0.02 against division by black,
 
-    c_p = s (x + e)/(f + e) exp(8 tanh(MLP(log(x + e), log((x + e)/(f + e)), k_d, k_s, r, n.w_o, enc(n, w_o,
-    l)) / 8))
+    c_p = s (x + e)/(f + e) exp(8 tanh(MLP(log(x + e), log((x + e)/(f + e)), k_d, k_s, r, n.w_o, enc(n, w_o, l)) / 8))
 
-The first factor is the light the pixel would have seen were it the same from everywhere, so that an untrained
-network already predicts something sane; the network learns the rest in log radiance. Scaling a photo scales s
-and c alike, and with them c_p, exactly.
+The first factor is the light the pixel would have seen were it the same from everywhere, so that an untrained network
+already predicts something sane; the network learns the rest in log radiance. Scaling a photo scales s and c alike,
+and with them c_p, exactly.
 
-The paper names the inputs alone, c_p = MLP(c, k_d, k_s, n, r, w_o): `NetworkForm.PLAIN`, with a softplus at
-the end.
+The paper names the inputs alone, c_p = MLP(c, k_d, k_s, n, r, w_o): `NetworkForm.PLAIN`, with a softplus at the end.
 """
 
 import itertools

@@ -11,11 +11,11 @@ so that .5 says: probably off by a factor of two. e is a weighted sum of what ra
     dark        darkness turned out to be about as true as the rest
     rough       e-folds between a direction and its surroundings of some ten degrees: detail is the least certain
 
-A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is
-estimated with random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to
-simulated photos of six objects (`tools/fit_confidence.py`, docs/decisions/confidence-weights.md). How much a
-single object tells of its light at all, no cause says: the sum is multiplied by what simulated photos of that
-object ask for (`models.light_accuracy`). The evaluation checks all of it on test photos.
+A is the transport of the photo's pixels (`render.transport`), w the pixels' weights, W = diag(w). d is estimated with
+random signs z: E[(A^T sqrt(W) z)^2] = diag(A^T W A). The weights of the sum were fitted to simulated photos of six
+objects (`tools/fit_confidence.py`, docs/decisions/confidence-weights.md). How much a single object tells of its light
+at all, no cause says: the sum is multiplied by what simulated photos of that object ask for
+(`models.light_accuracy`). The evaluation checks all of it on test photos.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,9 @@
 """One photo in, the environment around the object out: the predictors behind one interface.
 
-    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo ->
-    Prediction
+    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo -> Prediction
 
-Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's
-plain network (`NetworkForm.PLAIN`) does not know that.
+Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's plain
+network (`NetworkForm.PLAIN`) does not know that.
 """
 
 import math

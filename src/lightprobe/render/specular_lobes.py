@@ -1,9 +1,9 @@
 """The prefiltered lobes that together stand for the specular lobe of a view.
 
-Prefiltered light is averaged under lobes for v = n, symmetric about their direction. The true lobe F D V n.l
-is not: it is bent towards the normal where the surface is rough, cut off at the horizon, narrow across the
-plane of incidence where the view grazes, and there a dielectric's leans towards the horizon, as F does. Stood
-for by the one lobe around the mirror direction, as is common, rough metal is 20 to 40 % off (RMS); by
+Prefiltered light is averaged under lobes for v = n, symmetric about their direction. The true lobe F D V n.l is not: it
+is bent towards the normal where the surface is rough, cut off at the horizon, narrow across the plane of incidence
+where the view grazes, and there a dielectric's leans towards the horizon, as F does. Stood for by the one lobe around
+the mirror direction, as is common, rough metal is 20 to 40 % off (RMS); by
 
     share_0 lobe_0 + share_1 lobe_1 + (1 - share_0 - share_1) max(n.l, 0) / pi,   lobe_k around n + bend_k (mirror - n),
 
@@ -15,8 +15,8 @@ The lobe of another F0 is a blend of these two: as F is linear in F0, F D V n.l 
 
     (F0 - d) / (1 - d) * (F D V n.l at 1) + (1 - F0) / (1 - d) * (F D V n.l at d),   d = 0.04
 
-and with A and B of `render.brdf` the second term's part of the whole is (1 - F0) / (1 - d) * (d A + B) / (F0
-A + B). The parameters are blended by that part, as blending the lobes would take four look-ups.
+and with A and B of `render.brdf` the second term's part of the whole is (1 - F0) / (1 - d) * (d A + B) / (F0 A + B).
+The parameters are blended by that part, as blending the lobes would take four look-ups.
 """
 
 import functools

@@ -1,13 +1,11 @@
-"""Finding a run's calibration (`models.calibration`) from something known: a light, an albedo, or a meter's
-reading.
+"""Finding a run's calibration (`models.calibration`) from something known: a light, an albedo, or a meter's reading.
 
 All three are told by one photo. With g the factor of light per channel:
 
     known light     the object under the map, base colours over g, has to look like the photo: g is the median over
                     pixels of render / photo; a least-squares factor would dim what does not match
     known albedo    of a point on the object: g = the run's base colour there / the albedo. Of a card beside it, of
-                    albedo a and pixel value p: g = pi p / (a E), E the irradiance that the run predicts on
-                    the card
+                    albedo a and pixel value p: g = pi p / (a E), E the irradiance that the run predicts on the card
     light meter     g = lux / (K E), E the predicted irradiance on a surface that faces up, by luminance, K the cd/m^2
                     of a unit of the photo (EXIF); one number for all channels
 """
