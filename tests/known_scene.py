@@ -6,9 +6,9 @@ import numpy as np
 import torch
 
 from lightprobe.evaluation import relight
+from lightprobe.geometry.textures import Textures
 from lightprobe.imaging import write_exr, write_png
 from lightprobe.light.environment import Environment
-from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.scene.camera import Similarity

@@ -5,9 +5,9 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config.distillation import DistillConfig
+from lightprobe.geometry.textures import Textures
 from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap, prefilter
-from lightprobe.material.textures import Textures
 from lightprobe.prediction.observation import Observation, observe
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.split_sum import shade

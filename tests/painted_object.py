@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 
 from lightprobe.evaluation import relight
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.imaging import write_png
 from lightprobe.light import equirect
 from lightprobe.light.environment import Environment
-from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.render.surface import View

@@ -2,7 +2,7 @@
 
     python tools/measure_surroundings.py HDRIS DATA/synthetic/spot DATA/synthetic/bottle
 
-What `reconstruction.surroundings` rests on, as two tables in Markdown. The first: photographed environments
+What `reconstruction.trials.plausibility` rests on, as two tables in Markdown. The first: photographed environments
 (a folder of maps) under pinhole cameras of 56 degrees that look from all sides at a point, exposed so that a
 matte grey object of .5 shows .25 on average. The second: true objects with base colours times a factor, the
 lights of 20 training photos solved anew (preset quick), over what these photos would show of their true
@@ -25,10 +25,10 @@ from lightprobe.evaluation.oracle import true_asset
 from lightprobe.imaging import read_hdr
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import environment_files
-from lightprobe.reconstruction.gauge import brightened
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.reconstruction.photos import load_targets
-from lightprobe.reconstruction.surroundings import light_level, pixels_level
+from lightprobe.reconstruction.trials.brightness import brightened
+from lightprobe.reconstruction.trials.plausibility import light_level, pixels_level
 from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import visible_surface

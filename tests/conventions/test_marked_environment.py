@@ -11,9 +11,9 @@ import torch
 
 from lightprobe.export import write_mesh
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.imaging import read_hdr
 from lightprobe.light.environment import Environment
-from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset
 from tests.export.glb_reader import Glb
 from tests.marked_light import COLORS, SIMILARITY, marked_cubemap

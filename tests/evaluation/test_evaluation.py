@@ -16,7 +16,7 @@ from lightprobe.evaluation import Evaluation, Protocols, evaluate
 from lightprobe.evaluation.evaluation import _Judge
 from lightprobe.evaluation.metrics import interval
 from lightprobe.evaluation.views import TestView
-from lightprobe.material.textures import Textures
+from lightprobe.geometry.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.prediction import Method, Predictor, methods_for
 from lightprobe.render.asset import Asset

@@ -20,7 +20,7 @@ import lightprobe
 from lightprobe.core.memory import peak_memory
 from lightprobe.models import Decomposition
 from lightprobe.evaluation import evaluate
-from lightprobe.material.textures import Textures
+from lightprobe.geometry.textures import Textures
 from lightprobe.prediction import Method
 from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.scene import load_scene

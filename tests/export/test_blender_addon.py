@@ -16,10 +16,10 @@ import pytest
 import torch
 
 from lightprobe.export import SceneLight, export, write_mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.light.sources import LightSource
-from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from tests.marked_light import SIMILARITY, marked_cubemap

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from lightprobe.geometry.mesh import Mesh
-from lightprobe.material.textures import Textures
+from lightprobe.geometry.textures import Textures
 from lightprobe.scene.camera import Similarity
 from tests.shapes import sphere_mesh
 

@@ -56,8 +56,8 @@ def test_a_lesson_s_light_is_relative_to_its_photo_s_level():
 @pytest.mark.slow
 def test_equal_seeds_give_equal_lessons_and_progress_is_told(world):
     told = []
-    first = collect(world, Lessons.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
-    again = collect(world, Lessons.SYNTHETIC)
+    first = collect(world, ExampleSource.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
+    again = collect(world, ExampleSource.SYNTHETIC)
     assert all(torch.equal(a.pixels.color, b.pixels.color) for a, b in zip(first, again, strict=True))
     assert told[-1] == (len(world[2].train), len(world[2].train))
 
@@ -72,7 +72,7 @@ def test_photos_that_show_too_little_leave_their_share_to_others(world, monkeypa
         "_training_view",
         lambda asset, photo, *rest: None if photo.name in unseen else view(asset, photo, *rest),
     )
-    found = collect(world, Lessons.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
+    found = collect(world, ExampleSource.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
     assert [each.name for each in found] == [f"synthetic {k}" for k in range(7)]
     assert told[-1] == (len(names), len(names))
 
@@ -80,7 +80,7 @@ def test_photos_that_show_too_little_leave_their_share_to_others(world, monkeypa
 @pytest.mark.slow
 def test_maps_of_the_user_are_lit_with(world):
     plain, lit = (
-        collect(world, Lessons.SYNTHETIC, environments=maps)
+        collect(world, ExampleSource.SYNTHETIC, environments=maps)
         for maps in ([], [Environment(patch_light((0.0, 0.0, 1.0)))])
     )
     assert any(not torch.equal(a.teacher, b.teacher) for a, b in zip(plain, lit, strict=True))

@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-
 from lightprobe.material.field import (
     CHANNELS,
     MAX_NORMAL_OFFSET,

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lightprobe.material.textures import Textures, bilinear_taps, sample
+from lightprobe.geometry.textures import Textures, bilinear_taps, sample
 from tests.lit_sphere import glossy_sphere
 
 

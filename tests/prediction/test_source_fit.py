@@ -9,10 +9,10 @@ import scipy.optimize
 import torch
 
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.environment import Environment
 from lightprobe.light.sources import LightSource
-from lightprobe.material.textures import Textures
 from lightprobe.prediction.observation import Observation, observe
 from lightprobe.prediction.source_fit import _non_negative, fitted_sources
 from lightprobe.render.asset import Asset, textured_visibility

@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from lightprobe.reconstruction.cavity_trials import Opening, best_opening, has_doubtful_lid
+from lightprobe.reconstruction.change_evidence import Evidence
+from lightprobe.reconstruction.material_trials import Trial
 
 from lightprobe.core.config import DecomposeConfig, SdfMode, StartShape
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction import cavity_trials, image_task
-from lightprobe.reconstruction.cavity_trials import Opening, best_opening, has_doubtful_lid
-from lightprobe.reconstruction.change_evidence import Evidence
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.material_trials import Trial
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.start import Start, start_from_box
 from lightprobe.render.split_sum import shade

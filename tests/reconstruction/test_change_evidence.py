@@ -4,7 +4,6 @@ worse.
 
 import pytest
 import torch
-
 from lightprobe.reconstruction.change_evidence import Bar, Evidence
 
 

@@ -4,9 +4,9 @@ there.
 
 import numpy as np
 import torch
+from lightprobe.reconstruction.coarse_grids import CoarseGrids
 
 from lightprobe.geometry.tet_lattice import build_lattice
-from lightprobe.reconstruction.coarse_grids import CoarseGrids
 
 CELL = 0.1
 

@@ -7,7 +7,7 @@ import torch
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.errors import InputError
 from lightprobe.reconstruction import decompose
-from lightprobe.reconstruction.forming import FormingObject
+from lightprobe.reconstruction.checkpoint_preview import CheckpointPreview
 from lightprobe.scene import load_scene
 from lightprobe.training import Progress
 from tests.toy_scene import write_toy_scene
@@ -42,7 +42,7 @@ def interrupted(scene, folder, stage, step):
 def test_a_checkpoint_shows_its_surface(scene, tmp_path, stage, step):
     tensors, state = interrupted(scene, tmp_path, stage, step)
     assert state["stage"] == stage
-    forming = FormingObject(scene, torch.device("cpu"))
+    forming = CheckpointPreview(scene, torch.device("cpu"))
     surface = forming.surface(tensors, state)
     radius = scene.similarity.scale * surface.vertices.norm(dim=1)
     assert surface.stage == stage
@@ -57,4 +57,4 @@ def test_a_checkpoint_shows_its_surface(scene, tmp_path, stage, step):
 
 def test_a_checkpoint_of_something_else_is_refused(scene):
     with pytest.raises(InputError, match="does not fit"):
-        FormingObject(scene, torch.device("cpu")).surface({}, {"config": {}, "stage": "pass2", "seed": 0})
+        CheckpointPreview(scene, torch.device("cpu")).surface({}, {"config": {}, "stage": "pass2", "seed": 0})

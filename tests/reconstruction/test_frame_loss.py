@@ -4,9 +4,9 @@ import math
 
 import pytest
 import torch
+from lightprobe.reconstruction.frame_loss import color_change, frame_loss
 
 from lightprobe.core.config import ImageLoss
-from lightprobe.reconstruction.frame_loss import color_change, frame_loss
 
 
 def displayed(x: float) -> float:

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from lightprobe.reconstruction.front_bias import FrontBias
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
-from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import R, sky, sphere_gbuffer, turned

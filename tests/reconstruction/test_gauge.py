@@ -5,9 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-
-from lightprobe.core.config import DecomposeConfig, LightUpdate
-from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction.gauge import (
     BRIGHTEST,
     CHOICES,
@@ -16,6 +13,9 @@ from lightprobe.reconstruction.gauge import (
     metals_tried,
     trials_at,
 )
+
+from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, ImageLoss, LightUpdate, Smoothed
 from lightprobe.geometry.mesh import Mesh
-from lightprobe.material.textures import Textures
+from lightprobe.geometry.textures import Textures
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target

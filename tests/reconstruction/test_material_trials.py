@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import pytest
 import torch
+from lightprobe.reconstruction.material_trials import STARTS, Sample, Trial, best_new, best_rescaled
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction import material_trials
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.material_trials import STARTS, Sample, Trial, best_new, best_rescaled
-from lightprobe.reconstruction.scaled_material import ScaledMaterial
-from lightprobe.reconstruction.surroundings import light_level
+from lightprobe.reconstruction.trials.plausibility import light_level
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 

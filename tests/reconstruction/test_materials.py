@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-
-from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction.materials import HeldMetallic, Materials
 from lightprobe.reconstruction.scaled_material import ScaledMaterial
+
+from lightprobe.core.config import DecomposeConfig
 
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_levels=4, hash_finest=32)

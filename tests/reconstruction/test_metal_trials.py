@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import pytest
 import torch
+from lightprobe.reconstruction.material_trials import Sample, Trial
+from lightprobe.reconstruction.materials import Materials
+from lightprobe.reconstruction.metal_trials import best_metals
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction import metal_trials
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.material_trials import Sample, Trial
-from lightprobe.reconstruction.materials import Materials
-from lightprobe.reconstruction.metal_trials import best_metals
-from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer, turned
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 import torch
+from lightprobe.reconstruction.pass_task import PassTask
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.pass_task import PassTask
 
 CONFIG = DecomposeConfig(light_resolution=8)
 

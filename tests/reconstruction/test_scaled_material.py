@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from lightprobe.material.field import START_BASE
+from lightprobe.reconstruction.scaled_material import ScaledMaterial
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.material.field import START_BASE
 from lightprobe.reconstruction.losses import USUAL_ROUGHNESS
-from lightprobe.reconstruction.scaled_material import ScaledMaterial
 
 CPU = torch.device("cpu")
 CONFIG = DecomposeConfig(hash_levels=4, hash_finest=32)

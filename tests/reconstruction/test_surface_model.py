@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 import torch
+from lightprobe.material.field import MIN_ROUGHNESS
 
 from lightprobe.core.config import DecomposeConfig, VertexUnit
-from lightprobe.material.field import MIN_ROUGHNESS
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import rasterize_asset, textured_visibility
 from lightprobe.render.surface import View

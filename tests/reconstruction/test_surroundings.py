@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lightprobe.imaging import write_png
-from lightprobe.reconstruction.surroundings import Surroundings, light_level, shown_level
+from lightprobe.reconstruction.trials.plausibility import Surroundings, light_level, shown_level
 from lightprobe.scene.photo import Photo
 from tests.gbuffers import R, sky
 from tests.shapes import camera_at

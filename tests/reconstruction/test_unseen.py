@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import torch
+from lightprobe.reconstruction.unseen import fill_unseen
 
 from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.geometry.mesh import is_closed
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.start import start_from_hull
-from lightprobe.reconstruction.unseen import fill_unseen
 from lightprobe.render.surface import View, visible_surface
 from lightprobe.scene.hull import Hull
 from tests.shapes import camera_at

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 import torch
+from lightprobe.reconstruction.front_bias import FrontBias
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction import validation
-from lightprobe.reconstruction.front_bias import FrontBias
 from lightprobe.reconstruction.photos import Target
-from lightprobe.reconstruction.surroundings import Surroundings
+from lightprobe.reconstruction.trials.plausibility import Surroundings
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.surface import View
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph

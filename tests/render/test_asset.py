@@ -9,7 +9,7 @@ import torch
 from lightprobe.core.checkpoint import save_tensors
 from lightprobe.core.errors import InputError
 from lightprobe.geometry.mesh import Mesh, uv_tangents
-from lightprobe.material.textures import Textures
+from lightprobe.geometry.textures import Textures
 from lightprobe.render.asset import (
     Asset,
     asset_gbuffer,

@@ -9,8 +9,8 @@ import torch
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.light import prefilter
-from lightprobe.material.textures import Textures
 from lightprobe.render import brdf, path_tracer
 from lightprobe.render.asset import Asset
 from lightprobe.render.path_tracer import PathTracer, check_path_tracer, environment_rows, tamed

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.light import prefilter
-from lightprobe.material.textures import Textures
 from lightprobe.render import picture
 from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.render.picture import Picture

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.light import cubemap, prefilter
-from lightprobe.material.textures import Textures
 from lightprobe.render import suns as suns_module
 from lightprobe.render.asset import Asset, rasterize_asset, textured_visibility
 from lightprobe.render.gbuffer import GBuffer

@@ -12,9 +12,9 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.config.distillation import quick
 from lightprobe.core.run import RunFolder
 from lightprobe.export import write_run_outputs
+from lightprobe.geometry.textures import Textures
 from lightprobe.light.cubemap import directions
 from lightprobe.light.environment import Environment
-from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition, ProbeModel
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.render.asset import Asset

@@ -13,9 +13,9 @@ from demo_scene.textures import atlas_uv
 from lightprobe.export.glb import GltfPictures, encode_glb
 from lightprobe.export.gltf_mesh import GltfMesh, to_y_up
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.imaging import resize_area, srgb_encode
 from lightprobe.light.environment import Environment
-from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.scene.camera import Camera, Similarity

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from lightprobe.geometry.atlas import triangle_atlas
 from lightprobe.geometry.mesh import Mesh
+from lightprobe.geometry.textures import Textures
 from lightprobe.light import cubemap, prefilter
-from lightprobe.material.textures import Textures
 from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.render.picture import Picture
 from lightprobe.scene.camera import Camera

@@ -23,8 +23,8 @@ from lightprobe.evaluation.truth import material_maps, read_true_mesh
 from lightprobe.geometry.atlas import triangle_atlas, triangle_atlas_size
 from lightprobe.geometry.mesh import Mesh, crease_normals, decimate, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
+from lightprobe.geometry.textures import Textures
 from lightprobe.kernels import rasterize
-from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset, textured_visibility, uv_handedness
 from lightprobe.render.surface import View

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
+from lightprobe.geometry.textures import sample
 from lightprobe.insertion.ground_light import Caster, GroundLight, camera_ground_light, plan_ground_light
 from lightprobe.insertion.occlusion import GroundPlan, SurfacePoints, both, over_ground, past, simplified
 from lightprobe.insertion.placement import Placed
@@ -23,7 +24,6 @@ from lightprobe.insertion.thing import Thing
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.environment import Environment
 from lightprobe.light.prefilter import Prefilter
-from lightprobe.material.textures import sample
 from lightprobe.render.asset import Asset, textured_visibility
 from lightprobe.render.suns import Suns
 from lightprobe.render.visibility import PointVisibility, VertexVisibility

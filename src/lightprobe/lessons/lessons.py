@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lightprobe.core.config.distillation import DistillConfig, Lessons
+from lightprobe.core.config.distillation import DistillConfig, ExampleSource
 from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import CLIPPED
@@ -63,12 +63,12 @@ def collect_lessons(
     for done, photo in enumerate(photos, start=1):
         look = _training_view(asset, photo, scene, config, device, seed)
         if look is not None:
-            if config.lessons is not Lessons.SYNTHETIC:
+            if config.lessons is not ExampleSource.SYNTHETIC:
                 desk = LessonMaker(look.gbuffer, up, config)
                 light = lights[photo.name].to(device).texels
                 lessons.append(desk.lesson(photo.name, look.color, look.clipped, light))
             if (
-                config.lessons is not Lessons.TEACHER
+                config.lessons is not ExampleSource.TEACHER
             ):  # also the share of photos before it that show too little
                 last = done * config.synthetic_lessons // len(photos)
                 lessons += _synthetic(look, pool, range(first, last), config, seed)

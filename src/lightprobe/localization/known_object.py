@@ -4,8 +4,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.geometry.mesh import uv_tangents
+from lightprobe.geometry.textures import sample
 from lightprobe.light.prefilter import BLOCKS
-from lightprobe.material.textures import sample
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.surface import Surface, View

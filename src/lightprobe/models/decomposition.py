@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
-from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
+from lightprobe.core.config.stored import LIGHT_RESOLUTIONS
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import shell_word
 from lightprobe.core.run import REMAKE, RunFolder

@@ -1,27 +1,69 @@
-"""From lattice and field to a textured mesh: cleaning, smoothing, decimation, unwrapping and baking."""
+"""From lattice and field to a textured mesh: filling, cleaning, smoothing, decimation, unwrapping and baking."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from lightprobe.core.config import DecomposeConfig
+from lightprobe.core.config import DecomposeConfig, SdfMode
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.atlas import unwrap
 from lightprobe.geometry.mesh import Mesh, clean, crease_normals, decimate, smooth, uv_tangents
 from lightprobe.geometry.texels import fill_texels, texel_points
-from lightprobe.material.textures import Textures
+from lightprobe.geometry.textures import Textures
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.render.asset import Asset, textured_visibility, uv_handedness
+from lightprobe.render.surface import View, visible_surface
+
+_BESIDE = 1.0  # lattice cells behind the visible surface that count as seen: pixels are coarser than edges
+_MARGIN = 2  # edges of the lattice around what is seen that stay as they are
+
+
+@torch.no_grad()
+def fill_unseen(model: LatticeModel, views: Sequence[View]) -> None:
+    """Make solid what the model's surface hides from all of the views.
+
+    Inside the solid no photo holds the distances, and the first pass leaves caves there. Closed ones are
+    dropped with their surface (`geometry.mesh.clean`); those with a way out, through what photos do not see
+    either, would take triangles and texels from what they do see: more than half of both where an opening of
+    the object is closed in its masks. What lies out of the picture in all views, and what a network of
+    distances says, stays as it is.
+    """
+    if model.config.sdf is SdfMode.MLP:
+        return
+    distance, edges = model.distances(), model.lattice.edges
+    outside = distance >= 0
+    kept = outside & ~_hidden(model, views)
+    open_edges = edges[outside[edges].all(1)]
+    for _ in range(_MARGIN):
+        kept[open_edges[kept[open_edges].any(1)].reshape(-1)] = True
+    filled = outside & ~kept
+    if bool(filled.any()):
+        model.reshape(torch.where(filled, distance.new_tensor(-model.lattice.cell), distance))
+
+
+def _hidden(model: LatticeModel, views: Sequence[View]) -> Tensor:
+    """Return which of the lattice's L vertices, (L,) bool, the surface hides in all views that frame them."""
+    vertices, faces = model.present()
+    points = model.positions()
+    shown, framed = torch.zeros((2, len(points)), dtype=torch.bool, device=points.device)
+    for view in views:
+        surface = visible_surface(vertices, faces, view)
+        nearest = points.new_full((view.height * view.width,), torch.inf)
+        nearest[surface.pixel] = view.project(surface.position)[:, 2]
+        x, y, depth = view.project(points).unbind(1)
+        inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.width) & (y < view.height)
+        pixel = (y[inside].long() * view.width + x[inside].long()).clamp(max=len(nearest) - 1)
+        framed |= inside
+        shown[inside] |= depth[inside] < nearest[pixel] + _BESIDE * model.lattice.cell
+    return framed & ~shown
 
 
 def bake(
     model: LatticeModel, config: DecomposeConfig, device: torch.device, tell: Callable[[str], None]
 ) -> Asset:
-    """Return the model's surface and materials as a textured mesh; `tell` hears of what went otherwise than
-    usual.
-    """
+    """Return the model's surface and materials as a textured mesh; `tell` hears of an unwrapper that gave up."""
     vertices, faces = clean(*model.extract())
     if len(faces) == 0:
         raise ConvergenceError(
@@ -33,7 +75,8 @@ def bake(
     mesh, size = unwrap(vertices, faces, config.texture_size, config.unwrap_seconds)
     if size > config.texture_size:
         tell(
-            f"the unwrapper did not finish in {config.unwrap_seconds:g} s: triangles on a grid, textures of {size}²"
+            f"the unwrapper did not finish in {config.unwrap_seconds:g} s: "
+            f"triangles on a grid, textures of {size}²"
         )
     mesh = mesh.to(device)
     mesh = replace(mesh, normal_faces=crease_normals(mesh.vertices, mesh.faces, config.crease_degrees))
@@ -44,7 +87,7 @@ def bake(
 
 @torch.no_grad()
 def bake_textures(model: LatticeModel, mesh: Mesh, size: int) -> Textures:
-    """Return the field's material on the texels of `mesh`; texels outside all charts repeat the nearest one
+    """Return the field's material on the texels of `mesh`; those outside all charts repeat the nearest
     inside.
     """
     face, barycentric, texel = texel_points(mesh, size)

@@ -1,24 +1,29 @@
 """The first two passes' task: whole photos, silhouettes included, one per step."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
+from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.core.device import generator, to_device
-from lightprobe.reconstruction.cavity_trials import best_opening, has_doubtful_lid
-from lightprobe.reconstruction.frame_loss import frame_loss
-from lightprobe.reconstruction.gauge import CHOICES, choose_brightness, evenly_spaced, lids_tried, trials_at
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.losses import color_gauge, image_loss, metal_parsimony
-from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial, best_new, best_rescaled
-from lightprobe.reconstruction.metal_trials import best_metals
-from lightprobe.reconstruction.pass_task import PassTask, Unknowns
-from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.losses import frame_loss, grey_world, image_loss, metal_parsimony
+from lightprobe.reconstruction.photos import Target, evenly_spaced
+from lightprobe.reconstruction.trials.brightness import (
+    CHOICE_PHOTOS,
+    best_new,
+    best_rescaled,
+    choose_brightness,
+)
+from lightprobe.reconstruction.trials.cavities import best_opening, has_doubtful_lid
+from lightprobe.reconstruction.trials.metals import best_metals
+from lightprobe.reconstruction.trials.schedule import CHOICES, lids_tried, trials_at
+from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
@@ -26,11 +31,22 @@ from lightprobe.render.surface import View
 from lightprobe.training import ParameterGroup, Stage
 from lightprobe.training.loop import visited
 
-_POINTS = 512  # whose materials are compared in a step
+_PARSIMONY = 0.02  # weight of the entropy of the metals' base colours
+_POINTS = 512  # whose materials are compared for it in a step
+
+
+class Unknowns(Protocol):
+    """What a pass fits beside the lights."""
+
+    def chosen(self) -> dict[str, Tensor]:
+        """Return what is chosen and not trained, by name."""
+
+    def project(self) -> None:
+        """Bring parameters back into their valid ranges after a step."""
 
 
 class Model(Unknowns, Protocol):
-    """The unknowns of a pass."""
+    """The unknowns of the first two passes."""
 
     @property
     def mean_color(self) -> Tensor:
@@ -50,6 +66,27 @@ class Model(Unknowns, Protocol):
 
     def brighten(self, factor: float) -> None:
         """Multiply all base colours, and the mean they are held at, by `factor`."""
+
+
+class PassTask:
+    """What the tasks of all passes share: what a checkpoint holds beside parameters, and valid ranges."""
+
+    model: Unknowns
+    lights: Lights
+
+    def buffers(self) -> dict[str, Tensor]:
+        """Return what the model has chosen, and the lights that are solved."""
+        return {**self.model.chosen(), **self.lights.solved()}
+
+    def load_buffers(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over buffers; raise `KeyError` or `ValueError` where they do not fit."""
+        copy_stored(tensors, self.model.chosen())
+        self.lights.load_solved(tensors)
+
+    def project(self) -> None:
+        """Bring the model's parameters and the lights back into their valid ranges."""
+        self.model.project()
+        self.lights.clamp()
 
 
 @dataclass
@@ -74,42 +111,46 @@ class ImageTask(PassTask):
     def refresh(self, iteration: int, fraction: float) -> None:
         """Renew the shadows; in the first pass also choose the brightness, its product with each light kept."""
         self.model.update_visibility()
-        if iteration == 0 or self.config.brightness_anchor == 0:
+        if iteration == 0 or not self.config.priors:
             return
         if isinstance(self.model, LatticeModel) and iteration in (trials := trials_at(self.config)):
-            self._try_materials(self.model, fraction, anew=iteration == min(trials))
+            self._try_changes(self.model, fraction, first=iteration == min(trials))
         step = self.stage.first_step + iteration
         if step <= CHOICES * self.config.checkpoint_every:
             self._choose_brightness(step, fraction)
 
     def _choose_brightness(self, step: int, fraction: float) -> None:
         """Multiply the base colours by the best factor near 1, and divide the lights by it."""
-        chosen = evenly_spaced(self.targets)
+        chosen = evenly_spaced(self.targets, CHOICE_PHOTOS)
         shown = zip(chosen, self.model.gbuffers([target.view for target in chosen], fraction), strict=True)
         mean = float(self.model.mean_color)
         factor = choose_brightness(shown, self.lights, step, mean)
         self.model.brighten(factor)
         self.lights.dim(factor)
 
-    def _try_materials(self, model: LatticeModel, fraction: float, *, anew: bool) -> None:
-        """Give the model the material of another brightness, new or rescaled, where parts agree better under
-        it.
-
-        A new one also finds out whether there are lids in doubt, a rescaled one opens them first.
-        """
-        if anew:
-            self._look_for_lids(model, fraction)
+    def _try_changes(self, model: LatticeModel, fraction: float, *, first: bool) -> None:
+        """Make the first or the second trial's changes that photos ask for (`reconstruction.trials`)."""
+        if first:
+            if model.lid_in_doubt:
+                doubtful = has_doubtful_lid(model, self.targets, self.lights, fraction, self.seed)
+                model.lid_in_doubt.fill_(doubtful)
         else:
-            self._open_cavities(model, fraction)
+            model.lid_in_doubt.fill_(False)
+            if lids_tried(self.config):
+                opening = best_opening(model, self.targets, self.lights, fraction, self.seed)
+                if opening is not None:
+                    model.reshape(opening.distance)
+                    self._take_over(model, opening.trial)
         chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
         shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
         samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
-        if anew:
+        if first:
             best = best_new(samples, self.lights, model.material, self.seed)
         else:
             metals = best_metals(samples, self.lights, model.material, self.seed)
             if metals is not None:
                 self._take_over(model, metals)
+            # A brightness that the wrong metals had grown used to is not defended.
             best = best_rescaled(samples, self.lights, model.material, self.seed, settled=metals is None)
         if best is None:
             return
@@ -118,21 +159,6 @@ class ImageTask(PassTask):
         self._take_over(model, trial)
         model.brighten(factor)
         self.lights.dim(factor)
-
-    def _look_for_lids(self, model: LatticeModel, fraction: float) -> None:
-        """Tell a model that waits for it whether it has a lid that may have to be opened."""
-        if model.lid_in_doubt:
-            model.lid_in_doubt.fill_(has_doubtful_lid(model, self.targets, self.lights, fraction, self.seed))
-
-    def _open_cavities(self, model: LatticeModel, fraction: float) -> None:
-        """Give the model the cavities that photos ask for; a network of distances cannot be given any."""
-        model.lid_in_doubt.fill_(False)
-        if not lids_tried(self.config):
-            return
-        opening = best_opening(model, self.targets, self.lights, fraction, self.seed)
-        if opening is not None:
-            model.reshape(opening.distance)
-            self._take_over(model, opening.trial)
 
     def _take_over(self, model: LatticeModel, trial: Trial) -> None:
         """Give the model a trial's material and lights."""
@@ -164,30 +190,30 @@ class ImageTask(PassTask):
         crossings = silhouette_crossings(seen.screen, seen.faces, seen.edges, pixel, view)
         cover = coverage(pixel, crossings, view.height * view.width)
         image = spread_color(radiance, pixel, crossings, cover)
-        background = to_device(
-            torch.rand(3, generator=generator(self.seed, "background", step)), radiance.device
-        )
+        random = generator(self.seed, "background", step)
+        background = to_device(torch.rand(3, generator=random), radiance.device)
         kind, weight = self.config.image_loss, self.config.coverage_weight
         if kind is ImageLoss.OBJECT:
             loss = image_loss(image, cover, target, background, weight)
         else:
-            loss = frame_loss(image, cover, target.color, target.alpha, background, weight, kind)
+            loss = frame_loss(image, cover, target, background, weight, kind)
         loss = loss + seen.regularisation
-        if self.config.color_gauge > 0:  # the cast takes a look at every light
-            loss = loss + self.config.color_gauge * color_gauge(
-                seen.gbuffer.base_color, self.lights.color_cast()
-            )
-        return loss + self._few_metals(seen.gbuffer, step)
+        if self.config.priors:
+            loss = loss + grey_world(seen.gbuffer.base_color, self.lights.color_cast())
+            loss = loss + self._few_metals(seen.gbuffer, step)
+        return loss
 
     def _few_metals(self, gbuffer: GBuffer, step: int) -> Tensor:
-        """Return the weighted entropy of the metals at some of the points of a G-buffer."""
-        weight = self.config.parsimony * min(1.0, max(0.0, step / (0.25 * self.config.pass1_iterations) - 1))
+        """Return the weighted entropy of the metals at some of the points of a G-buffer.
+
+        It sets in over the first pass's second quarter; the third pass has none.
+        """
+        weight = _PARSIMONY * min(1.0, max(0.0, step / (0.25 * self.config.pass1_iterations) - 1))
         if weight == 0 or len(gbuffer.pixel) == 0:
             return gbuffer.base_color.new_zeros(())
         random = generator(self.seed, "parsimony", step)
-        rows = to_device(
-            torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random), gbuffer.pixel.device
-        )
+        drawn = torch.randint(0, len(gbuffer.pixel), (_POINTS,), generator=random)
+        rows = to_device(drawn, gbuffer.pixel.device)
         material = (gbuffer.base_color, gbuffer.roughness, gbuffer.metallic)
         return weight * metal_parsimony(*(channel.index_select(0, rows) for channel in material))
 

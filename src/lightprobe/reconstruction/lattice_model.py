@@ -1,6 +1,5 @@
 """The first pass's unknowns: signed distances and offsets on a lattice, and the material field."""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -13,20 +12,24 @@ from lightprobe.core.device import generator, to_device
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra, sign_change_loss
 from lightprobe.geometry.mesh import EdgeFaces, edge_faces, vertex_normals
-from lightprobe.reconstruction.coarse_grids import CoarseGrids
-from lightprobe.reconstruction.gauge import START, lids_tried
+from lightprobe.reconstruction.distances import CoarseGrids, DistanceMlp
+from lightprobe.reconstruction.material_field import MATERIAL_RATE, ScaledMaterial
 from lightprobe.reconstruction.moving_visibility import MovingVisibility
-from lightprobe.reconstruction.scaled_material import ScaledMaterial
 from lightprobe.reconstruction.start import Start
+from lightprobe.reconstruction.trials.schedule import lids_tried
 from lightprobe.render.asset import gbuffer_of
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import outline_vertices
 from lightprobe.render.surface import View, face_camera, visible_surface
-from lightprobe.training import Descent, ParameterGroup
+from lightprobe.training import ParameterGroup
 
-_FITTED = 16_384  # points at most in a step that fits the network of distances to a shape
+GEOMETRY_RATE = 0.015  # Adam step of the shape (paper, 4.2): distances in cells, offsets before the tanh
+START = 0.45  # mean linear base colour that Phase I starts with
 _JUDGED = 4096  # visible points whose material has a price in a step
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
+_MLP_RATE = (
+    0.1  # of the network of distances: Adam moves every weight by it, and a full step loses the surface
+)
 
 
 @dataclass(frozen=True)
@@ -38,42 +41,6 @@ class RasterisedView:
     faces: Tensor  # (F, 3)
     edges: EdgeFaces
     regularisation: Tensor  # scalar
-
-
-class DistanceMlp(nn.Module):
-    """Signed distance as an MLP of encoded position: three hidden layers of 64."""
-
-    scales: Tensor
-
-    def __init__(self, random: torch.Generator):
-        super().__init__()
-        self.register_buffer("scales", 2.0 ** torch.arange(6) * torch.pi)
-        widths = (3 + 36, 64, 64, 64, 1)
-        self.weights = nn.ParameterList(
-            torch.randn(a, b, generator=random) * (2 / a) ** 0.5 for a, b in itertools.pairwise(widths)
-        )
-        self.biases = nn.ParameterList(torch.zeros(b) for b in widths[1:])
-
-    def forward(self, points: Tensor) -> Tensor:
-        """Return distances (V,) at points (V, 3)."""
-        angles = (points[:, :, None] * self.scales).flatten(1)
-        x = torch.cat([points, torch.sin(angles), torch.cos(angles)], 1)
-        for weight, bias in zip(list(self.weights)[:-1], list(self.biases)[:-1], strict=True):
-            x = torch.nn.functional.softplus(torch.addmm(bias, x, weight), beta=100)
-        return torch.addmm(self.biases[-1], x, self.weights[-1])[:, 0]
-
-    def fit(self, points: Tensor, distance: Tensor, steps: int, random: torch.Generator) -> None:
-        """Fit the network to distances (V,) given at points (V, 3), so that training starts from a shape."""
-        descent = Descent(
-            [ParameterGroup(dict(self.named_parameters()), rate=1e-3)],
-            lambda some: (self(points[some]) - distance[some]).abs().mean(),
-        )
-        count = min(_FITTED, len(points))
-        for step in range(steps):
-            descent.step(
-                step, to_device(torch.randint(0, len(points), (count,), generator=random), points.device)
-            )
-        descent.end()
 
 
 def _named(prefix: str, module: nn.Module) -> dict[str, Tensor]:
@@ -94,7 +61,7 @@ class LatticeModel(nn.Module):
             self.mlp.fit(self.lattice.vertices, initial, steps=400, random=generator(seed, "sdf-fit"))
         else:
             self.distance = nn.Parameter(initial)
-            self.coarse = CoarseGrids(self.lattice, config.sdf_coarse_grids)
+            self.coarse = CoarseGrids(self.lattice)
         self.offset = nn.Parameter(torch.zeros_like(self.lattice.vertices))
         # Whether a lid may close a cavity: until the first trial has looked for one and, if there is, the
         # second has tried to open it. Never where the texture is to move the surface from the start. On the
@@ -104,23 +71,19 @@ class LatticeModel(nn.Module):
         self.material = ScaledMaterial(START, config, device, seed)
 
     def groups(self) -> list[ParameterGroup]:
-        """Return the parameters and their rates, of distances in object radii, of offsets before the bounding
-        tanh.
-        """
-        rate = self.config.learning_rate_geometry
+        """Return the parameters and their rates: distances in object radii, offsets before the bounding tanh."""
         if self.config.sdf is SdfMode.MLP:
-            shape = [ParameterGroup(_named("mlp", self.mlp), self.config.sdf_rate * rate)]
+            shape = [ParameterGroup(_named("mlp", self.mlp), _MLP_RATE * GEOMETRY_RATE)]
         else:
-            # Adam moves every touched entry by about its rate: a lattice value may move by a few hundredths
-            # of a cell.
-            cells = rate * self.lattice.cell
+            # Adam moves every touched entry by about its rate: a lattice value by some hundredths of a cell.
+            cells = GEOMETRY_RATE * self.lattice.cell
             coarse = _named("coarse", self.coarse)
             shape = [ParameterGroup({"distance": self.distance}, cells)]
-            shape += [ParameterGroup(coarse, _COARSE_RATE * cells)] if coarse else []
+            shape.append(ParameterGroup(coarse, _COARSE_RATE * cells))
         return [
             *shape,
-            ParameterGroup({"offset": self.offset}, rate),
-            ParameterGroup(_named("field", self.material.field), self.config.learning_rate_material),
+            ParameterGroup({"offset": self.offset}, GEOMETRY_RATE),
+            ParameterGroup(_named("field", self.material.field), MATERIAL_RATE),
         ]
 
     def chosen(self) -> dict[str, Tensor]:
@@ -128,9 +91,7 @@ class LatticeModel(nn.Module):
         return {"brightness": self.material.brightness, "lid_in_doubt": self.lid_in_doubt}
 
     def distances(self) -> Tensor:
-        """Return the signed distances (V,), forced positive on the lattice's border so that the surface is
-        closed.
-        """
+        """Return the signed distances (V,), positive on the lattice's border so that the surface is closed."""
         if self.config.sdf is SdfMode.MLP:
             free = self.mlp(self.lattice.vertices)
         else:
@@ -142,8 +103,7 @@ class LatticeModel(nn.Module):
         return self.lattice.vertices + 0.45 * self.lattice.cell * torch.tanh(self.offset)
 
     def surface(self, distance: Tensor, crossing: Crossing) -> tuple[Tensor, Tensor]:
-        """Return vertices (N, 3) and faces (F, 3) of the zero set; raise `ConvergenceError` when there is
-        none.
+        """Return vertices (N, 3) and faces (F, 3) of the zero set; raise `ConvergenceError` when it is empty.
 
         distance (V,): the signed distances at the lattice's vertices, whose sign changes `crossing` holds.
         """
@@ -167,10 +127,9 @@ class LatticeModel(nn.Module):
 
     @torch.no_grad()
     def reshape(self, distance: Tensor) -> None:
-        """Take the surface whose signed distances at the lattice's vertices are `distance` (V,), where these
-        are free.
+        """Take the surface whose signed distances at the lattice's vertices are `distance` (V,).
 
-        Raises `ValueError` where distances are those of a network.
+        Raises `ValueError` where distances are not free but those of a network.
         """
         if self.config.sdf is SdfMode.MLP:
             raise ValueError("distances of a network cannot be set")
@@ -188,9 +147,8 @@ class LatticeModel(nn.Module):
         loss = weight * sign_change_loss(self.lattice, crossing, distance)
         covered = len(gbuffer.position) / (gbuffer.height * gbuffer.width)
         points = gbuffer.position.detach()
-        if self._texture_moves(
-            progress
-        ):  # what a material costs must not move the surface to where it is cheaper
+        if self._texture_moves(progress):
+            # The points are detached: what a material costs must not move the surface to where it is cheaper.
             points = self._some(points, step)
             material = self.material(points)
         loss = loss + self.material.loss(points, material, step, covered)
@@ -211,7 +169,7 @@ class LatticeModel(nn.Module):
         return points.index_select(0, to_device(rows, points.device))
 
     def _texture_moves(self, progress: float) -> bool:
-        """Return whether the surface follows its texture: whether the picture has a gradient to where points
+        """Return whether the surface follows its texture: whether pictures have a gradient to where points
         are.
 
         Not yet where a lid is in doubt: it would bend to what photos show behind it, and look closed when it
@@ -228,8 +186,7 @@ class LatticeModel(nn.Module):
         position = surface.position
         material = self.material(position if self._texture_moves(progress) else position.detach())
         normal = surface.interpolate(vertex_normals(vertices, faces), faces)
-        # The offset bends the normal the field is shaded with, and is not allowed to hide errors of shape
-        # early on.
+        # The offset bends the normal the field is shaded with, and must not hide errors of shape early on.
         ramp = self.config.normal_ramp
         share = 1.0 if ramp == 0 else min(1.0, progress / ramp)
         normal = face_camera(

@@ -20,6 +20,16 @@ from lightprobe.render.transport import Transport, solve_light
 from lightprobe.training import ParameterGroup
 from lightprobe.training.recording import RecordedStep, Recorder, recorder_for
 
+REGULARISATION = (
+    0.001  # of solved lights while the asset changes: too smooth a light asks for too glossy a surface
+)
+FINAL_REGULARISATION = (
+    0.003  # of held-out photos' lights and of those that are kept; docs/decisions/light-pull.md
+)
+GREY = 0.005  # weight of the deviation from grey of a light that is fitted by gradients; nvdiffrec's
+_ITERATIONS = 5  # of a solve, which starts from the light of the previous visit
+_RATE = 0.005  # Adam step of a light that is fitted by gradients (paper, 4.2)
+
 
 def solve_target_light(
     observed: Tensor,
@@ -30,22 +40,19 @@ def solve_target_light(
     config: DecomposeConfig,
     times: int = 1,
     *,
-    regularisation: float | None = None,
+    regularisation: float = REGULARISATION,
 ) -> Tensor:
-    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best, from
-    `start`.
+    """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best.
 
-    observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. It is
-    solved so `times` times, each time from the last light. Places that the pixels do not pin are pulled
-    towards the mean colour of the light it starts from, with `regularisation` or, by default, the weaker pull
-    that `config` has while the asset changes: a light that is too smooth asks for a surface that is too
-    glossy.
+    observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. The
+    light is solved `times` times, first from `start`, then from the last light. Places that the pixels do not
+    pin are pulled towards the mean colour of the light that a solve starts from, with the weight
+    `regularisation`.
 
     Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows
     there: what either takes for a highlight weighs little (docs/decisions/light-weights.md).
     """
     transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
-    pull = config.light_regularisation if regularisation is None else regularisation
     light = start
     for _ in range(times):
         last = transport.lit(light)
@@ -57,8 +64,8 @@ def solve_target_light(
             weight,
             clipped,
             prior,
-            regularisation=pull,
-            iterations=config.light_solve_iterations,
+            regularisation=regularisation,
+            iterations=_ITERATIONS,
             start=last,
             chroma=config.light_chroma,
         )
@@ -84,8 +91,7 @@ class LightSolver:
     def __call__(
         self, observed: Tensor, clipped: Tensor, gbuffer: GBuffer, rows: Tensor, start: Tensor
     ) -> Tensor:
-        """Return the light from `start` (6, R, R, 3) that explains the rows (K,) int64 of the G-buffer, K >
-        0, best.
+        """Return the light from `start` (6, R, R, 3) that explains the rows (K,) int64, K > 0, best.
 
         observed (P, 3), clipped (P, 3) bool: as in `solve_target_light`, of all pixels of the G-buffer.
         """
@@ -109,9 +115,7 @@ class LightSolver:
 
 
 class Lights:
-    """One cubemap (6, R, R, 3) per training photo; separate tensors, so that Adam leaves unvisited lights
-    alone.
-    """
+    """One cubemap (6, R, R, 3) per training photo; separate tensors: Adam leaves unvisited lights alone."""
 
     def __init__(self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int):
         """Start with grey lights of the photos `names`."""
@@ -126,9 +130,7 @@ class Lights:
         self._solver = LightSolver(config, device, config.light_solve_pixels)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
-        """Return up to `count` rows (K,) int64 of the G-buffer that lie inside the mask, drawn without
-        replacement.
-        """
+        """Return up to `count` distinct rows (K,) int64 of the G-buffer that lie inside the mask, at random."""
         inside = target.inside(gbuffer.pixel)
         draw = torch.randperm(len(inside), generator=generator(self.seed, f"rows/{target.name}", step))
         return inside[to_device(draw[:count], inside.device)]
@@ -149,12 +151,10 @@ class Lights:
         light = self.maps[row]
         if not self.gradient:
             return light.new_zeros(())
-        return self.config.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
+        return GREY * (light - light.mean(-1, keepdim=True)).abs().mean()
 
     def color_cast(self) -> Tensor:
-        """Return by how much the lights are brighter in each channel than on the average, (3,), in
-        logarithms.
-        """
+        """Return the log of how much brighter the lights are in each channel than on the average, (3,)."""
         means = self.stacked().mean((1, 2, 3)).clamp(min=1e-4).log().mean(0)
         return means - means.mean()
 
@@ -169,14 +169,10 @@ class Lights:
         """Put `light` (6, R, R, 3) in place of a photo's, in place."""
         self.maps[self.index[name]].copy_(light)
 
-    def parameters(self) -> dict[str, Tensor]:
-        """Return the lights that are fitted by gradients, `light.<photo>` each; none where they are solved."""
-        return {f"light.{name}": self.maps[i] for name, i in self.index.items()} if self.gradient else {}
-
     def groups(self) -> list[ParameterGroup]:
-        """Return the same with their rate, in radiance."""
-        parameters = self.parameters()
-        return [ParameterGroup(parameters, self.config.learning_rate_light)] if parameters else []
+        """Return the lights that are fitted by gradients, `light.<photo>` each, and their rate, in radiance."""
+        lights = {f"light.{name}": self.maps[i] for name, i in self.index.items()}
+        return [ParameterGroup(lights, _RATE)] if self.gradient and lights else []
 
     def stacked(self) -> Tensor:
         """Return all lights (N, 6, R, R, 3)."""
@@ -200,7 +196,7 @@ class Lights:
 
     @torch.no_grad()
     def load(self, stacked: Tensor) -> None:
-        """Take over lights (N, 6, R, R, 3) >= 0; raise `ValueError` when they are not one for each of these."""
+        """Take over lights (N, 6, R, R, 3) >= 0, one for each photo; raise `ValueError` when they are not."""
         wanted = (len(self.maps), *self.maps[0].shape)
         if tuple(stacked.shape) != wanted or bool((stacked < 0).any()):
             raise ValueError(f"'lights' are {tuple(stacked.shape)}, not {wanted} and 0 or more")

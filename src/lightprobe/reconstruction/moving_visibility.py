@@ -1,5 +1,5 @@
-"""Visibility on a surface whose triangles change from step to step: that of the nearest point it was found
-for.
+"""Visibility on a surface whose triangles change from step to step: that of the nearest point of a past
+state.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from lightprobe.render.surface import Surface
 from lightprobe.render.vertex_visibility import vertex_visibility
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 
-_TURN = 0.1  # a turned normal is as far away as this share of the object's radius: thin parts keep their sides apart
+_TURN = 0.1  # object radii that a turned normal is away: thin parts keep their sides apart
 _PAIRS = 1 << 25  # distances of a GPU's comparison that are held at a time
 
 
@@ -30,18 +30,16 @@ class MovingVisibility:
         """Return what the mesh (V, 3), (F, 3) with base colours (V, 3) sees; `side`: pixels of a depth map."""
         visible = vertex_visibility(vertices, faces, colors[faces.long()].mean(1), side)
         points = _points(vertices, faces)
-        return MovingVisibility(
-            points, scipy.spatial.cKDTree(points.numpy()) if _searches(points) else None, visible
-        )
+        # A GPU would wait for the points, the tree and the rows it found.
+        tree = scipy.spatial.cKDTree(points.numpy()) if points.device.type == "cpu" else None
+        return MovingVisibility(points, tree, visible)
 
     def brightened(self, factor: float) -> "MovingVisibility":
         """Return them with base colours times `factor`."""
         return MovingVisibility(self.points, self.tree, self.vertices.brightened(factor))
 
     def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> PointVisibility:
-        """Return the visibility at the visible points of the mesh as it is now, vertices (V, 3) and faces (F,
-        3).
-        """
+        """Return the visibility at the visible points of the present mesh, vertices (V, 3) and faces (F, 3)."""
         corners = faces[surface.face].long()
         seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
         seen[corners.reshape(-1)] = True
@@ -68,13 +66,6 @@ def nearest_rows(points: Tensor, stored: Tensor) -> Tensor:
     # |p - s|^2 less what is the same for every s
     nearest = [torch.addmm(square, part, stored.T, alpha=-2).argmin(1) for part in points.split(some)]
     return torch.cat(nearest)
-
-
-def _searches(points: Tensor) -> bool:
-    """Return whether a tree is quicker: on a CPU; a GPU would wait for the points, the tree and the rows it
-    found.
-    """
-    return points.device.type == "cpu"
 
 
 @torch.no_grad()

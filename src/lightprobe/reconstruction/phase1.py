@@ -1,6 +1,4 @@
-"""Phase I from start to end: visual hull, first pass, bake, second and third pass with their guards, final
-lights.
-"""
+"""Phase I from start to end: visual hull, first pass, bake, second and third pass, final lights, verdict."""
 
 import functools
 import statistics
@@ -14,18 +12,19 @@ from lightprobe.core.config import DecomposeConfig, StartShape
 from lightprobe.core.device import full_precision
 from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
-from lightprobe.reconstruction.bake import bake
-from lightprobe.reconstruction.front_bias import FrontBias
-from lightprobe.reconstruction.gauge import evenly_spaced
+from lightprobe.reconstruction.bake import bake, fill_unseen
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.photos import Target, load_targets
+from lightprobe.reconstruction.photos import Target, evenly_spaced, load_targets
 from lightprobe.reconstruction.start import BOX, Start, start_from_box, start_from_hull
 from lightprobe.reconstruction.surface_model import SurfaceModel
-from lightprobe.reconstruction.surroundings import Surroundings, shown_level
 from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
-from lightprobe.reconstruction.unseen import fill_unseen
+from lightprobe.reconstruction.trials.plausibility import (
+    BackgroundLevel,
+    ViewLightCorrelation,
+    background_level,
+)
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.asset import Asset
 from lightprobe.scene import carved_hull
@@ -35,11 +34,12 @@ from lightprobe.training import Progress, Resumed, Stage, Training
 from lightprobe.training.descent import exponential
 
 _JUDGES = 8  # photos that an object is judged by where none was held out
+_EPSILON = 1e-12  # that Adam adds to the root of the mean of squared gradients
 _LIGHTS = "lights"  # beside the asset's tensors, of what a pass starts from
 
 
 @dataclass(frozen=True)
-class Job:
+class _Phase:
     """What every step of Phase I needs to know."""
 
     scene: Scene
@@ -57,14 +57,14 @@ class Job:
         return load_targets(self.scene, photos, side, self.device)
 
     @functools.cached_property
-    def shown(self) -> dict[str, float | None]:
-        """The level of what each training photo shows around the object, by name."""
-        return {photo.name: shown_level(photo) for photo in self.scene.train}
+    def backgrounds(self) -> dict[str, float | None]:
+        """The level of each training photo's background, by name."""
+        return {photo.name: background_level(photo) for photo in self.scene.train}
 
 
 @dataclass(frozen=True)
-class Handover:
-    """What a pass starts from, or ended with: an object and the lights that belong to it."""
+class AssetAndLights:
+    """What a pass starts from, or ends with."""
 
     asset: Asset
     lights: Tensor  # (N, 6, R, R, 3), one for each fitted photo
@@ -74,11 +74,11 @@ class Handover:
         return {**self.asset.tensors(), _LIGHTS: self.lights}
 
     @staticmethod
-    def of(tensors: dict[str, Tensor], device: torch.device) -> "Handover":
+    def of(tensors: dict[str, Tensor], device: torch.device) -> "AssetAndLights":
         """Return it from its `tensors`; raise `KeyError` or `InputError` where they make none."""
         parts = {name: tensor for name, tensor in tensors.items() if name != _LIGHTS}
         asset = Asset.from_tensors(parts, Path("the object of this pass"), "begin anew with --restart")
-        return Handover(asset.to(device), tensors[_LIGHTS].to(device))
+        return AssetAndLights(asset.to(device), tensors[_LIGHTS].to(device))
 
 
 def stages(config: DecomposeConfig) -> tuple[Stage, Stage, Stage]:
@@ -87,9 +87,7 @@ def stages(config: DecomposeConfig) -> tuple[Stage, Stage, Stage]:
     found, first = [], 0
     for number, length in enumerate(lengths, start=1):
         schedule = exponential(length, config.warm_up_steps if number == 2 else 0)
-        found.append(
-            Stage(f"pass{number}", first, length, schedule, (0.9, config.adam_decay), config.adam_epsilon)
-        )
+        found.append(Stage(f"pass{number}", first, length, schedule, (0.9, config.adam_decay), _EPSILON))
         first += length
     return found[0], found[1], found[2]
 
@@ -117,27 +115,27 @@ def decompose(
     training = Training(
         "Phase I", asdict(config), seed, passes, config.checkpoint_every, progress or Progress()
     )
-    job = Job(scene, config, device, seed, training)
+    phase = _Phase(scene, config, device, seed, training)
     fitted, held_out = split_validation(scene.train, config.validation_photos)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:
-        start, resumed = _first_pass(job, fitted, resumed), None
+        start, resumed = _first_pass(phase, fitted, resumed), None
         training.begin(second, start.tensors())
     else:
-        start = _resumed_start(job, fitted, resumed)
+        start = _resumed_start(phase, fitted, resumed)
     if resumed is None or resumed.stage == second.name:
-        start, resumed = _second_pass(job, fitted, held_out, start, resumed), None
+        start, resumed = _second_pass(phase, fitted, held_out, start, resumed), None
         training.begin(third, start.tensors())
-    end = _third_pass(job, fitted, held_out, start, resumed)
-    lights = _final_lights(job, end.asset, _lights(job, fitted, end.lights))
+    end = _third_pass(phase, fitted, held_out, start, resumed)
+    lights = _final_lights(phase, end.asset, _lights(phase, fitted, end.lights))
     every = [lights[photo.name] for photo in scene.train]
     up = torch.from_numpy(up_of(photo.camera for photo in scene.train)).float()
-    bias = FrontBias.of(every, [_towards(photo, scene) for photo in scene.train], up)
-    around = Surroundings.of(every, [job.shown[photo.name] for photo in scene.train])
-    judges = job.targets(held_out or evenly_spaced(fitted, _JUDGES), config.pass1_side)
-    verdict = judge_object(end.asset, judges, bias, around, config, seed, held_out=bool(held_out))
+    correlation = ViewLightCorrelation.of(every, [_towards(photo, scene) for photo in scene.train], up)
+    background = BackgroundLevel.of(every, [phase.backgrounds[photo.name] for photo in scene.train])
+    judges = phase.targets(held_out or evenly_spaced(fitted, _JUDGES), config.pass1_side)
+    verdict = judge_object(end.asset, judges, correlation, background, config, seed, held_out=bool(held_out))
     if verdict is not None:
-        job.tell(verdict.sentence)
+        phase.tell(verdict.sentence)
     environments = {name: Environment(light) for name, light in lights.items()}
     return Decomposition(end.asset, environments, scene.similarity, verdict=verdict)
 
@@ -147,38 +145,36 @@ def _towards(photo: Photo, scene: Scene) -> Tensor:
     return torch.from_numpy(photo.camera.normalised(scene.similarity).position).float()
 
 
-def _resumed_start(job: Job, photos: list[Photo], resumed: Resumed) -> Handover:
-    """Return what the pass of a checkpoint started from; raise `InputError` when it is not one of this
-    training's.
-    """
-    with job.training.restoring(resumed.step):
-        start = Handover.of(resumed.start, job.device)
-        _lights(job, photos, start.lights)
+def _resumed_start(phase: _Phase, photos: list[Photo], resumed: Resumed) -> AssetAndLights:
+    """Return what the pass of a checkpoint started from; raise `InputError` when it is another training's."""
+    with phase.training.restoring(resumed.step):
+        start = AssetAndLights.of(resumed.start, phase.device)
+        _lights(phase, photos, start.lights)
     return start
 
 
-def _lights(job: Job, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
-    """Return the photos' lights, grey or those given; raise `ValueError` when these are not one for each
-    photo.
-    """
-    lights = Lights([photo.name for photo in photos], job.config, job.device, job.seed)
+def _lights(phase: _Phase, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
+    """Return the photos' lights, grey or those given; raise `ValueError` when one is missing."""
+    lights = Lights([photo.name for photo in photos], phase.config, phase.device, phase.seed)
     if stacked is not None:
         lights.load(stacked)
     return lights
 
 
-def _first_pass(job: Job, photos: list[Photo], resumed: Resumed | None) -> Handover:
+def _first_pass(phase: _Phase, photos: list[Photo], resumed: Resumed | None) -> AssetAndLights:
     """Fit lattice and field, bake them, and return what the second pass starts from."""
-    config, stage = job.config, job.training.stages[0]
-    targets = [replace(t, shown=job.shown[t.name]) for t in job.targets(photos, config.pass1_side)]
-    start = start_shape(job.scene, config, job.seed, photos, targets)
-    model = LatticeModel(start, config, job.device, job.seed)
-    lights = _lights(job, photos)
-    job.training.run(ImageTask(model, targets, lights, stage, config, job.seed), stage, resumed)
+    config, stage = phase.config, phase.training.stages[0]
+    targets = [
+        replace(target, background_level=phase.backgrounds[target.name])
+        for target in phase.targets(photos, config.pass1_side)
+    ]
+    start = start_shape(phase.scene, config, phase.seed, photos, targets)
+    model = LatticeModel(start, config, phase.device, phase.seed)
+    lights = _lights(phase, photos)
+    phase.training.run(ImageTask(model, targets, lights, stage, config, phase.seed), stage, resumed)
     fill_unseen(model, [target.view for target in targets])
-    # Baking ends the first pass for good: the unwrapper's time limit must not be able to change a resumed
-    # run.
-    return Handover(bake(model, config, job.device, job.tell), lights.stacked())
+    # Baking ends the first pass for good: the unwrapper's time limit must not change a resumed run.
+    return AssetAndLights(bake(model, config, phase.device, phase.tell), lights.stacked())
 
 
 def start_shape(
@@ -198,59 +194,66 @@ def start_shape(
 
 
 def _second_pass(
-    job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
-) -> Handover:
+    phase: _Phase, photos: list[Photo], held_out: list[Photo], start: AssetAndLights, resumed: Resumed | None
+) -> AssetAndLights:
     """Refine the baked asset, vertices and textures, and return what the third pass starts from."""
-    config, stage = job.config, job.training.stages[1]
+    config, stage = phase.config, phase.training.stages[1]
     if config.pass2_iterations == 0:
         return start
-    lights = _lights(job, photos, start.lights)
-    model = SurfaceModel(start.asset, config, job.seed)
-    targets = job.targets(photos, config.pass2_side)
-    task = ImageTask(model, targets, lights, stage, config, job.seed)
-    job.training.run(task, stage, resumed, start.tensors())
-    return _best(job, stage, held_out, start, [model.asset()], lights)
+    lights = _lights(phase, photos, start.lights)
+    model = SurfaceModel(start.asset, config, phase.seed)
+    targets = phase.targets(photos, config.pass2_side)
+    task = ImageTask(model, targets, lights, stage, config, phase.seed)
+    phase.training.run(task, stage, resumed, start.tensors())
+    return _best(phase, stage, held_out, start, [model.asset()], lights)
 
 
 def _third_pass(
-    job: Job, photos: list[Photo], held_out: list[Photo], start: Handover, resumed: Resumed | None
-) -> Handover:
+    phase: _Phase, photos: list[Photo], held_out: list[Photo], start: AssetAndLights, resumed: Resumed | None
+) -> AssetAndLights:
     """Refine the textures at the photos' full size, where that shows more."""
-    config, stage = job.config, job.training.stages[2]
+    config, stage = phase.config, phase.training.stages[2]
     if config.pass3_iterations == 0 or not _has_detail(photos, config):
         return start
-    lights, asset = _lights(job, photos, start.lights), start.asset
-    pixels = [PhotoPixels.of(asset, job.targets([photo], config.pass3_side)[0], job.seed) for photo in photos]
+    lights, asset = _lights(phase, photos, start.lights), start.asset
+    pixels = [
+        PhotoPixels.of(asset, phase.targets([photo], config.pass3_side)[0], phase.seed) for photo in photos
+    ]
     pixels = [photo for photo in pixels if len(photo.color) > 0]
     before = asset.textures.resized(max(config.pass3_texture_size, asset.textures.size))
-    model = SurfaceModel(replace(asset, textures=before), config, job.seed)
-    task = TextureTask(model, pixels, lights, stage, config, job.seed)
-    job.training.run(task, stage, resumed, start.tensors())
+    model = SurfaceModel(replace(asset, textures=before), config, phase.seed)
+    task = TextureTask(model, pixels, lights, stage, config, phase.seed)
+    phase.training.run(task, stage, resumed, start.tensors())
     refined = model.asset()
-    # Detail that only explains errors of the lights is worse than none; halfway there is often better than
-    # either.
+    # Detail that only explains errors of the lights is worse than none; halfway is often better than either.
     halfway = replace(refined, textures=before.halfway(refined.textures))
-    return _best(job, stage, held_out, start, [halfway, refined], lights)
+    return _best(phase, stage, held_out, start, [halfway, refined], lights)
 
 
 def _best(
-    job: Job, stage: Stage, held_out: list[Photo], start: Handover, assets: list[Asset], lights: Lights
-) -> Handover:
-    """Return the asset that explains held-out photos best, with its lights; the last one when there are no
-    such photos.
+    phase: _Phase,
+    stage: Stage,
+    held_out: list[Photo],
+    start: AssetAndLights,
+    assets: list[Asset],
+    lights: Lights,
+) -> AssetAndLights:
+    """Return the asset that explains held-out photos best, with its lights; the last one without such photos.
 
     Where the asset from before the stage, `start`, is the best one, so are its lights.
     """
     # At this size a photo may show too little of the object to judge by.
-    judges = [target for target in job.targets(held_out, job.config.pass2_side) if bool(target.covered.any())]
+    judges = [
+        target for target in phase.targets(held_out, phase.config.pass2_side) if bool(target.covered.any())
+    ]
     if not judges:
-        return Handover(assets[-1], lights.stacked())
-    scores = [validate(asset, judges, job.config, job.seed) for asset in (start.asset, *assets)]
+        return AssetAndLights(assets[-1], lights.stacked())
+    scores = [validate(asset, judges, phase.config, phase.seed) for asset in (start.asset, *assets)]
     listed = ", ".join(f"{score:.2f}" for score in scores[1:])
-    job.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
+    phase.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
     best = scores.index(max(scores))
-    job.training.progress.score(stage.name, scores[0], max(scores[1:]))
-    return start if best == 0 else Handover(assets[best - 1], lights.stacked())
+    phase.training.progress.score(stage.name, scores[0], max(scores[1:]))
+    return start if best == 0 else AssetAndLights(assets[best - 1], lights.stacked())
 
 
 def _has_detail(photos: list[Photo], config: DecomposeConfig) -> bool:
@@ -259,24 +262,24 @@ def _has_detail(photos: list[Photo], config: DecomposeConfig) -> bool:
     return statistics.median(sides) > config.pass2_side
 
 
-def _final_lights(job: Job, asset: Asset, lights: Lights) -> dict[str, Tensor]:
+def _final_lights(phase: _Phase, asset: Asset, lights: Lights) -> dict[str, Tensor]:
     """Return the environments of all training photos for the finished asset, photo name -> (6, R, R, 3).
 
     Lights fitted by gradients stay as they are (paper); solved ones are solved once more, at the teacher's
     resolution.
     """
     final = {}
-    for photo in job.scene.train:
+    for photo in phase.scene.train:
         if lights.gradient and photo.name in lights.index:
             final[photo.name] = lights.maps[lights.index[photo.name]].detach()
             continue
-        (target,) = job.targets([photo], job.config.pass1_side)
-        resolution = job.config.light_resolution if lights.gradient else job.config.teacher_resolution
+        (target,) = phase.targets([photo], phase.config.pass1_side)
+        resolution = phase.config.light_resolution if lights.gradient else phase.config.teacher_resolution
         start = (
             lights.maps[lights.index[photo.name]]
             if photo.name in lights.index and not lights.gradient
             else None
         )
-        final[photo.name] = fit_light(asset, target, resolution, job.config, job.seed, start)[1]
-        job.training.progress.step("lights", len(final), len(job.scene.train), 0.0)
+        final[photo.name] = fit_light(asset, target, resolution, phase.config, phase.seed, start)[1]
+        phase.training.progress.step("lights", len(final), len(phase.scene.train), 0.0)
     return final

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -11,6 +12,7 @@ from lightprobe.render.surface import View
 from lightprobe.scene import load_pixels
 from lightprobe.scene.photo import OPAQUE, Photo, Scene
 
+_Photo = TypeVar("_Photo")  # whatever stands for one
 _WHOLE = 0.99  # of the mask's highest coverage, above which a pixel shows the object alone
 
 
@@ -23,20 +25,17 @@ class Target:
     color: Tensor  # (N, 3) linear, premultiplied
     alpha: Tensor  # (N,)
     clipped: Tensor  # (N, 3) bool: the pixel is at least as bright as its colour
-    shown: float | None = (
-        None  # level of what it shows around the object (`reconstruction.surroundings`), if known
-    )
+    background_level: float | None = None  # as `trials.plausibility.background_level` has it
 
     @property
     def covered(self) -> Tensor:
-        """Which pixels the object covers more than half, (N,) bool: none where it is thinner than they are."""
+        """Which pixels the object covers more than half, (N,) bool."""
         return self.alpha > 0.5
 
     def inside(self, pixel: Tensor) -> Tensor:
-        """Return which of the pixels `pixel` (K,) int64 lie wholly inside the mask: their places in it, (M,)
-        int64.
+        """Return the places (M,) int64 in `pixel` (K,) int64 of those pixels that lie wholly inside the mask.
 
-        Masks that are nearly white inside, as those of some programs, count as white.
+        Masks that are nearly white inside, as some programs make them, count as white.
         """
         return (self.alpha[pixel] > _WHOLE * self.alpha.max()).nonzero()[:, 0]
 
@@ -55,8 +54,12 @@ def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch
 
 
 def _whitened(alpha: np.ndarray) -> np.ndarray:
-    """Return a mask (H, W) whose white is nearly 1 with a white of 1: else photos would be darker than they
-    are.
-    """
+    """Return a mask (H, W) whose white is nearly 1 with a white of 1, lest photos be darker than they are."""
     white = alpha.max(initial=0.0)
     return alpha / white if white >= OPAQUE else alpha
+
+
+def evenly_spaced(photos: Sequence[_Photo], count: int) -> list[_Photo]:
+    """Return `count` photos spread evenly over the sequence, all where there are fewer."""
+    count = min(count, len(photos))
+    return [photos[int((k + 0.5) * len(photos) / count)] for k in range(count)]

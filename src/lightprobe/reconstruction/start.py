@@ -1,6 +1,4 @@
-"""The start of Phase I: a lattice and signed distances on it, of the masks' visual hull or of what knows no
-masks.
-"""
+"""The start of Phase I: a lattice and signed distances on it, of the masks' visual hull, a ball, or noise."""
 
 from dataclasses import dataclass
 
@@ -28,9 +26,7 @@ class Start:
 
 
 def hull_distance(hull: Hull) -> np.ndarray:
-    """Return the signed distance (N, N, N) float32 of a hull's voxels in normalised units, inside < 0,
-    smoothed.
-    """
+    """Return the smoothed signed distance (N, N, N) float32 of a hull's voxels, normalised units, inside < 0."""
     voxel = (hull.hi[0] - hull.lo[0]) / hull.occupancy.shape[0]
     outside = scipy.ndimage.distance_transform_edt(~hull.occupancy)
     inside = scipy.ndimage.distance_transform_edt(hull.occupancy)
@@ -39,12 +35,13 @@ def hull_distance(hull: Hull) -> np.ndarray:
 
 
 def start_from_hull(hull: Hull, cells: int) -> Start:
-    """Return lattice and distances of `cells` cells per edge around a hull; raise `ConvergenceError` if it is
+    """Return lattice and distances of `cells` cells per edge around a hull; raise `ConvergenceError` if
     empty.
     """
     if not hull.occupancy.any():
         raise ConvergenceError(
-            "The masks have no common visual hull: cameras or masks are wrong; look at them with `lightprobe inspect`."
+            "The masks have no common visual hull: cameras or masks are wrong; "
+            "look at them with `lightprobe inspect`."
         )
     field = hull_distance(hull)
     lower, extent = np.asarray(hull.lo, np.float64), float(hull.hi[0] - hull.lo[0])

@@ -9,13 +9,19 @@ from torch import Tensor, nn
 from lightprobe.core.config import DecomposeConfig, Smoothed, VertexUnit
 from lightprobe.core.device import generator, to_device
 from lightprobe.geometry.mesh import Mesh, edge_faces, uv_tangents
+from lightprobe.geometry.textures import Textures, bilinear_taps
 from lightprobe.kernels import gather_rows, scatter_rows, weighted_gather
-from lightprobe.material.field import MIN_ROUGHNESS
-from lightprobe.material.textures import Textures, bilinear_taps
-from lightprobe.reconstruction.frame_loss import color_change
-from lightprobe.reconstruction.gauge import metals_tried
-from lightprobe.reconstruction.lattice_model import RasterisedView
-from lightprobe.reconstruction.losses import brightness_anchor, material_prior, neighbour_difference
+from lightprobe.light.prefilter import MIN_ROUGHNESS
+from lightprobe.reconstruction.lattice_model import GEOMETRY_RATE, RasterisedView
+from lightprobe.reconstruction.losses import (
+    SMOOTHNESS,
+    brightness_anchor,
+    color_change,
+    material_prior,
+    neighbour_difference,
+)
+from lightprobe.reconstruction.material_field import MATERIAL_RATE
+from lightprobe.reconstruction.trials.schedule import metals_tried
 from lightprobe.render.asset import Asset, textured_gbuffer, textured_visibility
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import Surface, View, visible_surface
@@ -49,16 +55,14 @@ class SurfaceModel(nn.Module):
         self.register_buffer("mean_color", mean)
         self.tangents = uv_tangents(asset.mesh)
         self.visibility = asset.visibility
-        count = torch.zeros(len(asset.mesh.vertices), 1, device=ends.device)
-        self.degree = count.index_add(
-            0, self.edges.vertices.reshape(-1), torch.ones_like(count[:1]).expand(2 * len(ends), 1)
-        )
+        count = torch.bincount(self.edges.vertices.reshape(-1), minlength=len(asset.mesh.vertices))
+        self.degree = count[:, None].float()
 
     def groups(self) -> list[ParameterGroup]:
         """Return the parameters and their rates: displacements in `unit`, texels as they are."""
         return [
-            ParameterGroup({"displacement": self.displacement}, self.config.learning_rate_geometry),
-            ParameterGroup({"color": self.color}, self.config.learning_rate_material),
+            ParameterGroup({"displacement": self.displacement}, GEOMETRY_RATE),
+            ParameterGroup({"color": self.color}, MATERIAL_RATE),
             ParameterGroup({"finish": self.finish}, self.config.learning_rate_finish),
         ]
 
@@ -84,7 +88,7 @@ class SurfaceModel(nn.Module):
         loss = laplacian * self._laplacian_change() + self._texture_loss(texels)
         if self.config.smoothed is Smoothed.BASE_COLOR:
             covered = len(gbuffer.pixel) / (view.height * view.width)
-            loss = loss + self.config.smoothness * self._color_change(surface, covered, step)
+            loss = loss + SMOOTHNESS * self._color_change(surface, covered, step)
         return RasterisedView(gbuffer, screen, mesh.faces, self.edges, loss)
 
     @torch.no_grad()
@@ -102,9 +106,8 @@ class SurfaceModel(nn.Module):
         """Return how base colours at some visible points differ from those beside them."""
         random = generator(self.seed, "texture-jitter", step)
         count = min(_COMPARED, len(surface.pixel))
-        rows = to_device(
-            torch.randint(0, max(len(surface.pixel), 1), (count,), generator=random), self.color.device
-        )
+        drawn = torch.randint(0, max(len(surface.pixel), 1), (count,), generator=random)
+        rows = to_device(drawn, self.color.device)
         jitter = _BESIDE * to_device(torch.randn(count, 2, generator=random), self.color.device)
         uv = surface.select(rows).interpolate(self.start.uvs, self.start.uv_faces).detach()
         size = round(len(self.color) ** 0.5)
@@ -128,13 +131,10 @@ class SurfaceModel(nn.Module):
         if config.normal_prior > 0:
             bends = torch.stack(self.finish.unbind(1)[2:4])
             loss = loss + 0.2 * config.normal_prior * bends.square().mean()
-        if max(config.metallic_prior, config.roughness_prior, config.late_roughness_prior) > 0:
-            loss = loss + material_prior(
-                texels, config, decided=metals_tried(config, config.pass1_iterations)
-            )
-        if config.brightness_anchor > 0:
-            loss = loss + config.brightness_anchor * brightness_anchor(self.color, self.mean_color)
-        return loss
+        if config.metallic_prior > 0 or config.priors:
+            decided = metals_tried(config, config.pass1_iterations)
+            loss = loss + material_prior(texels, config, decided=decided)
+        return loss + brightness_anchor(self.color, self.mean_color, config)
 
     @torch.no_grad()
     def update_visibility(self) -> None:

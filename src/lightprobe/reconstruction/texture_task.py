@@ -14,15 +14,15 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator, to_device
+from lightprobe.geometry.textures import bilinear_taps
 from lightprobe.kernels import weighted_gather
 from lightprobe.light.photometry import displayed_error
-from lightprobe.material.textures import bilinear_taps
-from lightprobe.reconstruction.gauge import metals_tried
+from lightprobe.reconstruction.image_task import PassTask
 from lightprobe.reconstruction.lights import Lights, solve_target_light
-from lightprobe.reconstruction.losses import brightness_anchor, color_gauge, material_prior
-from lightprobe.reconstruction.pass_task import PassTask
+from lightprobe.reconstruction.losses import brightness_anchor, grey_world, material_prior
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
+from lightprobe.reconstruction.trials.schedule import metals_tried
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade
@@ -34,6 +34,8 @@ from lightprobe.training.loop import visited
 _POOL = 65_536  # pixels kept of a photo
 _PHOTOS = 4  # looked at in a step
 _PIXELS = 8192  # of each
+_RATE = 0.01  # Adam step of all textures
+_SMOOTHNESS = 0.01  # weight of the difference between texels a texel apart
 _RELIGHT = 3  # epochs between solves of a photo's light, which has long settled
 
 
@@ -68,9 +70,7 @@ class PhotoPixels:
         return self.select(draw_rows(every, _PIXELS, generator(seed, f"texture/{self.name}", step)))
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """Return the fields of the surface, as in `Surface`, the colours (K, 3), and where these are clipped
-        (K, 3).
-        """
+        """Return the fields of the surface, the colours (K, 3), and where these are clipped (K, 3)."""
         return *vars(self.surface).values(), self.color, self.clipped
 
 
@@ -96,7 +96,7 @@ class TextureTask(PassTask):
     def groups(self) -> list[ParameterGroup]:
         """Return the texels, and the lights that are fitted by gradients."""
         texels = {"color": self.model.color, "finish": self.model.finish}
-        return [ParameterGroup(texels, self.config.learning_rate_texture), *self.lights.groups()]
+        return [ParameterGroup(texels, _RATE), *self.lights.groups()]
 
     def refresh(self, iteration: int, fraction: float) -> None:
         """Do nothing: the shape is at rest, and so are its shadows and its brightness."""
@@ -124,14 +124,11 @@ class TextureTask(PassTask):
             if not self.lights.gradient and epoch % _RELIGHT == 0:
                 self.lights.maps[row] = self._solve(photo, self.lights.maps[row])
             levels.append(self.lights.prefilter.apply(self.lights.maps[row]))
-        angle = (
-            2
-            * math.pi
-            * torch.rand(
-                sum(len(photo.color) for photo in seen),
-                generator=generator(self._seed, "texture-smoothness", step),
-            )
+        pixels, random = (
+            sum(len(photo.color) for photo in seen),
+            generator(self._seed, "texture-smoothness", step),
         )
+        angle = 2 * math.pi * torch.rand(pixels, generator=random)
         beside = to_device(torch.stack([angle.cos(), angle.sin()], 1), seen[0].color.device)
         cost = torch.stack([self.lights.grey_cost(row) for row in rows]).mean()
         photos = (tensor for photo in seen for tensor in photo.tensors())
@@ -148,18 +145,15 @@ class TextureTask(PassTask):
         image = material.new_zeros(())
         for photo in zip(surfaces, colors, parts, levels, strict=True):
             image = image + self._photo_loss(*photo)
-        base = material[:, :3]
-        return (
+        decided = metals_tried(self.config, self.config.pass1_iterations)
+        loss = (
             image / len(surfaces)
             + cost
-            + self.config.smoothness_detail * (material - neighbours).abs().mean()
-            + self.config.normal_prior_detail * material[:, 5:7].square().mean()
-            + material_prior(
-                material, self.config, decided=metals_tried(self.config, self.config.pass1_iterations)
-            )
-            + self.config.brightness_anchor * brightness_anchor(self.model.color, self.model.mean_color)
-            + self.config.color_gauge * color_gauge(base, cast)
+            + _SMOOTHNESS * (material - neighbours).abs().mean()
+            + material_prior(material, self.config, decided=decided)
+            + brightness_anchor(self.model.color, self.model.mean_color, self.config)
         )
+        return loss + grey_world(material[:, :3], cast) if self.config.priors else loss
 
     def _visits(self, iteration: int) -> list[tuple[int, int]]:
         """Return (photo, epoch) for each photo of a step."""
@@ -172,8 +166,7 @@ class TextureTask(PassTask):
         size = round(len(self.model.color) ** 0.5)
         uv = torch.cat([surface.interpolate(self._mesh.uvs, self._mesh.uv_faces) for surface in surfaces])
         index, weight = bilinear_taps(torch.cat([uv, uv + beside / size]), size)
-        # Gathered part by part: putting the channels of all texels side by side would cost more than the
-        # pixels do.
+        # Part by part: putting the channels of all texels side by side would cost more than the pixels do.
         parts = [weighted_gather(part, index, weight) for part in (self.model.color, self.model.finish)]
         material, neighbours = torch.cat(parts, 1).chunk(2)
         return material, neighbours
@@ -181,9 +174,7 @@ class TextureTask(PassTask):
     def _photo_loss(
         self, surface: Surface, seen: tuple[Tensor, Tensor], material: Tensor, levels: Tensor
     ) -> Tensor:
-        """Return the L1 of tone-mapped colours of a photo, `seen` with where they are clipped, under its
-        light.
-        """
+        """Return the L1 of tone-mapped colours of a photo; `seen`: its colours, and where they are clipped."""
         color, clipped = seen
         render = shade(self._gbuffer(surface, material), self.lights.prefilter, levels)
         return displayed_error(render, color, clipped)

@@ -1,4 +1,4 @@
-"""How well an asset explains photos, as a rule such that it was not fitted to: the guard, final lights,
+"""How well an asset explains photos, as a rule held-out ones: the choice between passes, final lights,
 verdict.
 """
 
@@ -12,11 +12,10 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import one_sided, srgb_encode
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
-from lightprobe.reconstruction.agreement import disagreement, part_solver
-from lightprobe.reconstruction.front_bias import FrontBias
-from lightprobe.reconstruction.lights import solve_target_light
+from lightprobe.reconstruction.lights import FINAL_REGULARISATION, solve_target_light
 from lightprobe.reconstruction.photos import Target
-from lightprobe.reconstruction.surroundings import Surroundings
+from lightprobe.reconstruction.trials.disagreement import disagreement, part_solver
+from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
 from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
@@ -24,10 +23,7 @@ from lightprobe.render.surface import visible_surface
 
 _JUDGED = 1536  # pixels of each photo that an object is judged by
 _ROUNDS = 3  # solves from scratch, each pulled towards the mean of the one before
-_BRIGHTEST, _LEAST = (
-    0.5,
-    1e-6,
-)  # of the grey light that they start from; the few steps bring none down to a dark photo
+_BRIGHTEST, _LEAST = 0.5, 1e-6  # of the grey light they start from, which too few steps dim to a dark photo
 
 
 @torch.no_grad()
@@ -65,16 +61,14 @@ def fit_light(
         rows,
         config,
         rounds,
-        regularisation=config.final_light_regularisation,
+        regularisation=FINAL_REGULARISATION,
     )
     return gbuffer, solved
 
 
 @torch.no_grad()
 def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed: int) -> float:
-    """Return the mean masked sRGB PSNR in dB of photos, which all show the object, under lights solved for
-    them.
-    """
+    """Return the mean masked sRGB PSNR in dB of photos that show the object, under lights solved for them."""
     scores = []
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
@@ -91,8 +85,8 @@ def validate(asset: Asset, targets: list[Target], config: DecomposeConfig, seed:
 def judge_object(
     asset: Asset,
     targets: list[Target],
-    bias: FrontBias | None,
-    around: Surroundings | None,
+    correlation: ViewLightCorrelation | None,
+    background: BackgroundLevel | None,
     config: DecomposeConfig,
     seed: int,
     *,
@@ -100,8 +94,9 @@ def judge_object(
 ) -> ObjectVerdict | None:
     """Return the verdict on an asset from photos; None when they show too little.
 
-    bias, around: of the lights of all training photos, where there are enough of them. held_out: whether the
-    asset was not fitted to the photos; those it was fitted to flatter it (docs/decisions/object-verdict.md).
+    correlation, background: of the lights of all training photos, where there are enough of them. held_out:
+    whether the asset was not fitted to the photos; those it was fitted to flatter it
+    (docs/decisions/object-verdict.md).
     """
     errors, solver = [], part_solver(config, asset.mesh.vertices.device, _JUDGED // 2)
     for target in targets:
@@ -109,16 +104,15 @@ def judge_object(
         inside = target.inside(gbuffer.pixel)
         pixels = gbuffer.select(draw_rows(inside, _JUDGED, generator(seed, f"judge/{target.name}")))
         color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
-        halves = disagreement(
-            pixels, color, clipped, light, solver, generator(seed, f"judge-halves/{target.name}")
-        )
+        random = generator(seed, f"judge-halves/{target.name}")
+        halves = disagreement(pixels, color, clipped, light, solver, random)
         if halves is not None:
             errors.append(float(halves[0]))  # of the darker and the brighter surfaces
     if not errors:
         return None
     verdict = ObjectVerdict(sum(errors) / len(errors), len(errors), held_out=held_out)
-    if bias is not None:
-        verdict = replace(verdict, front_bias=bias.mean, surprise=bias.surprise)
-    if around is not None:
-        verdict = replace(verdict, excess=around.excess, excess_surprise=around.surprise)
+    if correlation is not None:
+        verdict = replace(verdict, front_bias=correlation.mean, surprise=correlation.nll)
+    if background is not None:
+        verdict = replace(verdict, excess=background.excess, excess_surprise=background.nll)
     return verdict

@@ -10,8 +10,8 @@ from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.run import REMAKE
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.geometry.mesh import Mesh, uv_tangents
+from lightprobe.geometry.textures import Textures, sample
 from lightprobe.light.prefilter import BLOCKS
-from lightprobe.material.textures import Textures, sample
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
 from lightprobe.render.vertex_visibility import SIDE, vertex_visibility

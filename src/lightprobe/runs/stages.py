@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
-from lightprobe.core.config.distillation import Lessons
+from lightprobe.core.config.distillation import ExampleSource
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError, InputError, LightprobeError, ResourceError
 from lightprobe.core.processes import ALONE, Processes
@@ -48,7 +48,7 @@ class UserMaps:
         """
         if folder is None:
             return UserMaps(None, [])
-        if config is not None and config.lessons is Lessons.TEACHER:
+        if config is not None and config.lessons is ExampleSource.TEACHER:
             raise ConfigError(
                 "--hdri changes nothing where no photos are re-rendered (lessons teacher); leave it out."
             )

@@ -16,7 +16,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.export.gltf_mesh import to_y_up
-from lightprobe.reconstruction.forming import FormingObject
+from lightprobe.reconstruction.checkpoint_preview import CheckpointPreview
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
@@ -31,7 +31,7 @@ class FormingObjects:
     def __init__(self, device: torch.device):
         """Compute on `device`."""
         self._device = device
-        self._known: tuple[tuple[Path, str], FormingObject] | None = None  # by run and training
+        self._known: tuple[tuple[Path, str], CheckpointPreview] | None = None  # by run and training
 
     def write(self, path: Path, folder: Path, tell: Callable[[str], None]) -> dict[str, Any]:
         """Write forming.bin into `folder` and return its step and sizes; raise `InputError` without a
@@ -45,7 +45,7 @@ class FormingObjects:
         record, training = read_record(run), (path, RunSource(run).begun)
         if self._known is None or self._known[0] != training:
             tell("reading the photos")
-            self._known = training, FormingObject(load_scene(record.root), self._device)
+            self._known = training, CheckpointPreview(load_scene(record.root), self._device)
         tell("reading the surface")
         surface = self._known[1].surface(tensors, state)
         data = encoded(surface.vertices, surface.faces, surface.color, record.similarity)

@@ -1,14 +1,16 @@
 """Phase II configuration and its presets: how the light predictor is distilled from the decomposition."""
 
-import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core.config.stored import config_from_json
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.config.stored import check_values, config_from_json
 
-LIGHT_RESOLUTIONS = (8, 16, 32, 64, 128, 256)  # texels along each edge of a cubemap
+# least value -> the fields of `DistillConfig` that need at least as much
+_LEAST = {
+    0: "sphere_steps simulated_photos",
+    1: "steps synthetic_lessons sphere_width samples max_side pixels_per_photo width depth checkpoint_every",
+}
 
 
 class AlphaRule(StrEnum):
@@ -19,9 +21,7 @@ class AlphaRule(StrEnum):
 
 
 class LossSpace(StrEnum):
-    """Where Equation 6 takes its difference: radiance as printed, or log(1 + radiance), where a sun weighs
-    little.
-    """
+    """Where Equation 6 takes its difference: radiance as printed, or log(1 + radiance): suns weigh little."""
 
     LINEAR = "linear"
     LOG = "log"
@@ -56,10 +56,8 @@ class NetworkForm(StrEnum):
     PLAIN = "plain"
 
 
-class Lessons(StrEnum):
-    """What Phase II learns from: photos with their Phase I environments (the paper), re-rendered pairs, or
-    both.
-    """
+class ExampleSource(StrEnum):
+    """What Phase II learns from: photos with their Phase I lights (the paper), re-rendered photos, or both."""
 
     TEACHER = "teacher"
     SYNTHETIC = "synthetic"
@@ -68,29 +66,21 @@ class Lessons(StrEnum):
 
 @dataclass(frozen=True)
 class DistillConfig:
-    """Phase II: train the predictors of light, the illumination MLP and then the sphere network that builds
-    on it.
-    """
+    """Phase II: train the predictors of light, the illumination MLP and then the sphere network."""
 
-    lessons: Lessons = Lessons.BOTH
-    """What is learned from."""
+    lessons: ExampleSource = ExampleSource.BOTH
+    """Training examples: photos with their Phase I lights (teacher), re-rendered photos (synthetic), or both."""
     synthetic_lessons: int = 800
-    """Re-rendered photos: the asset in the training cameras under known lights."""
+    """Training examples that are re-rendered photos: the asset in the training cameras under known lights."""
     steps: int = 2000
     """Training steps of the illumination MLP, each on one photo."""
     sphere_steps: int = 600
     """Training steps of the sphere network; 0 leaves it out."""
-    sphere_batch: int = 8
-    """Photos in each of them."""
     sphere_width: int = 24
     """Channels of the sphere network at its finest resolution."""
     pretrained: bool = True
-    """Start the sphere network from the bundled one, which knows other objects, and end halfway between that
-    one and what this object taught; only for a network of its width (24)."""
-    sphere_learning_rate: float = 5e-4
-    """Largest Adam step of the sphere network; it falls to nothing along a cosine."""
-    learning_rate: float = 5e-4
-    """Adam step."""
+    """Start the sphere network from the bundled one, which knows other objects, and end halfway between the
+    two; only for a network of its width (24)."""
     samples: int = 1024
     """Pixels stacked in a step."""
     light_resolution: int = 16
@@ -105,8 +95,6 @@ class DistillConfig:
     """Units of each hidden layer."""
     depth: int = 3
     """Hidden layers."""
-    frequencies: int = 3
-    """Octaves of the Fourier encoding of directions; the plain network has none."""
     alpha_rule: AlphaRule = AlphaRule.R4
     """Width of the GGX lobe a pixel is spread by."""
     loss_space: LossSpace = LossSpace.LOG
@@ -114,15 +102,9 @@ class DistillConfig:
     radiance_unit: RadianceUnit = RadianceUnit.LEVEL
     """Unit of the radiance that is compared."""
     solid_angle_weight: bool = True
-    """Weigh texels by their solid angles, of which those of a cubemap differ by a factor of five; else all
-    alike.
-    """
-    sample_weight: bool = True
-    """Weigh each direction by how much of it the sampled pixels saw (Equation 6, first weight)."""
+    """Weigh texels by their solid angles, which differ by a factor of five; else all alike."""
     total_distribution: TotalDistribution = TotalDistribution.MEAN
-    """What that weight divides by."""
-    intensity_weight: bool = True
-    """Weigh bright and dark directions above middling ones (Equation 6, second weight)."""
+    """What the weight of a direction, how much of it the sampled pixels saw, is divided by (Equation 6)."""
     checkpoint_every: int = 1000
     """Steps between checkpoints."""
     simulated_photos: int = 24
@@ -130,33 +112,7 @@ class DistillConfig:
 
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
-        positive = (
-            "steps",
-            "synthetic_lessons",
-            "sphere_batch",
-            "sphere_width",
-            "samples",
-            "light_resolution",
-            "max_side",
-            "pixels_per_photo",
-            "width",
-            "depth",
-            "frequencies",
-            "checkpoint_every",
-        )
-        for name in positive:
-            if getattr(self, name) < 1:
-                raise ConfigError(f"distill.{name} must be at least 1, not {getattr(self, name)}.")
-        for name in ("sphere_steps", "simulated_photos"):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"distill.{name} must not be negative, but is {getattr(self, name)}.")
-        for name in ("learning_rate", "sphere_learning_rate"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"distill.{name} must be positive and finite, not {getattr(self, name)}.")
-        if self.light_resolution not in LIGHT_RESOLUTIONS:
-            raise ConfigError(
-                f"distill.light_resolution must be a power of two from 8 to 256, not {self.light_resolution}."
-            )
+        check_values(self, "distill", _LEAST)
 
     @property
     def total_steps(self) -> int:
@@ -188,7 +144,6 @@ def standard() -> DistillConfig:
         synthetic_lessons=10_000,
         sphere_width=48,
         pretrained=False,
-        sphere_learning_rate=2e-3,
         light_resolution=32,
         max_side=512,
         pixels_per_photo=16_384,
@@ -196,12 +151,10 @@ def standard() -> DistillConfig:
 
 
 def paper() -> DistillConfig:
-    """The paper's settings (sections 3.2 and 4.2), the loss as printed; what it leaves open:
-    docs/paper-preset.md.
-    """
+    """The paper's settings (3.2, 4.2), the loss as printed; what it leaves open: docs/paper-preset.md."""
     return replace(
         standard(),
-        lessons=Lessons.TEACHER,
+        lessons=ExampleSource.TEACHER,
         steps=30_000,
         sphere_steps=0,
         light_resolution=128,

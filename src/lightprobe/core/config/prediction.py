@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
-from lightprobe.core.config.stored import config_from_json
+from lightprobe.core.config.stored import LIGHT_RESOLUTIONS, config_from_json
 from lightprobe.core.errors import ConfigError
 
 

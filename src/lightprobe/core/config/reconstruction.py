@@ -1,38 +1,22 @@
-"""Phase I configuration.
+"""Phase I configuration and its presets.
 
-Every field can be set on the command line; the configuration used is written to the run folder as JSON.
+What no preset changes and docs/paper-preset.md does not discuss is a constant beside its use.
 """
 
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from lightprobe.core.config.distillation import LIGHT_RESOLUTIONS
-from lightprobe.core.config.stored import config_from_json
+from lightprobe.core.config.stored import check_values, config_from_json
 from lightprobe.core.errors import ConfigError
 
-# field of `DecomposeConfig` -> the least value that a run can use
+# least value -> the fields of `DecomposeConfig` that need at least as much
 _LEAST = {
-    **dict.fromkeys(
-        ("pass1_iterations", "pass1_side", "pass2_side", "pass3_side", "max_faces", "checkpoint_every"), 1
-    ),
-    **dict.fromkeys(("hash_levels", "hash_features", "hash_log2_size", "hash_coarsest", "hash_finest"), 1),
-    **dict.fromkeys(("light_solve_pixels", "light_solve_iterations"), 1),
-    **dict.fromkeys(("texture_size", "pass3_texture_size"), 2),
-    **dict.fromkeys(("lattice_cells", "hull_voxels"), 8),
-    **dict.fromkeys(
-        (
-            "pass2_iterations",
-            "pass3_iterations",
-            "sdf_coarse_grids",
-            "surface_smoothing",
-            "trial_steps",
-            "validation_photos",
-            "warm_up_steps",
-        ),
-        0,
-    ),
+    0: "pass2_iterations pass3_iterations surface_smoothing trial_steps validation_photos warm_up_steps",
+    1: "pass1_iterations pass1_side pass2_side pass3_side max_faces checkpoint_every light_solve_pixels "
+    "hash_levels hash_log2_size hash_coarsest hash_finest",
+    2: "texture_size pass3_texture_size",
+    8: "lattice_cells hull_voxels",
 }
 
 
@@ -44,9 +28,7 @@ class SdfMode(StrEnum):
 
 
 class StartShape(StrEnum):
-    """What the first pass starts from: the visual hull of the masks, a ball, or noise (nvdiffrec; not for an
-    MLP).
-    """
+    """What the first pass starts from: the masks' visual hull, a ball, or noise (nvdiffrec; not for an MLP)."""
 
     HULL = "hull"
     SPHERE = "sphere"
@@ -67,7 +49,7 @@ class ImageLoss(StrEnum):
 
 
 class Smoothed(StrEnum):
-    """Which channels are held smooth: all of the material, or base colour from step 500 on in full
+    """Which channels are held smooth: the whole material, or base colour, in full from step 500 on
     (nvdiffrec).
     """
 
@@ -83,9 +65,7 @@ class VertexUnit(StrEnum):
 
 
 class LightUpdate(StrEnum):
-    """How a photo's light follows the asset: closed-form least squares at each visit, or gradient steps (the
-    paper).
-    """
+    """How a photo's light follows the asset: least squares at each visit, or gradient steps (the paper)."""
 
     SOLVE = "solve"
     GRADIENT = "gradient"
@@ -100,9 +80,7 @@ class DecomposeConfig:
     pass2_iterations: int = 800
     """Optimisation steps on vertices and textures; 0 keeps the result of the first pass."""
     pass3_iterations: int = 1500
-    """Optimisation steps on the textures alone, for photos larger than `pass2_side`; 0 keeps the second
-    pass's.
-    """
+    """Optimisation steps on the textures alone, for photos larger than `pass2_side`; 0: none."""
     pass1_side: int = 200
     """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""
     pass2_side: int = 400
@@ -117,14 +95,8 @@ class DecomposeConfig:
     """Voxels along each edge of the visual hull the surface starts from."""
     sdf: SdfMode = SdfMode.DIRECT
     """Representation of the signed distance."""
-    sdf_coarse_grids: int = 2
-    """Coarse grids whose sum is added to direct distances, the finest with a value at every fourth lattice
-    cell.
-    """
     hash_levels: int = 8
     """Levels of the material's hash grid."""
-    hash_features: int = 2
-    """Features per level and entry."""
     hash_log2_size: int = 15
     """Entries per level, as a power of two."""
     hash_coarsest: int = 12
@@ -139,89 +111,42 @@ class DecomposeConfig:
     """How lights are fitted."""
     light_solve_pixels: int = 3072
     """Pixels a light solve looks at."""
-    light_solve_iterations: int = 5
-    """Iterations of a light solve, warm-started from the previous visit."""
-    light_regularisation: float = 0.001
-    """Pull of a light towards its own mean in places the photo does not pin down, while the asset changes,
-    and of lights that halves of the asset's pixels are compared by."""
-    final_light_regularisation: float = 0.003
-    """The same for held-out photos and for the lights that are kept."""
     light_chroma: float = 0.1
-    """Pull of a solved light's places towards its mean colour: lights differ more in brightness than in
-    colour.
-    """
+    """Pull of a solved light towards its mean colour: lights differ more in brightness than in colour."""
     shadows: bool = True
     """Whether the object may shade itself. Shadows follow the shape at every checkpoint."""
-    learning_rate_geometry: float = 0.015
-    """Adam step of the shape: of lattice distances in cells, of offsets before the tanh that bounds them, of
-    vertices in mean edges (or, as in the paper, object radii: `vertex_unit`)."""
-    sdf_rate: float = 0.1
-    """Adam step of the MLP of distances, relative to that of the geometry."""
-    learning_rate_material: float = 0.005
-    """Adam step of the material."""
     learning_rate_finish: float = 0.002
     """Adam step of roughness, metallic and normal map in the second pass, which only refines them."""
-    learning_rate_texture: float = 0.01
-    """Adam step of all textures in the third pass."""
-    learning_rate_light: float = 0.005
-    """Adam step of the lights (gradient update only)."""
     warm_up_steps: int = 0
     """Steps over which the rates of the second pass rise from nothing."""
     adam_decay: float = 0.99
     """Decay of Adam's mean of squared gradients, its second beta."""
-    adam_epsilon: float = 1e-12
-    """What Adam adds to the root of that mean."""
     image_loss: ImageLoss = ImageLoss.OBJECT
     """How rendered photos are compared in the first two passes."""
     sdf_regularisation: float = 0.2
     """Sign-change cross-entropy weight at the start; it falls to a twentieth over the first quarter."""
     smoothed: Smoothed = Smoothed.MATERIAL
-    """Which channels `smoothness` is about; base colour alone is compared beside visible points in both
-    passes.
-    """
-    smoothness: float = 0.03
-    """Weight of the material's change under a small displacement."""
+    """Which channels are held smooth; base colour alone is compared beside visible points in both passes."""
     smoothness_texture: float = 0.1
     """Weight of the texture's difference between neighbouring texels in the second pass."""
-    smoothness_detail: float = 0.01
-    """The same in the third pass."""
     metallic_prior: float = 0.015
-    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading. Dark metals
-    go free.
-    """
-    roughness_prior: float = 0.03
-    """Weight of the squared distance of roughness from a usual one: sharp lobes make the light too free."""
-    late_roughness_prior: float = 0.006
-    """The same for what is no metal, once it has been tried what is: by then photos tell more about it than
-    usage.
-    """
-    brightness_anchor: float = 0.1
-    """Weight of the squared log of the mean base colour over its present one, which the first checkpoints
-    choose.
-    """
+    """Pull of metallic towards dielectric: a mirror under a free light can imitate any shading."""
+    priors: bool = True
+    """Whether the material is held to what is usual: its roughness, its brightness, which the first
+    checkpoints and trials choose, metals of few colours, and base colours under lights that are grey in the
+    mean."""
     trial_steps: int = 240
     """Steps for which a new material is fitted from each of several brightnesses, early in the first pass, to
     find out whether the object is a dark one, and twice as many as the present one is for the same late in
     it; 0: neither."""
-    parsimony: float = 0.02
-    """Weight of the entropy of the metals' base colours. It sets in over the first pass's second quarter; the
-    third pass has none."""
-    color_gauge: float = 0.02
-    """Pull of the base colour to where the mean light over all photos is grey."""
     texture_gradient_from: float = 0.2
     """Share of the first pass after which photos that disagree about a point's colour move the surface;
     before, only outline and shading do. If a part looks like a lid over a cavity, not before it was tried to
     open it. 0: from the start in any case (nvdiffrec); 1: never."""
     normal_prior: float = 5.0
-    """Weight of the squared normal offset of the material field in the first pass; a fifth of it in the
-    second.
-    """
+    """Weight of the field's squared normal offset in the first pass; a fifth of it in the second."""
     normal_ramp: float = 0.5
     """Share of the first pass over which the field's normal offset comes in."""
-    normal_prior_detail: float = 0.0
-    """Weight of the squared tangent part of the normal map in the third pass."""
-    light_grey: float = 0.005
-    """Weight of the deviation of a light from grey (gradient update only)."""
     laplacian: float = 0.5
     """Weight of the change of the Laplacian against the start mesh in the second pass."""
     laplacian_fades: bool = False
@@ -231,15 +156,11 @@ class DecomposeConfig:
     coverage_weight: float = 4.0
     """Weight of the squared coverage error beside the colour loss."""
     surface_smoothing: int = 5
-    """Rounds of smoothing between the first two passes, which take out the lattice's ripples and leave longer
-    forms.
-    """
+    """Rounds of smoothing between the first two passes, which take out the lattice's ripples."""
     max_faces: int = 40000
     """The mesh is decimated to at most this many triangles before unwrapping."""
     crease_degrees: float = 40.0
-    """Faces that meet at more than this angle do not share a normal in the second pass; 180 keeps all edges
-    smooth.
-    """
+    """Faces that meet at more than this angle share no normal in the second pass; 180: all edges are smooth."""
     texture_size: int = 512
     """Edge of the square textures in texels."""
     pass3_texture_size: int = 1024
@@ -254,19 +175,7 @@ class DecomposeConfig:
 
     def __post_init__(self) -> None:
         """Refuse values no run could use."""
-        for name, least in _LEAST.items():
-            if getattr(self, name) < least:
-                raise ConfigError(f"decompose.{name} must be at least {least}, not {getattr(self, name)}.")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not 0 <= value < math.inf:
-                raise ConfigError(f"decompose.{field.name} must be 0 or more and finite, not {value}.")
-        for name in ("light_resolution", "teacher_resolution"):
-            if getattr(self, name) not in LIGHT_RESOLUTIONS:
-                raise ConfigError(
-                    f"decompose.{name} must be a power of two from 8 to 256, not {getattr(self, name)}."
-                )
-
+        check_values(self, "decompose", _LEAST)
         if self.adam_decay >= 1:
             raise ConfigError(f"decompose.adam_decay must be below 1, not {self.adam_decay}.")
         if self.start is StartShape.RANDOM and self.sdf is SdfMode.MLP:
@@ -336,9 +245,7 @@ def standard() -> DecomposeConfig:
 
 
 def paper() -> DecomposeConfig:
-    """The paper's settings (section 4.2), and nvdiffrec's published ones where it gives none:
-    docs/paper-preset.md.
-    """
+    """The paper's settings (4.2), and nvdiffrec's where it gives none: docs/paper-preset.md."""
     return replace(
         standard(),
         pass1_iterations=40_000,
@@ -366,11 +273,7 @@ def paper() -> DecomposeConfig:
         smoothed=Smoothed.BASE_COLOR,
         smoothness_texture=0.0,
         metallic_prior=0.0,
-        roughness_prior=0.0,
-        late_roughness_prior=0.0,
-        brightness_anchor=0.0,
-        color_gauge=0.0,
-        parsimony=0.0,
+        priors=False,
         texture_gradient_from=0.0,
         normal_prior=0.0,
         normal_ramp=0.0,

@@ -1,6 +1,7 @@
-"""Configurations compared as JSON, and back from it with every value of the type that its field has."""
+"""Configurations: values that are checked, compared as JSON, and read back as the types of their fields."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from enum import Enum
@@ -10,10 +11,37 @@ from typing import Any, TypeVar, get_args, get_type_hints
 from lightprobe.core.errors import ConfigError
 
 Config = TypeVar("Config")
+LIGHT_RESOLUTIONS = (8, 16, 32, 64, 128, 256)  # texels along each edge of a cubemap
+
+# Settings that older versions wrote and that are constants now.
+_GONE = (
+    "adam_epsilon brightness_anchor color_gauge final_light_regularisation frequencies hash_features "
+    "intensity_weight late_roughness_prior learning_rate learning_rate_geometry learning_rate_light "
+    "learning_rate_material learning_rate_texture light_grey light_regularisation light_solve_iterations "
+    "normal_prior_detail parsimony roughness_prior sample_weight sdf_coarse_grids sdf_rate smoothness "
+    "smoothness_detail sphere_batch sphere_learning_rate"
+)
+
+
+def check_values(config: Any, section: str, least: Mapping[int, str]) -> None:
+    """Refuse numbers of a dataclass that no run could use; raise `ConfigError`.
+
+    least: the fields, separated by blanks, that must have at least the value of their key. Other numbers must
+    be 0 or more, and finite, and resolutions those of cubemaps.
+    """
+    bounds = {name: bound for bound, names in least.items() for name in names.split()}
+    for name, value in vars(config).items():
+        if isinstance(value, float) and not 0 <= value < math.inf:
+            raise ConfigError(f"{section}.{name} must be 0 or more and finite, not {value}.")
+        if name in bounds and value < bounds[name]:
+            raise ConfigError(f"{section}.{name} must be at least {bounds[name]}, not {value}.")
+        if name.endswith("resolution") and value not in LIGHT_RESOLUTIONS:
+            raise ConfigError(f"{section}.{name} must be a power of two from 8 to 256, not {value}.")
 
 
 def config_from_json(kind: type[Config], value: Any, what: str) -> Config:
-    """Return the dataclass `kind` of a JSON object; absent fields keep their defaults.
+    """Return the dataclass `kind` of a JSON object; absent fields keep their defaults, former ones are passed
+    over.
 
     Raises `ConfigError`, in which `what` names the configuration, for an unknown field or a value of another
     type.
@@ -22,10 +50,11 @@ def config_from_json(kind: type[Config], value: Any, what: str) -> Config:
     if not isinstance(value, Mapping):
         raise ConfigError(f"The stored {what} cannot be used: it is no JSON object.")
     known = {field.name for field in fields(kind)}  # type: ignore[arg-type]  # a dataclass, as documented
-    unknown = sorted(set(value) - known)
+    unknown = sorted(set(value) - known - set(_GONE.split()))
     if unknown:
         raise ConfigError(f"The stored {what} cannot be used: there is no setting '{unknown[0]}'.")
-    return kind(**{name: _typed(types[name], given, f"{what} ({name})") for name, given in value.items()})
+    kept = {name: given for name, given in value.items() if name in known}
+    return kind(**{name: _typed(types[name], given, f"{what} ({name})") for name, given in kept.items()})
 
 
 def plain(value: Any) -> Any:
@@ -34,9 +63,7 @@ def plain(value: Any) -> Any:
 
 
 def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] | None:
-    """Return (path of keys from `key` on, stored value, given value) where two JSON values first differ, or
-    None.
-    """
+    """Return (path of keys from `key` on, stored value, given value) where two JSON values first differ."""
     if isinstance(stored, dict) and isinstance(given, dict):
         for name in [*given, *(k for k in stored if k not in given)]:
             found = first_difference(stored.get(name), given.get(name), f"{key}.{name}")
@@ -47,9 +74,7 @@ def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] 
 
 
 def setting_of_one(stored: Any, given: Mapping[str, Any]) -> str | None:
-    """Return the first setting that only one of two configurations has, so that no option makes them the
-    same.
-    """
+    """Return the first setting that only one of two configurations has: no option makes these the same."""
     return min(set(stored) ^ set(given), default=None) if isinstance(stored, dict) else None
 
 

@@ -1,4 +1,4 @@
-"""The object of an unfinished Phase I: the surface and base colours that a checkpoint holds."""
+"""A preview of an unfinished Phase I: the surface and base colours that a checkpoint holds."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,9 +10,9 @@ from torch import Tensor
 from lightprobe.core.checkpoint import copy_stored, stored_like
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.errors import InputError
-from lightprobe.material.textures import sample
+from lightprobe.geometry.textures import sample
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.phase1 import Handover, split_validation, start_shape
+from lightprobe.reconstruction.phase1 import AssetAndLights, split_validation, start_shape
 from lightprobe.reconstruction.photos import load_targets
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset
@@ -23,7 +23,7 @@ _FIRST, _THIRD = "pass1", "pass3"
 
 
 @dataclass(frozen=True)
-class FormingSurface:
+class PreviewSurface:
     """A surface with a colour at each vertex, in the normalised frame."""
 
     stage: str
@@ -32,7 +32,7 @@ class FormingSurface:
     color: Tensor  # (V, 3) linear base colour
 
 
-class FormingObject:
+class CheckpointPreview:
     """Reads surfaces out of the checkpoints of one training; the lattice of its first pass is made once."""
 
     def __init__(self, scene: Scene, device: torch.device):
@@ -41,7 +41,7 @@ class FormingObject:
         self._made: tuple[dict[str, Any], LatticeModel] | None = None
 
     @torch.no_grad()
-    def surface(self, tensors: Mapping[str, Tensor], state: Mapping[str, Any]) -> FormingSurface:
+    def surface(self, tensors: Mapping[str, Tensor], state: Mapping[str, Any]) -> PreviewSurface:
         """Return the surface of a checkpoint of Phase I; raise `InputError` when it is none."""
         try:
             config, stage = DecomposeConfig.from_json(state["config"]), state["stage"]
@@ -55,16 +55,14 @@ class FormingObject:
 
     def _lattice_surface(
         self, tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any]
-    ) -> FormingSurface:
+    ) -> PreviewSurface:
         model = self._model(config, state)
         _load(tensors, model)
         vertices, faces = (torch.from_numpy(array).to(self._device) for array in model.extract())
-        return FormingSurface(_FIRST, vertices, faces, model.material(vertices)[:, :3])
+        return PreviewSurface(_FIRST, vertices, faces, model.material(vertices)[:, :3])
 
     def _model(self, config: DecomposeConfig, state: Mapping[str, Any]) -> LatticeModel:
-        """Return a model for checkpoints to be loaded into; a network of distances is fitted to the start
-        once.
-        """
+        """Return a model for checkpoints to be loaded into, made once: a network is fitted to its start."""
         if self._made is None or self._made[0] != state["config"]:
             photos = split_validation(self._scene.train, config.validation_photos)[0]
             targets = load_targets(self._scene, photos, config.pass1_side, self._device)
@@ -77,7 +75,7 @@ def _present_asset(
     tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any], device: torch.device
 ) -> Asset:
     """Return the textured mesh of a checkpoint of the second or third pass."""
-    start = Handover.of(without_prefix("start.", tensors), device).asset
+    start = AssetAndLights.of(without_prefix("start.", tensors), device).asset
     if state["iteration"] == 0:
         return start
     if state["stage"] == _THIRD:
@@ -96,10 +94,10 @@ def _load(tensors: Mapping[str, Tensor], model: LatticeModel | SurfaceModel) -> 
     copy_stored(without_prefix("buffer.", tensors), model.chosen())
 
 
-def _mesh_surface(asset: Asset, stage: str) -> FormingSurface:
+def _mesh_surface(asset: Asset, stage: str) -> PreviewSurface:
     """Return a textured mesh with its base colours at the vertices; of a vertex on a seam any of its colours."""
     mesh = asset.mesh
     at_uv = sample(asset.textures.flat(), mesh.uvs)[:, :3]
     color = torch.zeros_like(mesh.vertices)
     color[mesh.faces.long().reshape(-1)] = at_uv[mesh.uv_faces.long().reshape(-1)]
-    return FormingSurface(stage, mesh.vertices, mesh.faces, color)
+    return PreviewSurface(stage, mesh.vertices, mesh.faces, color)

@@ -1,6 +1,7 @@
 """The material as textures: storage, bilinear look-up, and the tangent-space normal map.
 
-Texel (row i, column j) covers uv ((j + 0.5) / size, (i + 0.5) / size); v points down, as in glTF.
+Texel (row i, column j) covers uv ((j + 0.5) / size, (i + 0.5) / size); v points down, as in glTF. Channels stand in
+this order everywhere: base colour 3 (linear), roughness, metallic, normal 3.
 """
 
 from dataclasses import dataclass
@@ -9,6 +10,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.kernels import weighted_gather
+
+CHANNELS = 8
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Textures:
         return Textures.of_bent(0.5 * (self.flat() + other.flat()))
 
     def flat(self) -> Tensor:
-        """Return all channels as (S * S, 8) in the order of `material.field.CHANNELS`."""
+        """Return all channels as (S * S, 8) in the order of this module."""
         channels = (self.base_color, self.roughness[..., None], self.metallic[..., None], self.normal)
         return torch.cat(channels, dim=-1).reshape(-1, 8)
 

@@ -84,7 +84,7 @@ def find_lids(surface: ClosedSurface) -> list[Lid]:
 def hollowed(
     solid: LatticeSolid, surface: ClosedSurface, lid: Lid, *, wall: float, depth: float
 ) -> np.ndarray:
-    """Return the signed distances (L,) float32, inside < 0, of a solid without the cavity behind a lid of its
+    """Return the signed distances (L,) float32, inside < 0, of a solid with a cavity behind a lid of its
     surface.
 
     The cavity stays `wall` away from all of the surface but the lid, and goes no further than `depth` from
@@ -123,9 +123,7 @@ def _depth_below(points: np.ndarray, vertices: np.ndarray, normals: np.ndarray, 
 
 
 def _connected(chosen: np.ndarray, ends: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return which of the chosen (L,) bool are connected to a chosen one of the `ends` by edges between
-    chosen ones.
-    """
+    """Return which of the chosen (L,) bool a path of chosen ones connects to a chosen one of the `ends`."""
     count = len(chosen)
     kept = edges[chosen[edges].all(1)]
     links = scipy.sparse.coo_array((np.ones(len(kept)), kept.T), shape=(count, count))

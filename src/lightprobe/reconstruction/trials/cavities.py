@@ -1,12 +1,11 @@
-"""Whether there is a cavity where masks show none: suspect lids are opened, and stay so where photos ask for
-it.
+"""Whether there is a cavity where masks show none: lids that may close one are opened, and stay so where
+photos ask.
 
 No small step of the surface leads from a closed vessel to an open one, and materials and normal offsets hide
 what they can of the difference. So parts of the surface that may be lids, and are explained worse than the
-rest, are opened to several depths and with walls of several thicknesses, and the material is fitted to each
-for a short time, as it is to the closed surface. `reconstruction.change_evidence` decides. Where there is no
-cavity the lid's pixels are explained worse by far: what shows through an opening depends on where the camera
-stands.
+rest, are opened to several depths and with walls of several thicknesses, and the material is fitted to each,
+as it is to the closed surface. Where there is no cavity the lid's pixels are explained worse by far: what
+shows through an opening depends on where the camera stands.
 """
 
 import copy
@@ -19,7 +18,11 @@ from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.cavities import (
+from lightprobe.reconstruction.lattice_model import LatticeModel
+from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.photos import Target, evenly_spaced
+from lightprobe.reconstruction.trials.evidence import FEWEST_PHOTOS, Bar, Evidence, standard_error
+from lightprobe.reconstruction.trials.lids import (
     ClosedSurface,
     LatticeSolid,
     Lid,
@@ -27,12 +30,8 @@ from lightprobe.reconstruction.cavities import (
     hollowed,
     without_voids,
 )
-from lightprobe.reconstruction.change_evidence import FEWEST_PHOTOS, Bar, Evidence, disagreement_of
-from lightprobe.reconstruction.gauge import evenly_spaced
-from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.material_trials import PHOTOS, Sample, Trial, standard_error
-from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.trials.schedule import refit_steps
+from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
 
@@ -40,14 +39,10 @@ _WALLS = (1.0, 1.3, 1.75, 3.0, 5.0)  # lattice cells, tried with the first depth
 _DEPTHS = (1.0, 0.5, 2.0)  # radii of the lid; the others are tried with the best wall
 _BAR = Bar(sure=2.5, least=0.12)  # higher than usual: one of several attempts, each with a shape of its own
 _SUSPECT = 1.5  # times the error of the rest, from which on a lid is tried
-_DOUBTFUL = (
-    2.0  # times that error, from which on the surface follows its texture only once its lids were tried
-)
+_DOUBTFUL = 2.0  # times that error, from which on the surface waits for the trial to follow its texture
 _TRIED = 3  # lids at most, the worst first
 _SEEN = 0.03  # share of the object's pixels in a photo that a lid needs there
-_COVERED = (
-    0.999  # share of the masks that must still be covered: a wall that is too thin for the lattice has holes
-)
+_COVERED = 0.999  # share of the masks that stays covered, or the wall has holes: too thin for the lattice
 _BEHIND = 2.0  # lattice cells that a pixel's surface moves by if it is to judge a cavity
 _FEWEST_PIXELS = 20  # of those, among the ones that a trial draws from a photo
 
@@ -92,10 +87,9 @@ class _Suspect:
 def best_opening(
     model: LatticeModel, targets: Sequence[Target], lights: Lights, fraction: float, seed: int
 ) -> Opening | None:
-    """Return the model's surface with the cavities that photos ask for, None where they ask for none;
-    deterministic.
+    """Return the model's surface with the cavities that photos ask for, None where they ask for none.
 
-    fraction: share of the pass that is done. The model and the lights stay as they are.
+    fraction: share of the pass that is done. The model and the lights stay as they are. Deterministic.
     """
     photos, model, found = _Photos(targets, lights, fraction, seed), _without_voids(model), None
     surface = _surface(model)
@@ -109,10 +103,7 @@ def best_opening(
 def has_doubtful_lid(
     model: LatticeModel, targets: Sequence[Target], lights: Lights, fraction: float, seed: int
 ) -> bool:
-    """Return whether a part of the surface that may be a lid is explained so badly that it may well be one.
-
-    fraction: share of the pass that is done.
-    """
+    """Return whether a part of the surface that may be a lid is explained so badly that it may well be one."""
     photos, model = _Photos(targets, lights, fraction, seed), _without_voids(model)
     return any(suspect.excess > _DOUBTFUL for suspect in _suspects(model, _surface(model), photos))
 
@@ -158,10 +149,7 @@ def _opened(
     """
     photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
     closed = _Fitted.of(model, photos)
-    agreement, whole_lid = (
-        disagreement_of(closed.trial),
-        Evidence.of(closed.trial, suspect.rows, _FEWEST_PIXELS),
-    )
+    whole_lid = Evidence.of(closed.trial, suspect.rows, _FEWEST_PIXELS)
 
     def attempts(sizes: Iterable[tuple[float, float]]) -> Iterator[_Attempt]:
         for wall, depth in sizes:
@@ -174,7 +162,7 @@ def _opened(
                 rows = suspect.rows(sample)
                 return rows[opened.moved(closed, sample, rows) > _BEHIND * model.lattice.cell]
 
-            before = Evidence.of(closed.trial, inside, _FEWEST_PIXELS, agreement)
+            before = Evidence.of(closed.trial, inside, _FEWEST_PIXELS)
             evidence = Evidence.of(opened.trial, inside, _FEWEST_PIXELS)
             if opened.covered >= _COVERED * closed.covered and evidence.explains_part(before, _BAR):
                 gains = Evidence.of(opened.trial, suspect.rows, _FEWEST_PIXELS).own_gain(whole_lid)
@@ -201,11 +189,11 @@ class _Attempt:
     trial: Trial
     before: Evidence  # of the closed surface, by the pixels that show the cavity
     evidence: Evidence
-    gains: Tensor  # (K,) of photos, in the logarithm of the whole lid's error: attempts are compared by the same pixels
+    gains: Tensor  # (K,) of photos, for the whole lid: attempts are compared by the same pixels
 
     @property
     def gain(self) -> float:
-        """The mean over photos."""
+        """The mean gain over photos."""
         return float(self.gains.mean())
 
 
@@ -216,12 +204,8 @@ def _by_preference(attempts: Sequence[_Attempt]) -> list[_Attempt]:
     rim that is too wide stays so, as it looks like the lid that was there.
     """
     order = sorted(attempts, key=lambda attempt: -attempt.gain)
-    if order:
-        tied = order[0].gain - standard_error(order[0].gains)
-        order.sort(
-            key=lambda attempt: (attempt.gain < tied, attempt.wall if attempt.gain >= tied else -attempt.gain)
-        )
-    return order
+    tied = order[0].gain - standard_error(order[0].gains) if order else 0.0
+    return sorted(order, key=lambda a: (a.gain < tied, a.wall if a.gain >= tied else -a.gain))
 
 
 def _with_cavity(
@@ -237,9 +221,7 @@ def _with_cavity(
 
 
 def _without_voids(model: LatticeModel) -> LatticeModel:
-    """Return the model, or a copy without its voids, which would be taken for surface that a cavity keeps
-    away from.
-    """
+    """Return the model, or a copy without its voids, which a cavity would keep away from as from a surface."""
     solid = _solid(model)
     filled = without_voids(solid, model.lattice.boundary.cpu().numpy())
     return model if np.array_equal(filled, solid.distance) else _reshaped(model, filled)
@@ -254,11 +236,9 @@ def _reshaped(model: LatticeModel, distance: np.ndarray) -> LatticeModel:
 
 def _solid(model: LatticeModel) -> LatticeSolid:
     """Return what the model's surface bounds."""
-    lattice = model.lattice
-    distance, points, edges = (
-        tensor.detach().cpu().numpy() for tensor in (model.distances(), model.positions(), lattice.edges)
-    )
-    return LatticeSolid(distance, points, edges, lattice.cell)
+    parts = (model.distances(), model.positions(), model.lattice.edges)
+    distance, points, edges = (part.detach().cpu().numpy() for part in parts)
+    return LatticeSolid(distance, points, edges, model.lattice.cell)
 
 
 def _surface(model: LatticeModel) -> ClosedSurface:
@@ -276,7 +256,7 @@ class _Fitted:
     covered: int  # how many of the photos' pixels the surface covers
     places: dict[
         str, Tensor
-    ]  # photo name -> (H * W, 3) where the surface of each pixel is, nan where there is none
+    ]  # photo name -> (H * W, 3) where each pixel's surface is, nan where there is none
 
     @staticmethod
     def of(model: LatticeModel, photos: _Photos) -> "_Fitted":
@@ -288,14 +268,13 @@ class _Fitted:
             place = gbuffer.position.new_full((gbuffer.height * gbuffer.width, 3), torch.nan)
             place[gbuffer.pixel] = gbuffer.position
             places[target.name] = place
-        trial = Trial(copy.deepcopy(model.material), samples, photos.lights, 1.0, photos.seed)
-        trial.fit((model.config.trial_steps + 1) // 2)
-        return _Fitted(trial, covered, places)
+        material, steps = copy.deepcopy(model.material), refit_steps(model.config)
+        return _Fitted(Trial(material, samples, photos.lights, photos.seed, steps), covered, places)
 
     def moved(self, other: "_Fitted", sample: Sample, rows: Tensor) -> Tensor:
         """Return how far the surface is from another one, (K,), at the rows (K,) int64 of a sample's pixels.
 
-        It is nan where one of them is not seen.
+        The distance is nan where one of the surfaces is not seen.
         """
         at = sample.pixels.pixel[rows]
         return (self.places[sample.name][at] - other.places[sample.name][at]).norm(dim=1)
