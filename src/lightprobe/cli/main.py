@@ -128,18 +128,19 @@ def usage(group: str = "") -> str:
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import only_first_answers, own_warnings
-    from lightprobe.core.ending import end
+    from lightprobe.cli.failures import own_warnings
     from lightprobe.core.failures import reporting_errors
 
     try:
-        with reporting_errors(), own_warnings(), only_first_answers():
+        with reporting_errors(), own_warnings():
             _run(name, arguments)
     except LightprobeError as error:
-        return end(f"lightprobe: {error}", error.exit_code)
+        print(f"lightprobe: {error}", file=sys.stderr)
+        return error.exit_code
     except KeyboardInterrupt:
         goes_on = "; the same command goes on from here" if name in _RESUMED else ""
-        return end(f"lightprobe: interrupted{goes_on}.", INTERRUPTED)
+        print(f"lightprobe: interrupted{goes_on}.", file=sys.stderr)
+        return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as with `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
