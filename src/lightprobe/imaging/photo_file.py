@@ -75,10 +75,7 @@ class PhotoFile:
 
     def alpha_rows(self, first: int, last: int) -> np.ndarray:
         """Return float32 alpha (h, W) of the rows first..last - 1 of a file that has some."""
-        alpha = self._split(first, last)[1]
-        if alpha is None:
-            raise ValueError("Checked to have alpha.")
-        return alpha
+        return self._plain(self._stored(first, last)[..., -1])
 
     def clipped_rows(self, first: int, last: int) -> np.ndarray:
         """Return where rows first..last - 1 reach the file's white, (h, W, 3) bool, per channel as stored.

@@ -2,7 +2,7 @@
 
 A pixel is four bytes (r, g, b, e) meaning (r, g, b) * 2^(e - 136), and 0 when e = 0. Rows of 8..32767 pixels
 are stored as four planes of runs; narrower and wider ones, and old files, pixel by pixel (Ward, "Real
-Pixels", Graphics Gems II). The compiled loops stand here for the reason given in `png16`.
+Pixels", Graphics Gems II).
 """
 
 import re

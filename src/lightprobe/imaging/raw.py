@@ -68,7 +68,7 @@ def _reason(error: Exception) -> str:
 
 
 def _encoding(raw: Any) -> Encoding:
-    """Return camera values to linear sRGB: LibRaw's own matrix, or one from the camera's response; else none."""
+    """Return camera values to linear sRGB: by LibRaw's own matrix, or one from the camera's response."""
     own, from_xyz = np.asarray(raw.color_matrix)[:3, :3], np.asarray(raw.rgb_xyz_matrix)[:3, :3]
     matrix = own if own.any() else camera_matrix(from_xyz) if np.linalg.matrix_rank(from_xyz) == 3 else None
     return Encoding(None, (linear,), None if matrix is None else matrix.astype(np.float64))
