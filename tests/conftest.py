@@ -35,7 +35,6 @@ _LONGEST = tuple(
         "reconstruction/test_metal_trials",
         "kernels/test_triton_compiles",
         "tools/test_make_demo_scene",
-        "cli/test_torchrun",
         "fuzz/test_fuzz",
         "fleet/test_ray_cluster",
         "insertion/test_compositing",

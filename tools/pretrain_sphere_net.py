@@ -1,7 +1,6 @@
 """Train the sphere network that every training of Phase II starts from, on objects that nobody made.
 
     python tools/pretrain_sphere_net.py      # rewrites src/lightprobe/assets/sphere_net.safetensors, 29 minutes
-    torchrun --nproc-per-node 2 tools/pretrain_sphere_net.py --device cuda       # the same on two GPUs
 
 What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to trust, how
 far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on one object has time
@@ -15,9 +14,11 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
+import torch
+
 from lightprobe.core.checkpoint import save_tensors
 from lightprobe.core.config.distillation import DistillConfig, quick
-from lightprobe.core.processes import Processes, joined
+from lightprobe.core.device import resolve_device
 from lightprobe.distillation.training import train
 from lightprobe.training import Progress
 from pretraining.photos import lessons_of
@@ -46,17 +47,15 @@ def main() -> None:
         sphere_learning_rate=2e-3,
         pretrained=False,
     )
-    with joined(given.device) as processes:
-        learn(config, given.solids, given.seed, given.out, processes)
+    learn(config, given.solids, given.seed, given.out, resolve_device(given.device))
 
 
-def learn(config: DistillConfig, solids: int, seed: int, out: Path, processes: Processes) -> None:
+def learn(config: DistillConfig, solids: int, seed: int, out: Path, device: torch.device) -> None:
     """Train on the lessons of the first `solids` solids, and write the sphere network's weights to `out`."""
     began, losses = time.monotonic(), list[float]()
 
     def tell(words: str) -> None:
-        if processes.first:
-            print(f"{words}, {time.monotonic() - began:.0f} s", flush=True)
+        print(f"{words}, {time.monotonic() - began:.0f} s", flush=True)
 
     def on_step(stage: str, step: int, steps: int, loss: float) -> None:
         losses.append(loss)
@@ -64,10 +63,10 @@ def learn(config: DistillConfig, solids: int, seed: int, out: Path, processes: P
             tell(f"{stage}: step {step} of {steps}, loss {sum(losses[-1000:]) / 1000:.4f}")
 
     made = chain.from_iterable(lessons_of(number, config, seed) for number in range(solids))
-    lessons = [lesson.to(processes.device) for lesson in made]
+    lessons = [lesson.to(device) for lesson in made]
     tell(f"{len(lessons)} lessons")
-    model = train(lessons, config, processes.device, seed, Progress(on_step=on_step), processes)
-    if model.sphere is not None and processes.first:
+    model = train(lessons, config, device, seed, Progress(on_step=on_step))
+    if model.sphere is not None:
         save_tensors(out, model.sphere.state_dict())
 
 

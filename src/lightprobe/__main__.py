@@ -1,4 +1,4 @@
-"""`python -m lightprobe`: the program, for what starts modules instead of commands, such as `torchrun`."""
+"""`python -m lightprobe`: the program, where modules are started instead of commands."""
 
 import sys
 

@@ -103,7 +103,7 @@ def test_a_terminal_has_a_bar_with_colours_unless_they_are_not_wanted(monkeypatc
 def test_help_is_coloured_on_a_terminal_unless_it_is_not_wanted(variables, colored):
     import pty
 
-    program = "import sys; from lightprobe.cli.main import main; sys.exit(main(['completion', '--help']))"
+    program = "import sys; from lightprobe.cli.main import main; sys.exit(main(['inspect', '--help']))"
     ours, theirs = pty.openpty()
     kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
     environment = {**kept, "TERM": "xterm-256color", **variables}

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from lightprobe.core.errors import BusyError, ConfigError, InputError
+from lightprobe.core.errors import ConfigError, InputError, LockedError
 from lightprobe.core.run import RunFolder
 from lightprobe.fleet import training_task
 from lightprobe.fleet.executor import Needs
@@ -98,7 +98,7 @@ def held_until(tries: int) -> Callable[..., None]:
     def work(*_: object, **__: object) -> None:
         left[0] -= 1
         if left[0] >= 0:
-            raise BusyError("It is being written by another lightprobe process.")
+            raise LockedError("It is being written by another lightprobe process.")
 
     return work
 

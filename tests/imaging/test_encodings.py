@@ -12,7 +12,6 @@ from PIL import Image, ImageCms
 
 from lightprobe.imaging import foreign_encoding, read_ldr, srgb_decode, write_png
 from lightprobe.imaging.encodings import SRGB, camera_matrix, coded, hlg, pq, primaries_matrix
-from lightprobe.imaging.icc import matrix_encoding
 from lightprobe.imaging.profiles import icc_encoding
 from tests.imaging.icc_profiles import P3_PRIMARIES, fixed, icc, profile_of
 
@@ -109,7 +108,7 @@ def test_parametric_curves_of_every_kind(kind):
         np.where(x >= d, power, c * x),
         np.where(x >= d, power + e, c * x + f),
     ][kind]
-    encoding = matrix_encoding(icc("x", P3_PRIMARIES, 1.0, content), "x")
+    encoding = icc_encoding(icc("x", P3_PRIMARIES, 1.0, content))
     np.testing.assert_allclose(encoding.curves[0](x), expected, atol=1e-4)
 
 
@@ -197,23 +196,13 @@ def test_adobe_rgb_that_a_camera_declares_by_exif_alone(tmp_path):
     assert foreign_encoding(tmp_path / "b.jpg") is None
 
 
-@pytest.mark.parametrize("bits", [2, 4])
-def test_the_transparent_value_of_a_grey_png_of_few_bits(tmp_path, bits):
-    """Samples 0 1 2 3, of which 1 is transparent."""
-    packed = bytes([0b00011011]) if bits == 2 else bytes([0x01, 0x23])
-    chunks = [
-        (b"IHDR", struct.pack(">IIBBBBB", 4, 1, bits, 0, 0, 0, 0)),
-        (b"tRNS", b"\0\1"),
-        (b"IDAT", zlib.compress(b"\0" + packed)),
-        (b"IEND", b""),
-    ]
-    data = b"".join(
-        struct.pack(">I", len(c)) + k + c + struct.pack(">I", zlib.crc32(k + c)) for k, c in chunks
-    )
-    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + data)
-    color, alpha = read_ldr(tmp_path / "a.png", srgb=False)[:2]
-    np.testing.assert_allclose(color[0, :, 0], np.arange(4) / (2**bits - 1), atol=1e-6)
-    np.testing.assert_array_equal(alpha[0], [1, 0, 1, 1])
+def test_code_points_of_avif_are_followed(tmp_path):
+    path = tmp_path / "a.avif"
+    Image.fromarray(np.full((16, 16, 3), 180, np.uint8)).save(path, quality=100)
+    assert foreign_encoding(path) is None
+    path.write_bytes(path.read_bytes().replace(b"nclx\0\x01\0\x0d", b"nclx\0\x09\0\x12"))
+    assert foreign_encoding(path) == coded(9, 18).name == "BT.2020 HLG"
+    np.testing.assert_allclose(read_ldr(path)[0].mean(), hlg(np.array(180 / 255)), rtol=0.03)
 
 
 def test_cmyk_with_a_broken_profile_is_still_read(tmp_path):

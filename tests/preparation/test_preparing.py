@@ -115,7 +115,7 @@ def test_an_output_with_other_files_is_refused(tmp_path):
 @pytest.mark.slow
 def test_another_process_cannot_prepare_the_same_scene(photographed, tmp_path):
     from lightprobe.core.errors import ResourceError
-    from lightprobe.core.file_lock import locked_file
+    from lightprobe.core.files import locked_file
 
     folder, _, _ = photographed
     (tmp_path / ".prepare").mkdir()

@@ -91,11 +91,6 @@ def answering(*, as_object: bool) -> Iterator[None]:
             print(_json(plain_values(kept)))
 
 
-def print_error(sentence: str) -> None:
-    """Print the object of --json for a process that ends at once, wherever standard output goes meanwhile."""
-    print(_json({"error": sentence}), file=sys.__stdout__, flush=True)
-
-
 def _json(value: Any) -> str:
     """Return a JSON text that standard output can hold, whatever its encoding."""
     encoding = getattr(sys.__stdout__, "encoding", None) or "ascii"

@@ -1,13 +1,11 @@
 """How failures reach the person at the keyboard: one sentence, an exit code, and no traceback on the screen."""
 
 import contextlib
-import os
 import sys
 import warnings
 from collections.abc import Iterator
 from typing import TextIO
 
-from lightprobe.core.ending import started_together
 from lightprobe.core.errors import LightprobeWarning
 
 
@@ -22,19 +20,6 @@ def own_warnings() -> Iterator[None]:
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", LightprobeWarning)
         warnings.showwarning = _say
-        yield
-
-
-@contextlib.contextmanager
-def only_first_answers() -> Iterator[None]:
-    """Keep answers and warnings of the other processes that `torchrun` started to themselves: they are the
-    same.
-    """
-    if started_together() == 1 or os.environ["RANK"] == "0":
-        yield
-        return
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), warnings.catch_warnings():
-        warnings.simplefilter("ignore", LightprobeWarning)
         yield
 
 

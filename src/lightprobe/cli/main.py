@@ -1,6 +1,5 @@
 """The `lightprobe` program: finds the command, reads its arguments, and says in one sentence what went wrong."""
 
-import contextlib
 import gc
 import importlib
 import io
@@ -36,7 +35,6 @@ COMMANDS = {
     "gallery": ("pages", "many runs on one page, with their reports, to put on the web"),
     "fleet train": ("fleet", "a run for every scene of a folder, on many machines"),
     "fleet predict": ("fleet", "maps of all photos that a Parquet file lists, on many machines"),
-    "completion": ("completion", "a script that completes commands and options in bash, zsh or fish"),
 }
 # first word of commands of two words -> what these do together, and their second words
 GROUPS = {"fleet": ("Scenes and photos as tasks of a Ray cluster", ("train", "predict"))}
@@ -119,27 +117,26 @@ def usage(group: str = "") -> str:
             "Turn one photo of a known object into the HDR environment map around it.\n",
             "Commands:",
             *lines,
-            "\nEvery command takes --json: its answer is then one JSON object on standard output.",
-            "With --max-memory 4GB a command takes no more, if it works in one process: large photos are reduced, with "
-            "a warning, or refused.\n",
+            "\nEvery command takes --json: its answer is then one JSON object on standard output.\n",
             _EXAMPLES,
         ]
     )
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import only_first_answers, own_warnings
-    from lightprobe.core.ending import end
+    from lightprobe.cli.failures import own_warnings
     from lightprobe.core.failures import reporting_errors
 
     try:
-        with reporting_errors(), own_warnings(), only_first_answers():
+        with reporting_errors(), own_warnings():
             _run(name, arguments)
     except LightprobeError as error:
-        return end(f"lightprobe: {error}", error.exit_code)
+        print(f"lightprobe: {error}", file=sys.stderr)
+        return error.exit_code
     except KeyboardInterrupt:
         goes_on = "; the same command goes on from here" if name in _RESUMED else ""
-        return end(f"lightprobe: interrupted{goes_on}.", INTERRUPTED)
+        print(f"lightprobe: interrupted{goes_on}.", file=sys.stderr)
+        return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as with `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
@@ -151,16 +148,10 @@ def _run(name: str, arguments: list[str]) -> None:
     import tyro
 
     from lightprobe.cli import answer
-    from lightprobe.cli.limiting import limit_among
-    from lightprobe.core.memory_limit import memory_limit
 
-    words = [argument for argument in arguments if argument != answer.OPTION]
-    as_object = words != arguments
+    given = [argument for argument in arguments if argument != answer.OPTION]
     config = (tyro.conf.EnumChoicesFromValues,)
-    with contextlib.ExitStack() as during:
-        during.enter_context(answer.answering(as_object=as_object))
-        given, limit = limit_among(name, words)
-        during.enter_context(memory_limit(limit, answer.print_error if as_object else None))
+    with answer.answering(as_object=given != arguments):
         command, description = command_function(name, given)
         if not gc.isenabled():
             gc.freeze()

@@ -13,10 +13,8 @@ from lightprobe.cli.options import Device, Hdri, MovedScene, Restart, RunArg, Ru
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, demo_settings, settings
 from lightprobe.core.config.prediction import Method, PredictConfig
-from lightprobe.core.ending import started_together
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import shell_word
-from lightprobe.core.processes import joined
 from lightprobe.core.run import RunFolder
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.report.run_info import fitted_preset
@@ -57,7 +55,6 @@ def fit(
       lightprobe fit photos/cup -o runs/cup --preset standard --device cuda
       lightprobe fit photos/cup -o runs/fine --decompose.pass1-iterations 3000
     """
-    _require_one_process()
     with Meter() as meter:
         run = fit_run(
             scene,
@@ -95,7 +92,6 @@ def train(
       lightprobe train photos/cup -o runs/cup --hdri ~/hdris
       lightprobe train photos/cup -o runs/cup --preset paper --device cuda
     """
-    _require_one_process()
     with Meter() as meter:
         run = train_run(
             scene,
@@ -130,21 +126,19 @@ def distill(
       lightprobe distill runs/cup
       lightprobe distill runs/cup --restart --hdri ~/hdris
       lightprobe distill runs/cup --restart --distill.lessons teacher
-      torchrun --nproc-per-node 2 -m lightprobe distill runs/cup
     """
     _require_preset(run, preset)
-    with joined(device) as processes, Meter() as meter:
+    with Meter() as meter:
         folder = distill_run(
             run,
             distill=distill,
             predict=predict,
-            device=processes.device,
+            device=device,
             seed=seed,
             scene_folder=scene,
             hdri=hdri,
             restart=restart,
             on_progress=meter.update,
-            processes=processes,
         )
     next_one = f"lightprobe eval {shell_word(run)}"
     say(f"Model: {folder.model_folder}", run=folder.path, model=folder.model_folder)
@@ -160,7 +154,6 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
       lightprobe demo
       lightprobe demo -o /tmp/demo
     """
-    _require_one_process()
     with resources.as_file(resources.files("lightprobe") / "assets" / "demo") as scene:
         with Meter() as meter:
             run = train_run(
@@ -177,15 +170,6 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
             found = evaluate_run(output, shown, scene_folder=scene, device=device, on_progress=meter.update)
         show_evaluation(found)
     say(f"More methods: lightprobe eval {shell_word(output)}")
-
-
-def _require_one_process() -> None:
-    """Raise `ConfigError` under torchrun: its processes would all do the whole work, and write the same run."""
-    if started_together() > 1:
-        raise ConfigError(
-            "Only Phase II can be divided among processes: run `lightprobe fit SCENE -o RUN` without torchrun, then "
-            "`torchrun --nproc-per-node N -m lightprobe distill RUN`."
-        )
 
 
 def _require_preset(run: Path, given: Preset | None) -> None:

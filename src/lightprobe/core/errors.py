@@ -53,7 +53,7 @@ class ResourceError(LightprobeError):
     exit_code = 4
 
 
-class BusyError(ResourceError):
+class LockedError(ResourceError):
     """Another process holds what this one wants to write; it can be tried again."""
 
 

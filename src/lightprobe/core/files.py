@@ -11,7 +11,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core.errors import ConfigError, InputError, ResourceError, shown
+from filelock import FileLock, Timeout
+
+from lightprobe.core.errors import ConfigError, InputError, LockedError, ResourceError, shown
 from lightprobe.core.partial import partial_file, partial_folder
 from lightprobe.core.reading import LARGEST_TEXT, check_file
 
@@ -96,6 +98,24 @@ def filled_folder(path: Path) -> Iterator[Path]:
             with contextlib.suppress(OSError):  # not empty: somebody else's file has come
                 path.rmdir()
         raise
+
+
+@contextlib.contextmanager
+def locked_file(path: Path, busy: str) -> Iterator[None]:
+    """Hold the file at `path` locked, made when there is none; raise `LockedError` saying `busy` if another does.
+
+    The lock dies with its process.
+    """
+    lock = FileLock(path, timeout=0, mode=0o644)
+    with disk_errors(path):
+        try:
+            lock.acquire()
+        except Timeout as error:
+            raise LockedError(busy) from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -13,6 +13,7 @@ _PAGE_TABLE = "/proc/{}/statm"  # Linux: sizes in pages, the second is what is i
 _STATUS = Path(
     "/proc/self/status"
 )  # Linux: VmHWM is the most that was in memory since the program started, in kB
+_MEMORY = Path("/proc/meminfo")  # Linux: MemAvailable is what can be taken without swapping, in kB
 _PAGE = 4096  # bytes, on all systems that Linux' wheels of PyTorch are built for, unless the system says otherwise
 _NO_PARTS = (types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType)
 
@@ -55,6 +56,14 @@ def _page_size() -> int:
     except ImportError:
         return _PAGE
     return resource.getpagesize()
+
+
+def available_bytes() -> int | None:
+    """Return how much more memory programs can take on this machine, None where it does not tell (not Linux)."""
+    try:
+        return 1024 * int(_MEMORY.read_text().partition("MemAvailable:")[2].split(maxsplit=1)[0])
+    except (OSError, ValueError, IndexError):
+        return None
 
 
 def held_bytes(value: object) -> int:

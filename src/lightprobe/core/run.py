@@ -24,11 +24,11 @@ from typing import Any
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.config.stored import first_difference, plain, setting_of_one
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.file_lock import locked_file
 from lightprobe.core.files import (
     append_text,
     disk_errors,
     holds_files,
+    locked_file,
     named_file,
     remove,
     write_bytes,

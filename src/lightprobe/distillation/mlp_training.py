@@ -1,11 +1,5 @@
 """Training of the illumination MLP: one photo a step, its probes stacked to a map that is compared with its
 light.
-
-Several processes share the photo's pixels. Each stacks its own,
-
-    P_k(w) W_k(w) = sum_p c_p D_p(w) over its pixels,     P(w) = sum_k P_k W_k / sum_k W_k,
-
-and all compare the whole map P, whose gradient each follows into its own pixels.
 """
 
 import math
@@ -15,7 +9,6 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config.distillation import DistillConfig, RadianceUnit
-from lightprobe.core.processes import ALONE, Processes
 from lightprobe.distillation.loss import intensity_weight, sample_weight, weighted_l2
 from lightprobe.distillation.network_task import NetworkTask, mixed_precision
 from lightprobe.lessons.lesson import Lesson
@@ -36,11 +29,8 @@ class MlpTask(NetworkTask):
         lessons: Sequence[Lesson],
         config: DistillConfig,
         seed: int,
-        processes: Processes = ALONE,
     ):
         super().__init__(network, "network", config.learning_rate)
-        self._processes = processes
-        self.recordable = processes.alone  # else the loss depends on the others' pixels
         device = lessons[0].teacher.device
         self._lessons, self._config, self._seed = lessons, config, seed
         self._forward = mixed_precision(network, device)
@@ -52,32 +42,24 @@ class MlpTask(NetworkTask):
     def given(self, iteration: int) -> tuple[Tensor, ...]:
         """Return what the loss of a step needs of its photo, as `lesson_tensors`."""
         lesson = lesson_of(self._lessons, self._seed, iteration)
-        return lesson_tensors(lesson, self._config, self._seed, iteration, self._processes)
+        return lesson_tensors(lesson, self._config, self._seed, iteration)
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the `lesson_loss` () of the photo `given`."""
-        return lesson_loss(
-            self._forward, given, self._directions, self._solid_angles, self._config, self._processes
-        )
+        return lesson_loss(self._forward, given, self._directions, self._solid_angles, self._config)
 
     def photos(self, iteration: int) -> str:
         """Return the name of the photo of a step, in quotes."""
         return f"'{lesson_of(self._lessons, self._seed, iteration).name}'"
 
 
-def lesson_tensors(
-    lesson: Lesson, config: DistillConfig, seed: int, step: int, processes: Processes = ALONE
-) -> tuple[Tensor, ...]:
+def lesson_tensors(lesson: Lesson, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, ...]:
     """Return what `lesson_loss` needs of one photo: the fields of the pixels drawn for `step`, as in
-    `ProbePixels`.
-
-    Of these only this process's part. Then the light level (), the distribution of all pixels (M,) and the
-    teacher (M, 3).
+    `ProbePixels`, then the light level (), the distribution of all pixels (M,) and the teacher (M, 3).
     """
     chosen = sample_pixels(
         lesson.pixels.roughness, config.samples, seed=seed, stream="distill-pixels", step=step
     )
-    chosen = chosen[processes.part(len(chosen))]
     return (*lesson.pixels.take(chosen).tensors(), lesson.light_level, lesson.distribution, lesson.teacher)
 
 
@@ -87,11 +69,8 @@ def lesson_loss(
     directions: Tensor,
     solid_angles: Tensor,
     config: DistillConfig,
-    processes: Processes = ALONE,
 ) -> Tensor:
-    """Return Equation 6 () of the illumination MLP for one photo, `given` as `lesson_tensors`; the same for
-    all.
-    """
+    """Return Equation 6 () of the illumination MLP for one photo, `given` as `lesson_tensors`."""
     *fields, light_level, distribution, teacher = given
     pixels = ProbePixels(*fields)
     colors = network(pixels, light_level)
@@ -100,24 +79,12 @@ def lesson_loss(
     else:
         teacher = teacher * light_level
     predicted, sampled = stack(pixels, colors, directions, config.alpha_rule)
-    if not processes.alone:
-        predicted, sampled = _stacked_by_all(predicted, sampled, len(pixels), processes)
     weight = torch.ones_like(sampled)
     if config.sample_weight:
         weight = weight * sample_weight(sampled, distribution)
     if config.intensity_weight:
         weight = weight * intensity_weight(teacher, config.radiance_unit)
     return weighted_l2(predicted, teacher, weight, solid_angles, config.loss_space)
-
-
-def _stacked_by_all(
-    predicted: Tensor, sampled: Tensor, pixels: int, processes: Processes
-) -> tuple[Tensor, Tensor]:
-    """Return radiance (M, 3) and mean distribution (M,) of all processes' pixels from those of this one's."""
-    weight = (sampled * pixels)[:, None]
-    own = torch.cat([predicted * weight, weight, torch.full_like(weight, pixels)], 1)
-    radiance, total, count = processes.sum(own).split([3, 1, 1], 1)
-    return torch.where(total == 0, 0, radiance / total), (total / count)[:, 0]
 
 
 def lesson_of(lessons: Sequence[Lesson], seed: int, step: int) -> Lesson:

@@ -7,8 +7,6 @@ Notation: E, P true and predicted light relative to the light level, (B, 3, 1536
 K_k are averages over lobes of two widths, a cosine and one of about 20 degrees. The first term alone would
 predict the typical log radiance of each texel, and with it too dim a lamp wherever its place is uncertain;
 the others ask for the light that matte and satin surfaces would receive. Directions count by solid angle.
-
-Several processes share the batch; each one's loss counts by how many of the B it has.
 """
 
 import functools
@@ -21,7 +19,6 @@ from torch import Tensor
 
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import generator, to_device
-from lightprobe.core.processes import ALONE, Processes
 from lightprobe.distillation.network_task import NetworkTask, mixed_precision
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.light import cubemap
@@ -45,26 +42,19 @@ class SphereTask(NetworkTask):
         examples: "SphereExamples",
         config: DistillConfig,
         seed: int,
-        processes: Processes = ALONE,
     ):
         super().__init__(sphere, "sphere", config.sphere_learning_rate)
-        self._processes = processes
         self._examples, self._config, self._seed = examples, config, seed
         self._forward = mixed_precision(sphere, examples.maps.device)
 
     def given(self, iteration: int) -> tuple[Tensor, ...]:
         """Return the maps and lights of a step, as `batch`."""
-        return batch(self._examples, self._config, self._seed, iteration, self._processes)
+        return batch(self._examples, self._config, self._seed, iteration)
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
-        """Return the `sphere_loss` () of the batch `given`, weighted so that the processes' mean is the whole
-        one's.
-        """
+        """Return the `sphere_loss` () of the batch `given`."""
         maps, lights = given
-        loss = sphere_loss(self._forward(maps), lights)
-        if self._processes.alone:
-            return loss
-        return loss * (self._processes.count * len(maps) / self._config.sphere_batch)
+        return sphere_loss(self._forward(maps), lights)
 
     def photos(self, iteration: int) -> str:
         """Return the words for a batch, in which many photos take part."""
@@ -109,11 +99,8 @@ def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
     return loss
 
 
-def batch(
-    examples: SphereExamples, config: DistillConfig, seed: int, step: int, processes: Processes = ALONE
-) -> tuple[Tensor, Tensor]:
-    """Return the maps (B, 19, 6, 16, 16) and lights (B, 3, 1536) of this process's part of the lessons of
-    `step`.
+def batch(examples: SphereExamples, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, Tensor]:
+    """Return the maps (B, 19, 6, 16, 16) and lights (B, 3, 1536) of the lessons of `step`.
 
     They are drawn at random, and each is turned or mirrored at random.
     Light that falls on a turned object from a turned sphere teaches the same once more, and costs no
@@ -127,8 +114,6 @@ def batch(
     turn = to_device(
         torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device
     )
-    own = processes.part(config.sphere_batch)
-    chosen, turn = chosen[own], turn[own]
     lights = examples.lights[chosen]
     return turned(examples.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
 

@@ -10,8 +10,6 @@ from torch import Tensor
 from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import full_precision
-from lightprobe.core.errors import ConfigError
-from lightprobe.core.processes import ALONE, Processes
 from lightprobe.distillation.mlp_training import MlpTask
 from lightprobe.distillation.sphere_training import SphereTask, schedule, sphere_examples
 from lightprobe.lessons.lesson import Lesson
@@ -38,24 +36,20 @@ def distill(
     *,
     environments: Sequence[Environment] = (),
     on_lesson: Callable[[int, int], None] | None = None,
-    processes: Processes = ALONE,
 ) -> ProbeModel:
     """Train the predictors on the scene's training photos and on re-rendered ones, and return the model.
 
     Without `config` the preset `quick`, without `device` the CPU. With `progress.checkpoints`, an interrupted
     call goes on from the newest one and ends with the same bits on a CPU. environments: of any resolution, to
-    re-render under as well. on_lesson: hears of (done, all) photos prepared. processes: which train together,
-    all called with the same; each returns the model, only the first writes. Raises `InputError` when no photo
-    shows the object, `ConfigError` when the checkpoints are of another configuration or a step cannot be
-    divided among the processes, `ConvergenceError` when the loss stops being finite, `ResourceError` when one
-    of the processes has ended.
+    re-render under as well. on_lesson: hears of (done, all) photos prepared. Raises `InputError`
+    when no photo shows the object, `ConfigError` when the checkpoints are of another configuration,
+    `ConvergenceError` when the loss stops being finite.
     """
     config, device = config or DistillConfig(), full_precision(device or torch.device("cpu"))
-    _require_divisible(config, processes)
     lessons = collect_lessons(
         decomposition.asset, decomposition.lights, scene, config, device, seed, environments, on_lesson
     )
-    return train(lessons, config, device, seed, progress, processes, maps=_digest(environments))
+    return train(lessons, config, device, seed, progress, maps=_digest(environments))
 
 
 def _digest(environments: Sequence[Environment]) -> str:
@@ -81,7 +75,6 @@ def train(
     device: torch.device,
     seed: int,
     progress: Progress | None = None,
-    processes: Processes = ALONE,
     *,
     maps: str = "",
 ) -> ProbeModel:
@@ -90,16 +83,13 @@ def train(
     maps: a digest of the user's maps that lessons are lit by; checkpoints of others are of another
     configuration.
     """
-    _require_divisible(config, processes)
     first, second = passes = stages(config)
     known = asdict(config) | ({"maps": maps} if maps else {})
-    training = Training(
-        "Phase II", known, seed, passes, config.checkpoint_every, progress or Progress(), processes
-    )
+    training = Training("Phase II", known, seed, passes, config.checkpoint_every, progress or Progress())
     network = new_network(config, seed).to(device)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:
-        training.run(MlpTask(network, lessons, config, seed, processes), first, resumed)
+        training.run(MlpTask(network, lessons, config, seed), first, resumed)
         resumed = None
     else:
         with training.restoring(resumed.step):
@@ -108,22 +98,11 @@ def train(
     if config.sphere_steps:
         sphere = new_sphere(config, seed).to(device)
         examples = sphere_examples(network, lessons, config, seed)
-        training.run(
-            SphereTask(sphere, examples, config, seed, processes), second, resumed, _parameters(network)
-        )
+        training.run(SphereTask(sphere, examples, config, seed), second, resumed, _parameters(network))
         sphere = _learned(sphere, config, seed).requires_grad_(False)
     side = config.light_resolution
     mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
     return ProbeModel(network.requires_grad_(False), Environment(mean), lessons[0].up, config, sphere)
-
-
-def _require_divisible(config: DistillConfig, processes: Processes) -> None:
-    """Raise `ConfigError` where a process would have nothing to do in the steps of the sphere network."""
-    if config.sphere_steps and processes.count > config.sphere_batch:
-        raise ConfigError(
-            f"{processes.count} processes cannot share the {config.sphere_batch} photos of a step: start fewer, or "
-            "raise --distill.sphere-batch."
-        )
 
 
 def _parameters(network: IlluminationMlp) -> dict[str, Tensor]:

@@ -7,8 +7,7 @@ from typing import Any
 
 from lightprobe.core.config.stored import first_difference, plain
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.file_lock import locked_file
-from lightprobe.core.files import disk_errors
+from lightprobe.core.files import disk_errors, locked_file
 from lightprobe.fleet.storage import Place
 
 RECORD = "fleet.json"
@@ -19,7 +18,7 @@ _LARGEST = 2**20  # bytes of a record
 def held(output: Place) -> Iterator[None]:
     """Hold a folder of results, where this machine has it; an object store has no locks.
 
-    Raises `BusyError` when another fleet writes it.
+    Raises `LockedError` when another fleet writes it.
     """
     if output.local is None:
         yield

@@ -42,7 +42,7 @@ def train_fleet(
     The same call goes on where an interrupted one stopped: finished scenes are left alone, interrupted ones
     go on from their checkpoints, and those that failed are tried again. needs: what a task takes. Raises
     `InputError` when there is no scene or the index of earlier calls cannot be used, `ConfigError` when these
-    had other options or were of another folder of scenes, `BusyError` when another process writes `output`.
+    had other options or were of another folder of scenes, `LockedError` when another process writes `output`.
     """
     place, wanted, runs = Place.of(scenes), needs or Needs(), Place.of(output)
     found = [place.child(name) for name in place.names() if place.child(name).is_folder()]

@@ -16,12 +16,12 @@ from lightprobe.imaging.ldr import (
     write_mask,
     write_png,
 )
-from lightprobe.imaging.limits import MAX_PIXELS, check_room, worked_size
+from lightprobe.imaging.limits import MAX_PIXELS, check_memory, worked_size
+from lightprobe.imaging.opening import IMAGE_SUFFIXES, RAW_SUFFIXES, VIDEO_SUFFIXES
 from lightprobe.imaging.photo_file import CLIPPED, PhotoFile
 from lightprobe.imaging.profiles import UNREADABLE
 from lightprobe.imaging.radiance import write_radiance
 from lightprobe.imaging.resize import resize_area, resize_rows, shrink_area
-from lightprobe.imaging.suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES, VIDEO_SUFFIXES
 from lightprobe.imaging.video import extract_frames, is_video
 
 __all__ = [
@@ -34,7 +34,7 @@ __all__ = [
     "VIDEO_SUFFIXES",
     "PhotoFile",
     "alpha_range",
-    "check_room",
+    "check_memory",
     "extract_frames",
     "focal_ratio",
     "foreign_encoding",

@@ -26,7 +26,6 @@ _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0
 SRGB_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), _D65)  # x, y of red, green, blue and white
 # Chromaticities of red, green, blue and white by H.273's number of colour primaries
 _PRIMARIES = {
-    1: SRGB_XY,
     5: ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06), _D65),
     6: ((0.630, 0.340), (0.310, 0.595), (0.155, 0.070), _D65),
     9: ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), _D65),
@@ -41,11 +40,9 @@ class Encoding:
 
     name: str | None = None  # None: sRGB, declared or not
     curves: tuple[Curve, ...] = (srgb_decode,)  # of all channels, or one for each
-    matrix: np.ndarray | None = field(
-        default=None, compare=False
-    )  # (3, 3) float64 M, None: sRGB's own primaries
+    matrix: np.ndarray | None = field(default=None, compare=False)  # (3, 3) float64 M; None: sRGB's primaries
     profile: bytes | None = (
-        None  # ICC profile of look-up tables, which only a colour management module can apply
+        None  # ICC profile of look-up tables, which only a colour management module applies
     )
 
 
@@ -80,37 +77,19 @@ def hlg(encoded: np.ndarray) -> np.ndarray:
     return inverse(np.asarray(encoded)) / inverse(np.asarray(_HLG_WHITE))
 
 
-# Curves by H.273's number of transfer characteristics. Television's 1, 6, 14 and 15 are for pictures graded
-# on a display, which undoes them by about the curve of sRGB.
-_TRANSFERS: dict[int, Curve] = {
-    1: srgb_decode,
-    4: power(2.2),
-    5: power(2.8),
-    6: srgb_decode,
-    8: linear,
-    13: srgb_decode,
-    14: srgb_decode,
-    15: srgb_decode,
-    16: pq,
-    18: hlg,
-}
+# Curves by H.273's number of transfer characteristics. All others count as sRGB (13): television's 1, 6, 14 and
+# 15 are for pictures graded on a display, which undoes them by about that curve.
+_TRANSFERS: dict[int, Curve] = {4: power(2.2), 5: power(2.8), 8: linear, 16: pq, 18: hlg}
 _TRANSFER_NAMES = {4: "gamma 2.2", 5: "gamma 2.8", 8: "linear", 16: "PQ", 18: "HLG"}
 
 
 def coded(primaries: int, transfer: int) -> Encoding:
-    """Return the encoding of two code points of H.273; unknown ones (2) and those of no camera count as
-    sRGB's.
-    """
-    names = [
-        table[code]
-        for table, code in ((_PRIMARY_NAMES, primaries), (_TRANSFER_NAMES, transfer))
-        if code in table
-    ]
-    if not names:
+    """Return the encoding of two code points of H.273; unknown ones (2) and those of no camera count as sRGB's."""
+    names = [_PRIMARY_NAMES.get(primaries), _TRANSFER_NAMES.get(transfer)]
+    if not any(names):
         return SRGB
-    curve = _TRANSFERS.get(transfer, srgb_decode)
-    matrix = primaries_matrix(*_PRIMARIES[primaries]) if primaries in _PRIMARY_NAMES else None
-    return Encoding(" ".join(names), (curve,), matrix)
+    matrix = primaries_matrix(*_PRIMARIES[primaries]) if names[0] else None
+    return Encoding(" ".join(filter(None, names)), (_TRANSFERS.get(transfer, srgb_decode),), matrix)
 
 
 def primaries_matrix(red: tuple, green: tuple, blue: tuple, white: tuple) -> np.ndarray:
@@ -119,9 +98,7 @@ def primaries_matrix(red: tuple, green: tuple, blue: tuple, white: tuple) -> np.
 
 
 def from_d50(to_d50: np.ndarray) -> np.ndarray:
-    """Return M (3, 3) for `to_d50` (3, 3), which takes linear values to XYZ adapted to D50, as ICC profiles
-    store.
-    """
+    """Return M (3, 3) for `to_d50` (3, 3), linear values to XYZ adapted to D50, as ICC profiles store."""
     return np.linalg.solve(_to_d50(_D65) @ _to_xyz(*SRGB_XY), to_d50)
 
 

@@ -31,27 +31,17 @@ _PLAUSIBLE_FOCAL = 0.2, 30.0  # of the longer side: fisheye lenses and telescope
 # Programs that scale a photo down write its new size, but keep the pitch: the size is the sensor's only where
 # it is a camera's, in pixels, and makes one of the usual widths of sensors, in mm.
 _LEAST_PIXELS = 2000
-# The usual widths in mm, and by how much one may differ
-_SENSORS, _SENSOR_STEP = (53.4, 43.8, 36.0, 23.5, 22.3, 17.3, 13.2, 8.8, 7.5, 6.17), 0.03
-_AGREE = (
-    0.1  # relative difference of two statements of one focal length, of which the second is rounded to mm
-)
+_SENSORS, _SENSOR_STEP = (53.4, 43.8, 36.0, 23.5, 22.3, 17.3, 13.2, 8.8, 7.5, 6.17), 0.03  # relative
+_AGREE = 0.1  # relative difference of two statements of one focal length, the second rounded to mm
 _MAKER_NOTE, _LENS_MODEL = 0x927C, 0xA434  # numbers of EXIF tags
 _APPLE, _APPLE_ENTRIES = b"Apple iOS\0\0\x01MM", 14  # start of Apple's note, and where its entries begin
 _ACCELERATION, _SIGNED_RATIONAL = 8, 10  # number of the entry, and type of its three values
 _AT_REST = 0.7, 1.3  # length in g of an acceleration that is gravity
 
 
-def read_exif(path: Path) -> Image.Exif:
-    """Return the EXIF entries of an image file without decoding its pixels; empty when absent or broken."""
-    return read_header(Path(path)).exif
-
-
 def read_exif_ev100(path: Path) -> float | None:
-    """Return the exposure value at ISO 100, or None when time, f-number or ISO are missing or beyond all
-    bounds.
-    """
-    tags = read_exif(path).get_ifd(EXIF_FOLDER)
+    """Return the exposure value at ISO 100, or None when time, f-number or ISO are missing or absurd."""
+    tags = read_header(path).exif.get_ifd(EXIF_FOLDER)
     values = [_number(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO)]
     if any(value is None for value in values):
         return None
@@ -60,13 +50,8 @@ def read_exif_ev100(path: Path) -> float | None:
 
 
 def upright_exposure(path: Path) -> Image.Exif:
-    """Return new EXIF entries for an upright copy of an image file: how it was exposed, as far as the file
-    tells.
-
-    All else stays behind: places and notes may have been left in the file, or be of a kind that cannot be
-    written.
-    """
-    exif, tags = upright_exif(), read_exif(path).get_ifd(EXIF_FOLDER)
+    """Return new EXIF entries for an upright copy of an image file: how it was exposed, and nothing else."""
+    exif, tags = upright_exif(), read_header(path).exif.get_ifd(EXIF_FOLDER)
     told = {tag: _number(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO)}
     exif.get_ifd(EXIF_FOLDER).update({tag: value for tag, value in told.items() if value is not None})
     return exif
@@ -81,8 +66,7 @@ def read_orientation(path: Path) -> int | None:
 
 
 def focal_ratio(path: Path) -> float | None:
-    """Return the focal length over the longer side of the whole picture, or None when the camera did not
-    tell.
+    """Return the focal length over the longer side of the whole picture, or None when the file does not tell.
 
     From the sensor's pitch and the focal length in mm, where these are a camera's own, or from the equivalent
     of 35 mm film, by the diagonal (above); the latter alone where the two disagree. Neither knows of later
@@ -97,8 +81,7 @@ def focal_ratio(path: Path) -> float | None:
 
 
 def gravity(path: Path) -> np.ndarray | None:
-    """Return the direction up, against gravity, (3,) float64 of length 1, or None when the camera did not
-    tell it.
+    """Return the direction up, against gravity, (3,) float64 of length 1, or None when the file does not tell.
 
     In OpenGL's camera axes (x right, y up, looking along -z) of the picture turned upright. From the
     acceleration that Apple's cameras note (entry 8 in ExifTool's table of Apple tags): as seen from the
@@ -164,9 +147,7 @@ def _acceleration(note: object) -> np.ndarray | None:
         return None
     try:
         (count,) = struct.unpack_from(">H", note, _APPLE_ENTRIES)
-        entries = [
-            struct.unpack_from(">HHII", note, _APPLE_ENTRIES + 2 + 12 * index) for index in range(count)
-        ]
+        entries = [struct.unpack_from(">HHII", note, _APPLE_ENTRIES + 2 + 12 * k) for k in range(count)]
         at = next(e[3] for e in entries if e[:3] == (_ACCELERATION, _SIGNED_RATIONAL, 3))
         above, below = np.array(struct.unpack_from(">6i", note, at), np.float64).reshape(3, 2).T
     except (struct.error, StopIteration):

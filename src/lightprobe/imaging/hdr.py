@@ -10,9 +10,10 @@ import OpenEXR
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
 from lightprobe.core.muted import muted
-from lightprobe.imaging.encodings import SRGB_XY, primaries_matrix
+from lightprobe.imaging.color import straight
+from lightprobe.imaging.encodings import LINEAR, SRGB_XY, primaries_matrix
 from lightprobe.imaging.limits import MAX_PIXELS, check_pixels
-from lightprobe.imaging.opening import signature
+from lightprobe.imaging.opening import Header, Samples, signature
 from lightprobe.imaging.radiance import radiance_size, read_radiance
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
@@ -20,7 +21,8 @@ _CHANNEL_SETS = ("RGBA", "RGB", "XYZ", "Y")  # the first one the file holds is r
 _BYTES = 4.0  # of a sample at most
 _MOST_BYTES = 4 * _BYTES * MAX_PIXELS  # that are decoded of a file: every channel of all its parts is
 _SAME = 0.002  # chromaticities' largest difference, by which primaries count as those of sRGB
-_DAMAGED = (RuntimeError, ValueError, KeyError, TypeError)
+_DAMAGED = (RuntimeError, ValueError, LookupError, TypeError)
+_KEPT = 16.0  # bytes of a pixel that are kept of a photo: four floats
 _LARGEST_HALF = 65504.0  # largest finite 16-bit float
 
 
@@ -41,33 +43,22 @@ def read_hdr(path: Path) -> np.ndarray:
     raise InputError(f"{path} is neither an OpenEXR nor a Radiance HDR image.")
 
 
-def stored_bytes(path: Path) -> float:
-    """Return what an OpenEXR or Radiance file holds for each pixel, in bytes; raises `InputError` as
-    `read_hdr`.
-
-    Of OpenEXR all channels of all parts are decoded, whichever are read.
-    """
-    path = Path(path)
+def read_header(path: Path) -> Header:
+    """Return what stands beside the pixels of an OpenEXR or Radiance file; raises `InputError` as `read_hdr`."""
     if not signature(path).startswith(_EXR_MAGIC):
-        return _BYTES
-    headers = _exr_headers(path)
-    width, height = _extent(headers[0])
-    return _decoded_bytes(headers) / (width * height)
+        return Header(radiance_size(path), encoding=LINEAR, pixel_bytes=_KEPT + _BYTES)
+    headers = _exr_headers(path)  # all channels of all parts are decoded, whichever are read
+    size = _extent(headers[0])
+    return Header(size, encoding=LINEAR, pixel_bytes=_KEPT + _decoded_bytes(headers) / math.prod(size))
 
 
-def hdr_size(path: Path) -> tuple[int, int]:
-    """Return (width, height) of an OpenEXR or Radiance file from its header; raises `InputError` as
-    `read_hdr`.
-    """
-    path = Path(path)
-    if not signature(path).startswith(_EXR_MAGIC):
-        return radiance_size(path)
-    return _extent(_exr_headers(path)[0])
+def decode(path: Path) -> Samples:
+    """Return the samples of a photo, (H, W, 1 | 3 | 4) float32 with straight colour; raises as `read_hdr`."""
+    return Samples(straight(read_hdr(path)), LINEAR)
 
 
 def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
-    """Write `array` (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) as ZIP-compressed EXR (Y, RGB or RGBA),
-    atomically.
+    """Write `array` (H, W), (H, W, 1 | 3 | 4) as ZIP-compressed EXR (Y, RGB or RGBA), atomically.
 
     `half` stores 16-bit floats, with values clipped to their range instead of becoming infinite.
     """
@@ -85,9 +76,7 @@ def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
 
 
 def _read_exr(path: Path) -> np.ndarray:
-    """Read the first part of an OpenEXR file; its headers are checked first, because decoding trusts any
-    size.
-    """
+    """Read the first part of an OpenEXR file; headers are checked first, because decoding trusts any size."""
     try:
         header = _exr_headers(path)[0]
         names = _check_header(path, header)
@@ -111,7 +100,7 @@ def _exr_headers(path: Path) -> list[dict]:
             headers = [part.header for part in OpenEXR.File(str(path), header_only=True).parts]
         _check_header(path, headers[0])
         needed = _decoded_bytes(headers)
-    except (*_DAMAGED, IndexError) as error:
+    except _DAMAGED as error:
         raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
     if needed > _MOST_BYTES:
         raise InputError(
@@ -134,9 +123,7 @@ def _extent(header: dict) -> tuple[int, int]:
 
 
 def _to_srgb(header: dict) -> np.ndarray | None:
-    """Return the matrix (3, 3) to sRGB's primaries, None where the file has these or names none that are
-    colours.
-    """
+    """Return the matrix (3, 3) to sRGB's primaries, None where the file has these or names no colours."""
     named = np.ravel(header.get("chromaticities", ())).astype(np.float64)
     if named.size != 8 or not np.isfinite(named).all() or np.abs(named - np.ravel(SRGB_XY)).max() < _SAME:
         return None
@@ -149,9 +136,7 @@ def _to_srgb(header: dict) -> np.ndarray | None:
 
 
 def _check_header(path: Path, header: dict) -> str:
-    """Return the names of the channels to read; raise `InputError` on a size, crop or channels we do not
-    read.
-    """
+    """Return the names of the channels to read; raise `InputError` on a size, crop or channels not read."""
     check_pixels(path, *_extent(header))
     windows = zip(header["dataWindow"], header["displayWindow"], strict=True)
     if any((np.asarray(a) != np.asarray(b)).any() for a, b in windows):

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from lightprobe.core.extras import photo_library
+from lightprobe.imaging.color import straight
 from lightprobe.imaging.encodings import Encoding, coded
-from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.limits import check_pixels
-from lightprobe.imaging.opening import decode_errors
-from lightprobe.imaging.premultiplied import straight
+from lightprobe.imaging.opening import Header, Samples, decode_errors
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
 from lightprobe.imaging.tags import loaded_exif
 
@@ -29,7 +28,7 @@ def read_header(path: Path) -> Header:
     image = _opened(path)
     samples = float(len(image.mode.split(";")[0]) * (2 if ";" in image.mode else 1))
     exif = loaded_exif(image.info.get("exif"))
-    return Header(image.size, exif, None, _encoding(image.info), Room(samples, samples * _COPIES))
+    return Header(image.size, exif, None, _encoding(image.info), samples * _COPIES)
 
 
 def decode(path: Path) -> Samples:

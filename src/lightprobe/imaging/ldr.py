@@ -1,6 +1,4 @@
-"""Whole photos, masks and maps: encoded samples of image files of any kind, linear float32 in memory; and PNG
-out.
-"""
+"""Whole photos, masks and maps: image files of any kind in, linear float32 in memory, PNG out."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -42,8 +40,7 @@ def read_ldr(
 def read_photo(
     path: Path, *, size: tuple[int, int] | None = None
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-    """Return colour and alpha as `read_ldr`, and where the file's white hides how bright it was, (H, W, 3)
-    bool.
+    """Return colour and alpha as `read_ldr`, and where the file's white hides how bright it was, (H, W, 3) bool.
 
     That is told of what the file stores, before its primaries are converted. Of reduced photos a pixel with
     any source pixel at white counts.
@@ -55,11 +52,11 @@ def read_photo(
         for first, last in image.strips():
             clipped[first:last] = image.clipped_rows(first, last)
     else:
-        whole = (image.height, image.width, 3)
-        clipped = (
-            resize_rows(lambda *rows: image.clipped_rows(*rows).astype(np.float32), whole, *color.shape[:2])
-            > 0
-        )
+
+        def rows(first: int, last: int) -> np.ndarray:
+            return image.clipped_rows(first, last).astype(np.float32)
+
+        clipped = resize_rows(rows, (image.height, image.width, 3), *color.shape[:2]) > 0
     return color, alpha, clipped
 
 
@@ -73,9 +70,7 @@ def _colors(image: PhotoFile, size: tuple[int, int] | None) -> tuple[np.ndarray,
             return color if alpha is None else np.dstack([color, alpha])
 
         small = resize_rows(planes, (image.height, image.width, count), *size)
-        return np.ascontiguousarray(small[..., :3]), np.ascontiguousarray(
-            small[..., 3]
-        ) if count == 4 else None
+        return np.ascontiguousarray(small[..., :3]), small[..., 3].copy() if count == 4 else None
     color = np.empty((image.height, image.width, 3), np.float32)
     alpha = np.empty((image.height, image.width), np.float32) if image.has_alpha else None
     for first, last in image.strips():
@@ -116,9 +111,7 @@ def read_mask(path: Path, *, turn: int | None = None, size: tuple[int, int] | No
 def _gathered(
     rows: Callable[[int, int], np.ndarray], image: PhotoFile, size: tuple[int, int] | None
 ) -> np.ndarray:
-    """Return all rows (H, W) float32 of what `rows` returns strips of, area-averaged to `size` if it is
-    given.
-    """
+    """Return all rows (H, W) float32 of what `rows` returns strips of, area-averaged to `size` if given."""
     if size is not None and size != (image.height, image.width):
         return resize_rows(rows, (image.height, image.width), *size)
     whole = np.empty((image.height, image.width), np.float32)
@@ -142,20 +135,16 @@ def write_png(
     for top in range(0, height, step):  # in strips: the floats on the way take many times what is written
         rows = color[top : top + step]
         rows = srgb_encode(np.clip(np.nan_to_num(rows), 0, 1)) if srgb else rows
-        planes = (
-            rows
-            if alpha is None
-            else np.concatenate([rows, np.asarray(alpha)[top : top + step, :, None]], axis=2)
-        )
-        samples[top : top + step] = np.clip(np.nan_to_num(planes) * levels + 0.5, 0, levels)
+        if alpha is not None:
+            rows = np.concatenate([rows, np.asarray(alpha)[top : top + step, :, None]], axis=2)
+        samples[top : top + step] = np.clip(np.nan_to_num(rows) * levels + 0.5, 0, levels)
     write_encoded(path, samples)
 
 
 def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
-    """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically; `size` (height, width):
-    enlarged to.
+    """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically.
 
-    Enlarging is bilinear. The file says that it is upright: a mask that does not is turned along with its
+    size: (height, width) that it is enlarged to, bilinearly. The file says that it is upright: a mask that does not is turned along with its
     photo.
     """
     grey = np.empty(mask.shape, np.uint8)

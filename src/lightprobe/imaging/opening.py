@@ -1,35 +1,78 @@
-"""What kind of image a file is, told by its content, and Pillow's formats opened with the header checked
-first.
-"""
+"""What kind of image a file is, told by its content, and what every decoder tells of it before and after decoding."""
 
 import contextlib
 import enum
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 from PIL import AvifImagePlugin, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.reading import LARGEST_PICTURE, BoundedFile, check_file
+from lightprobe.imaging.encodings import SRGB, Encoding
 from lightprobe.imaging.limits import check_pixels
+
+# Endings of files that folders are looked through for; what a file is, its content says.
+RAW_SUFFIXES = frozenset(
+    [
+        ".3fr",
+        ".arw",
+        ".cr2",
+        ".cr3",
+        ".crw",
+        ".dng",
+        ".erf",
+        ".fff",
+        ".iiq",
+        ".mrw",
+        ".nef",
+        ".nrw",
+        ".orf",
+        ".pef",
+        ".raf",
+        ".rw2",
+        ".rwl",
+        ".srw",
+        ".x3f",
+    ]
+)
+IMAGE_SUFFIXES = RAW_SUFFIXES | frozenset(
+    [".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".heic", ".heif", ".hif", ".avif", ".exr", ".hdr"]
+)
+VIDEO_SUFFIXES = frozenset(
+    [".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"]
+)
 
 # Decoders report damage with whatever their parsers run into.
 _DAMAGE = (
-    OSError,
-    SyntaxError,
-    ValueError,
-    EOFError,
-    IndexError,
-    KeyError,
-    TypeError,
-    RuntimeError,
-    OverflowError,
-    struct.error,
-    zlib.error,
+    *(OSError, SyntaxError, ValueError, EOFError, LookupError, TypeError, RuntimeError, OverflowError),
+    *(struct.error, zlib.error),
 )
 _START = 64  # bytes of a file that tell its kind: a file type box of ISO 14496-12 with a few brands fits
+
+
+@dataclass(frozen=True)
+class Header:
+    """What stands beside the pixels."""
+
+    size: tuple[int, int]  # (width, height) as stored
+    exif: Image.Exif = field(default_factory=Image.Exif)  # its folders are loaded
+    orientation: int | None = None  # EXIF 1..8 that the stored pixels ask for; None: the file does not say
+    encoding: Encoding = SRGB
+    pixel_bytes: float = 0.0  # memory estimate: bytes for each pixel while it is decoded and turned upright
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Decoded pixels as stored, not turned."""
+
+    values: Image.Image | np.ndarray  # 8 bits, or (H, W, 1 | 2 | 3 | 4) uint8, uint16 or float32
+    encoding: Encoding  # of these values
+    levels: int = 255  # the value of white of integers
 
 
 class FileKind(enum.Enum):
@@ -95,9 +138,7 @@ def decode_errors(path: Path) -> Iterator[None]:
 
 
 def signature(path: Path) -> bytes:
-    """Return the first 64 bytes of a picture; raise `InputError` when it is missing, unreadable, no file or
-    empty.
-    """
+    """Return the first 64 bytes of a picture; raise `InputError` when it is missing, unreadable, no file or empty."""
     check_file(path, LARGEST_PICTURE)
     try:
         with open(path, "rb") as file:
@@ -110,14 +151,11 @@ def signature(path: Path) -> bytes:
 
 
 def file_kind(path: Path) -> FileKind:
-    """Return the kind of an image file; raise `InputError` when it is none that is read, or as `signature`
-    does.
-    """
+    """Return the kind of an image file; raise `InputError` when it is none that is read, or as `signature`."""
     start = signature(path)
     kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
-    if (
-        kind is None and start[4:8] == b"ftyp"
-    ):  # the major brand first, then the compatible ones (ISO 14496-12)
+    if kind is None and start[4:8] == b"ftyp":
+        # the major brand first, then the compatible ones (ISO 14496-12)
         length = min(int.from_bytes(start[:4], "big"), len(start))
         brands = [start[8:12], *(start[i : i + 4] for i in range(16, length - 3, 4))]
         kinds = [_BRANDS[brand] for brand in brands if brand in _BRANDS]
@@ -131,12 +169,8 @@ def file_kind(path: Path) -> FileKind:
 
 @contextlib.contextmanager
 def open_image(path: Path) -> Iterator[Image.Image]:
-    """Yield the Pillow image of a PNG, JPEG, WebP or AVIF file: header read and size checked, nothing
-    decoded.
-    """
-    reader = _READERS.get(file_kind(path))
-    if reader is None:
-        raise InputError(f"{path} is not a PNG, JPEG, WebP or AVIF image.")
+    """Yield the Pillow image of a file of `PILLOW_KINDS`: header read and size checked, nothing decoded."""
+    reader = _READERS[file_kind(path)]
     # The WebP reader makes room for all pixels as soon as it is created.
     if (size := _webp_size(signature(path))) is not None:
         check_pixels(path, *size)
@@ -158,7 +192,6 @@ def _webp_size(start: bytes) -> tuple[int, int] | None:
         bits = int.from_bytes(start[21:25], "little")
         return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
     if start[12:16] == b"VP8 ":
-        return int.from_bytes(start[26:28], "little") & 0x3FFF, int.from_bytes(
-            start[28:30], "little"
-        ) & 0x3FFF
+        width, height = struct.unpack_from("<HH", start, 26)
+        return width & 0x3FFF, height & 0x3FFF
     return None

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from lightprobe.imaging.decoding import decode, read_header
+from lightprobe.imaging.decoding import decode
 from lightprobe.imaging.encodings import LINEAR, Curve, Encoding, linear
 from lightprobe.imaging.exif import read_orientation, upright
 from lightprobe.imaging.resize import STRIP
@@ -55,18 +55,15 @@ class PhotoFile:
         else:
             self._samples = values.transpose(_TURNS[turn]) if turn in _TURNS else values
         self._levels, self._encoding = found.levels, found.encoding if srgb else LINEAR
-        self._repeated = None if found.shrink == 1 else repeated(read_header(path).size, found.shrink, turn)
         first = self._stored(0, 1)
-        self.height = _height(self._samples) if self._repeated is None else len(self._repeated[0])
+        self.height = _height(self._samples)
         self.width = first.shape[1]
         self.has_alpha = first.shape[2] in (2, 4)
         self.has_white, self.is_deep = first.dtype.kind == "u", first.dtype != np.uint8
 
     @property
     def shows_more_than_white(self) -> bool:
-        """Whether it tells how bright things above reference white are: floats do, and the codes of HLG and
-        PQ.
-        """
+        """Whether it tells how bright things above white are: floats do, and the codes of HLG and PQ."""
         return not self.has_white or any(
             _table(self._levels, curve)[-1] > _ABOVE for curve in self._encoding.curves
         )
@@ -78,14 +75,10 @@ class PhotoFile:
 
     def alpha_rows(self, first: int, last: int) -> np.ndarray:
         """Return float32 alpha (h, W) of the rows first..last - 1 of a file that has some."""
-        alpha = self._split(first, last)[1]
-        if alpha is None:
-            raise ValueError("Checked to have alpha.")
-        return alpha
+        return self._plain(self._stored(first, last)[..., -1])
 
     def clipped_rows(self, first: int, last: int) -> np.ndarray:
-        """Return where the rows first..last - 1 reach the file's white, (h, W, 3) bool, per channel as
-        stored.
+        """Return where rows first..last - 1 reach the file's white, (h, W, 3) bool, per channel as stored.
 
         What the file's own primaries clip is told before they are converted, which would move it away from
         white.
@@ -125,16 +118,7 @@ class PhotoFile:
         return stored[..., :-1], self._plain(stored[..., -1])
 
     def _stored(self, first: int, last: int) -> np.ndarray:
-        """Return samples (h, W, 1 | 2 | 3 | 4) uint8, uint16 or float32; of a reduced photo each stands for
-        several.
-        """
-        if self._repeated is None:
-            return self._kept(first, last)
-        rows, columns = self._repeated[0][first:last], self._repeated[1]
-        return self._kept(int(rows.min()), int(rows.max()) + 1)[rows - rows.min()][:, columns]
-
-    def _kept(self, first: int, last: int) -> np.ndarray:
-        """Return the samples (h, W, 1 | 2 | 3 | 4) of these rows as they were decoded."""
+        """Return samples (h, W, 1 | 2 | 3 | 4) uint8, uint16 or float32 of these rows as they were decoded."""
         if isinstance(self._samples, np.ndarray):
             return self._samples[first:last]
         part = np.asarray(self._samples.crop((0, first, self._samples.width, last)))
@@ -147,18 +131,6 @@ class PhotoFile:
         return np.take(_table(self._levels, linear), samples)
 
 
-def repeated(size: tuple[int, int], shrink: int, turn: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return which row and column of a photo that was reduced and then turned each one of the whole photo
-    lies in.
-
-    size: (width, height) of the whole as stored. (H,) and (W,) int64 of the whole turned upright.
-    """
-    along = [np.arange(length) // shrink for length in (size[1], size[0])]
-    rows, columns = along[::-1] if turn >= 5 else along
-    rows = rows[-1] - rows[::-1] if turn in (3, 4, 7, 8) else rows
-    return rows, columns[-1] - columns[::-1] if turn in (2, 3, 6, 7) else columns
-
-
 def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarray:
     """Return float32 linear sRGB (h, W, 3) of colour samples (h, W, 1 | 3).
 
@@ -166,7 +138,7 @@ def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarr
     """
     if (
         colors.shape[2] == 1 and len(encoding.curves) == 3
-    ):  # a grey picture keeps the profile of its colour one
+    ):  # a grey picture with the profile of its colour one
         colors = np.repeat(colors, 3, axis=2)
     if colors.dtype.kind == "f":
         rgb = np.clip(np.nan_to_num(colors), 0, _BRIGHTEST).astype(np.float32, copy=False)

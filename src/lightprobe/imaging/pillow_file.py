@@ -1,34 +1,24 @@
-"""PNG, JPEG, WebP and AVIF, as Pillow reads them; PNG with 16 bits per sample, which Pillow reduces, by
-`png16`.
-"""
+"""PNG, JPEG, WebP and AVIF, as Pillow reads them; PNG with 16 bits, which Pillow reduces, by `png16`."""
 
-from dataclasses import replace
+import re
+import struct
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, JpegImagePlugin
 
+from lightprobe.core.reading import BoundedFile
 from lightprobe.imaging import png16
-from lightprobe.imaging.avif import avif_encoding
-from lightprobe.imaging.encodings import ADOBE_RGB, SRGB, Encoding
-from lightprobe.imaging.header import Header, Room, Samples
-from lightprobe.imaging.opening import decode_errors, open_image
+from lightprobe.imaging.encodings import ADOBE_RGB, SRGB, Encoding, coded
+from lightprobe.imaging.opening import Header, Samples, decode_errors, open_image
 from lightprobe.imaging.profiles import icc_encoding, png_encoding, samples_to_srgb, to_srgb
 from lightprobe.imaging.tags import is_adobe_rgb, loaded_exif, orientation
 
 _MODES = {"1": "L", "L": "L", "LA": "LA", "RGB": "RGB", "RGBA": "RGBA"}
-
-# Bytes for each pixel that decoders hold beside what is kept of it
-_BESIDE = {"WEBP": 8.0, "AVIF": 8.0}
-
-_FEW_BITS = {"L;2": 3, "L;4": 15}  # how Pillow names grey of few bits -> largest value
-
+_SPACES = {b"CMYK": "CMYK", b"Lab ": "LAB"}  # colour space of a profile -> Pillow's mode, not RGB or grey
+_BESIDE = {"WEBP": 8.0, "AVIF": 8.0}  # bytes for each pixel that decoders hold beside what is kept of it
 _CODE_POINTS = 4  # bytes of a cICP chunk: primaries, transfer function, matrix and range
-
-_SPACES = {
-    b"CMYK": "CMYK",
-    b"Lab ": "LAB",
-}  # colour space of a profile -> Pillow's mode of it, that is not RGB or grey
+_AVIF_HEAD = 2**20  # bytes within which an AVIF file describes its pictures: headers are a few hundred
 
 
 def read_header(path: Path) -> Header:
@@ -37,49 +27,31 @@ def read_header(path: Path) -> Header:
         # A PNG may carry EXIF behind its pixels, where Pillow finds it only by decoding them.
         data = png16.find_chunk(path, b"eXIf") if image.format == "PNG" else image.info.get("exif")
         exif = loaded_exif(data)
-        return Header(image.size, exif, orientation(exif), _encoding(path, image), _room(path, image))
+        return Header(image.size, exif, orientation(exif), _encoding(path, image), _pixel_bytes(path, image))
 
 
-def _room(path: Path, image: Image.Image) -> Room:
-    """Return what decoding takes: what Pillow keeps, what its decoders hold beside it, and a copy in another
-    mode.
-    """
+def _pixel_bytes(path: Path, image: Image.Image) -> float:
+    """Return the memory estimate: what is kept, a second copy of it or what the decoder holds beside it."""
     if image.format == "PNG" and png16.is_sixteen_bit(path):
-        samples = 2.0 * len(image.getbands())
-        return Room(samples, 3 * samples + 2)
+        return 6.0 * len(image.getbands()) + 2
     kept = 4.0 if len(image.getbands()) > 1 or image.mode == "P" else 1.0
-    beside = _BESIDE.get(image.format or "", 0.0)
-    room = Room(kept, kept + max(beside, 0.0 if image.mode in _MODES else 4.0))
-    if not isinstance(image, JpegImagePlugin.JpegImageFile):
-        return room
-    sampling = [(horizontal, vertical) for _, horizontal, vertical, _ in image.layer]
-    whole = max(pair[0] for pair in sampling) * max(pair[1] for pair in sampling)
-    coefficients = (
-        2.0 * sum(pair[0] * pair[1] for pair in sampling) / whole
-    )  # 16 bits each, which several scans share
-    return replace(room, coefficients=coefficients if "progressive" in image.info else 0.0)
+    beside = max(kept if image.mode in _MODES else 4.0, _BESIDE.get(image.format or "", 0.0))
+    if isinstance(image, JpegImagePlugin.JpegImageFile) and "progressive" in image.info:
+        beside = max(beside, 2.0 * len(image.getbands()))  # 16 bits of every coefficient, which scans share
+    return kept + beside
 
 
-def decode(path: Path, shrink: int = 1) -> Samples:
-    """Return the samples of the file: 8 bits as a Pillow image, 16 as (H, W, 1 | 2 | 3 | 4) uint16.
-
-    shrink: 2, 4 or 8 halve both sides of a JPEG so often while it is decoded, rounded up.
-    """
+def decode(path: Path) -> Samples:
+    """Return the samples of the file: 8 bits as a Pillow image, 16 as (H, W, 1 | 2 | 3 | 4) uint16."""
     with open_image(path) as image, decode_errors(path):
         encoding = _encoding(path, image)
-        if shrink > 1:
-            image.draft(image.mode, (image.width // shrink, image.height // shrink))
-            return replace(eight_bits(image, encoding), shrink=shrink)
         if image.format == "PNG" and png16.is_sixteen_bit(path):
             return samples_to_srgb(png16.decode(path), 65535, encoding)
-        if image.format == "PNG":
-            _spread_key(image)
-        return eight_bits(image, encoding)
+        return _eight_bits(image, encoding)
 
 
-def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
+def _eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
     """Return the samples of an open image of 8 bits per sample, as grey or RGB, with alpha where it has some."""
-    image = image.convert("LA") if image.mode == "La" else image
     transparent = "transparency" in image.info or image.mode in ("LA", "PA", "RGBa")
     mode = "RGBA" if transparent and image.mode != "LA" else _MODES.get(image.mode, "RGB")
     image.load()
@@ -92,16 +64,6 @@ def eight_bits(image: Image.Image, encoding: Encoding) -> Samples:
     return samples_to_srgb(values.reshape(*values.shape[:2], -1), 255, encoding)
 
 
-def _spread_key(image: Image.Image) -> None:
-    """Multiply the transparent value of a grey PNG as Pillow multiplies its samples: those of 2 and 4 bits up
-    to 8.
-    """
-    key, tiles = image.info.get("transparency"), getattr(image, "tile", ())
-    largest = _FEW_BITS.get(tiles[0].args) if tiles and isinstance(tiles[0].args, str) else None
-    if largest is not None and isinstance(key, int):
-        image.info["transparency"] = key * (255 // largest)
-
-
 def _encoding(path: Path, image: Image.Image) -> Encoding:
     points = png16.find_chunk(path, b"cICP") if image.format == "PNG" else None
     if points is not None and len(points) != _CODE_POINTS:  # a damaged chunk tells nothing
@@ -109,7 +71,14 @@ def _encoding(path: Path, image: Image.Image) -> Encoding:
     if points is None and (profile := image.info.get("icc_profile")):
         return icc_encoding(profile)
     if image.format == "AVIF":
-        return avif_encoding(path)
+        return _avif_encoding(path)
     if image.format == "PNG":
         return png_encoding(image.info, points)
     return ADOBE_RGB if is_adobe_rgb(loaded_exif(image.info.get("exif"))) else SRGB
+
+
+def _avif_encoding(path: Path) -> Encoding:
+    """Return the encoding by the first code points of the file (ISO/IEC 23008-12, 6.5.5), sRGB without any."""
+    with BoundedFile(path) as file:
+        found = re.search(rb"colrnclx(.{4})", file.read(_AVIF_HEAD), re.DOTALL)
+    return SRGB if found is None else coded(*struct.unpack(">HH", found[1]))

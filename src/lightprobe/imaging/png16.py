@@ -1,9 +1,4 @@
-"""PNG with 16 bits per sample, which Pillow reduces to 8 (ISO/IEC 15948: chunks, filters, Adam7 interlacing).
-
-The compiled loop stands here and not in `lightprobe.kernels`: it is the format's own rule for bytes, one
-after the other, and has neither another device to run on nor a plainer form to be compared with than files of
-other programs.
-"""
+"""PNG with 16 bits per sample, which Pillow reduces to 8 (ISO/IEC 15948: chunks, filters, Adam7 interlacing)."""
 
 import struct
 import zlib
@@ -77,19 +72,12 @@ def encode(samples: np.ndarray, exif: bytes | None = None) -> bytes:
     filtered[1:, 1:] = rows[1:] - rows[:-1]
     header = struct.pack(">IIBBBBB", width, height, 16, _COLOR_TYPE[channels], 0, 0, 0)
     told = b"" if exif is None else _chunk(b"eXIf", exif.removeprefix(b"Exif\0\0"))
-    body = (
-        _chunk(b"IHDR", header)
-        + told
-        + _chunk(b"IDAT", zlib.compress(filtered.tobytes()))
-        + _chunk(b"IEND", b"")
-    )
-    return _SIGNATURE + body
+    data = _chunk(b"IDAT", zlib.compress(filtered.tobytes()))
+    return _SIGNATURE + _chunk(b"IHDR", header) + told + data + _chunk(b"IEND", b"")
 
 
 def _chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
-    """Yield (kind, length) with `file` at the start of that chunk's data; end at IEND or at the end of the
-    file.
-    """
+    """Yield (kind, length) with `file` at the start of that chunk's data, up to IEND or the end of the file."""
     position = len(_SIGNATURE)
     while True:
         file.seek(position)
@@ -102,9 +90,7 @@ def _chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
 
 
 def _checked(file: BinaryIO, kind: bytes, length: int) -> bytes:
-    """Return the data of the chunk `file` stands at; raise `ValueError` when cut short or its checksum is
-    wrong.
-    """
+    """Return the data of the chunk `file` stands at; raise `ValueError` when cut short or of a wrong checksum."""
     content, crc = file.read(length), file.read(4)
     if len(content) != length or crc != struct.pack(">I", zlib.crc32(kind + content)):
         raise ValueError(f"bad {kind.decode()} chunk")
@@ -136,9 +122,7 @@ def _fill(part: np.ndarray, raw: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _unfilter(rows: np.ndarray, step: int) -> np.ndarray:
-    """Undo the PNG row filters; `rows` (h, 1 + stride) start with their filter type, `step` is the bytes per
-    pixel.
-    """
+    """Undo the filters of `rows` (h, 1 + stride), which start with their type; `step`: bytes per pixel."""
     height, stride = rows.shape[0], rows.shape[1] - 1
     out = np.zeros((height, stride), np.uint8)
     for y in range(height):

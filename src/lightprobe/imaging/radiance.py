@@ -1,8 +1,8 @@
-"""Radiance HDR (.hdr): shared-exponent pixels in run-length coded rows.
+"""Radiance HDR (.hdr): shared-exponent pixels, read with or without run-length coding, written without.
 
 A pixel is four bytes (r, g, b, e) meaning (r, g, b) * 2^(e - 136), and 0 when e = 0. Rows of 8..32767 pixels
 are stored as four planes of runs; narrower and wider ones, and old files, pixel by pixel (Ward, "Real
-Pixels", Graphics Gems II). The compiled loops stand here for the reason given in `png16`.
+Pixels", Graphics Gems II).
 """
 
 import re
@@ -22,9 +22,7 @@ _HEADER_LIMIT = 1 << 16  # bytes; real headers have hundreds
 
 
 def read_radiance(path: Path) -> np.ndarray:
-    """Read a Radiance file: (H, W, 3) float32 linear RGB, divided by the file's EXPOSURE. `InputError` when
-    damaged.
-    """
+    """Read a Radiance file: (H, W, 3) float32 linear RGB, over the file's EXPOSURE; `InputError` when damaged."""
     try:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
@@ -58,7 +56,7 @@ def radiance_size(path: Path) -> tuple[int, int]:
 
 
 def write_radiance(path: Path, array: np.ndarray) -> None:
-    """Write linear RGB `array` (H, W, 3) as run-length coded Radiance HDR, atomically.
+    """Write linear RGB `array` (H, W, 3) as Radiance HDR, pixel by pixel without runs, atomically.
 
     A value is off by at most 1/256 (0.4 %) of its pixel's largest channel, half a step of its eight bits;
     negative values and NaN become 0.
@@ -66,7 +64,7 @@ def write_radiance(path: Path, array: np.ndarray) -> None:
     height, width = array.shape[:2]
     header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode()
     step = max(1, _AT_ONCE // max(width, 1))
-    strips = (_encode(_shared_exponents(array[top : top + step])) for top in range(0, height, step))
+    strips = (_shared_exponents(array[top : top + step]) for top in range(0, height, step))
     write_bytes(Path(path), b"".join([header, *(strip.tobytes() for strip in strips)]))
 
 
@@ -107,17 +105,11 @@ def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
 
 @compiled()
 def _decode(data: np.ndarray, position: int, pixels: np.ndarray) -> bool:
-    """Decode `data` from `position` into `pixels` (H, W, 4); return False when the data are damaged or too
-    short.
-    """
+    """Decode `data` from `position` into `pixels` (H, W, 4); return False for data damaged or too short."""
     height, width = pixels.shape[:2]
     for y in range(height):
-        planes = (
-            8 <= width < 32768
-            and position + 4 <= data.size
-            and data[position] == 2
-            and data[position + 1] == 2
-        )
+        is_long = 8 <= width < 32768 and position + 4 <= data.size
+        planes = is_long and data[position] == 2 and data[position + 1] == 2
         if planes and (data[position + 2] << 8) + data[position + 3] == width:
             position = _decode_planes(data, position + 4, pixels[y])
         else:
@@ -150,9 +142,7 @@ def _decode_planes(data: np.ndarray, position: int, row: np.ndarray) -> int:
 
 @compiled()
 def _decode_pixels(data: np.ndarray, position: int, row: np.ndarray) -> int:
-    """Decode one row stored pixel by pixel, (1, 1, 1, n) repeating the last one; return the next position or
-    -1.
-    """
+    """Decode a row stored pixel by pixel, (1, 1, 1, n) repeating the last one; return the next position or -1."""
     x, shift = 0, 0
     while x < row.shape[0]:
         if position + 4 > data.size:
@@ -171,47 +161,3 @@ def _decode_pixels(data: np.ndarray, position: int, row: np.ndarray) -> int:
             shift = 0
         position += 4
     return position
-
-
-@compiled()
-def _encode(pixels: np.ndarray) -> np.ndarray:
-    """Return the bytes of `pixels` (H, W, 4) uint8 as run-length coded rows, or plain where the format has no
-    runs.
-    """
-    height, width = pixels.shape[:2]
-    if width < 8 or width > 32767:
-        return pixels.copy().reshape(-1)
-    out = np.empty(height * (4 + 4 * (width + width // 128 + 2)), np.uint8)
-    size = 0
-    for y in range(height):
-        out[size], out[size + 1], out[size + 2], out[size + 3] = 2, 2, width >> 8, width & 255
-        size += 4
-        for channel in range(4):
-            size = _encode_plane(pixels[y, :, channel], out, size)
-    return out[:size]
-
-
-@compiled()
-def _encode_plane(plane: np.ndarray, out: np.ndarray, size: int) -> int:
-    """Append one plane (W,) to `out` at `size`, runs of four and more as runs; return the new size."""
-    start, width = 0, plane.size
-    while start < width:
-        first, length = start, 0  # the next run: where it begins, how long it is
-        while first < width and first - start < 128:
-            length = 1
-            while length < 127 and first + length < width and plane[first + length] == plane[first]:
-                length += 1
-            if length >= 4:
-                break
-            first, length = first + length, 0
-        first = min(first, start + 128)
-        if first > start:
-            out[size] = first - start
-            out[size + 1 : size + 1 + first - start] = plane[start:first]
-            size += 1 + first - start
-        if length:
-            out[size], out[size + 1] = 128 + length, plane[first]
-            size += 2
-            first += length
-        start = first
-    return size

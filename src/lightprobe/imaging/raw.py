@@ -13,13 +13,12 @@ from PIL import Image
 from lightprobe.core.extras import photo_library
 from lightprobe.core.muted import muted
 from lightprobe.imaging.encodings import LINEAR, Encoding, camera_matrix, linear
-from lightprobe.imaging.header import Header, Room, Samples
 from lightprobe.imaging.limits import check_pixels
-from lightprobe.imaging.opening import FileKind, decode_errors, file_kind
+from lightprobe.imaging.opening import FileKind, Header, Samples, decode_errors, file_kind
 from lightprobe.imaging.tags import EXIF_FOLDER, loaded_exif, tiff_exif
 
 _TURNS = {0: 1, 3: 3, 5: 8, 6: 6}  # LibRaw's flip -> EXIF orientation
-_ROOM = Room(6.0, 24.0)  # the mosaic, four planes to interpolate it in, and colours twice
+_PIXEL_BYTES = 24.0  # memory estimate: the mosaic, four planes to interpolate it in, and colours twice
 _EXPOSURE_TIME, _F_NUMBER, _ISO, _FOCAL_LENGTH = 0x829A, 0x829D, 0x8827, 0x920A  # numbers of EXIF tags
 
 
@@ -29,7 +28,7 @@ def read_header(path: Path) -> Header:
         sizes = raw.sizes
         check_pixels(path, sizes.width, sizes.height)
         exif = _exif(path, raw)
-        return Header((sizes.width, sizes.height), exif, _TURNS.get(sizes.flip, 1), LINEAR, _ROOM)
+        return Header((sizes.width, sizes.height), exif, _TURNS.get(sizes.flip, 1), LINEAR, _PIXEL_BYTES)
 
 
 def decode(path: Path) -> Samples:
@@ -69,7 +68,7 @@ def _reason(error: Exception) -> str:
 
 
 def _encoding(raw: Any) -> Encoding:
-    """Return camera values to linear sRGB: LibRaw's own matrix, or one from the camera's response; else none."""
+    """Return camera values to linear sRGB: by LibRaw's own matrix, or one from the camera's response."""
     own, from_xyz = np.asarray(raw.color_matrix)[:3, :3], np.asarray(raw.rgb_xyz_matrix)[:3, :3]
     matrix = own if own.any() else camera_matrix(from_xyz) if np.linalg.matrix_rank(from_xyz) == 3 else None
     return Encoding(None, (linear,), None if matrix is None else matrix.astype(np.float64))
@@ -80,11 +79,7 @@ def _exif(path: Path, raw: Any) -> Image.Exif:
     if file_kind(path) is FileKind.TIFF:
         return tiff_exif(path)
     exif, other = loaded_exif(None), raw.other
-    told = {
-        _EXPOSURE_TIME: other.shutter_speed,
-        _F_NUMBER: other.aperture,
-        _ISO: other.iso_speed,
-        _FOCAL_LENGTH: other.focal_length,
-    }
-    exif.get_ifd(EXIF_FOLDER).update({tag: float(value) for tag, value in told.items() if value > 0})
+    told = (other.shutter_speed, other.aperture, other.iso_speed, other.focal_length)
+    tags = zip((_EXPOSURE_TIME, _F_NUMBER, _ISO, _FOCAL_LENGTH), told, strict=True)
+    exif.get_ifd(EXIF_FOLDER).update({tag: float(value) for tag, value in tags if value > 0})
     return exif

@@ -7,10 +7,7 @@ from PIL import Image
 
 ORIENTATION = 0x0112  # numbers of EXIF tags
 EXIF_FOLDER = 0x8769  # where camera settings stand
-_INTEROPERABILITY_FOLDER, _INDEX = (
-    0xA005,
-    1,
-)  # where a camera names its rule of interoperability, and under what tag
+_INTEROPERABILITY_FOLDER, _INDEX = 0xA005, 1  # where a camera names its rule of interoperability, and the tag
 _ADOBE_RGB = "R03"  # that of files with Adobe RGB (DCF 2.0)
 _BROKEN = (SyntaxError, ValueError, KeyError, TypeError, OSError, OverflowError, IndexError, struct.error)
 

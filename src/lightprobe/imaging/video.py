@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -32,12 +32,8 @@ _SHARPNESS_SIDE = (
     640  # pixels of the longer side that sharpness is measured on; finer noise would pass for it
 )
 _THUMBNAIL_SIDE = 48  # pixels of the longer side that frames are compared on
-_SAME = (
-    0.04  # mean difference of two frames, in the standard deviation of one, below which they show the same
-)
-_BLURRED = (
-    0.4  # of the median sharpness of the chosen frames around: below, a frame is blurred by motion or focus
-)
+_SAME = 0.04  # mean difference of two frames that show the same, in the standard deviation of one
+_BLURRED = 0.4  # of the median sharpness of the chosen frames around: below, a frame is blurred
 _AROUND = 4  # chosen frames to each side that a frame's sharpness is compared with
 _ODDEST = 4.0  # times as wide as high, or as high as wide: pixels beyond are damage
 _QUALITY = 95  # of JPEG files: what a video's own compression left is more than this takes
@@ -116,9 +112,7 @@ def choose_frames(measured: list[FrameMeasure], count: int) -> FrameChoice:
     """
     edges = np.linspace(0, len(measured), min(count, len(measured)) + 1).round().astype(int)
     best = [max(measured[first:last], key=lambda frame: frame.sharpness) for first, last in pairwise(edges)]
-    sharp = [
-        frame for place, frame in enumerate(best) if frame.sharpness >= _BLURRED * _median_around(best, place)
-    ]
+    sharp = [frame for k, frame in enumerate(best) if frame.sharpness >= _BLURRED * _median_around(best, k)]
     kept: list[FrameMeasure] = []
     for frame in sharp:
         if not kept or difference(kept[-1].thumbnail, frame.thumbnail) >= _SAME:
@@ -127,8 +121,7 @@ def choose_frames(measured: list[FrameMeasure], count: int) -> FrameChoice:
 
 
 def difference(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the mean difference of two grey thumbnails (h, w) uint8 in standard deviations, whatever their
-    brightness.
+    """Return the mean difference of two grey thumbnails (h, w) uint8 in standard deviations.
 
     0 for the same picture, about 1 for two that have nothing in common; infinite for two of different size.
     """
@@ -140,8 +133,7 @@ def difference(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def extract_frames(path: Path, folder: Path, count: int) -> FrameChoice:
-    """Write about `count` sharp, well-spread frames of a video as JPEG into `folder`, all at once; return the
-    choice.
+    """Write about `count` sharp, well-spread frames of a video as JPEG into `folder`, and return the choice.
 
     Files are called `frame_000123.jpg` by the frame's number; the folder may exist. Raises `InputError` as
     `frames`, and for a video that gives fewer than two different frames.
@@ -158,9 +150,8 @@ def extract_frames(path: Path, folder: Path, count: int) -> FrameChoice:
         for index, frame, aspect in _decoded(path):
             if index in wanted:
                 picture = np.clip(srgb_encode(_color(frame, aspect)) * 255 + 0.5, 0, 255).astype(np.uint8)
-                Image.fromarray(picture).save(
-                    temporary / f"frame_{index:06d}.jpg", quality=_QUALITY, subsampling=0
-                )
+                file = temporary / f"frame_{index:06d}.jpg"
+                Image.fromarray(picture).save(file, quality=_QUALITY, subsampling=0)
     return choice
 
 
@@ -178,24 +169,24 @@ def _container(path: Path) -> str | None:
         return None if start[4:8] == b"ftyp" and start[8:12] in STILL_BRANDS else "mov"
     if start[:4] == b"RIFF":
         return "avi" if start[8:12] == b"AVI " else None
-    # Packets of 188 bytes that begin with G; cameras put a time of four bytes before each, so that they take
-    # 192.
+    # Packets of 188 bytes begin with G; cameras put a time of four bytes before each.
     if (start[:1] == later[:1] == b"G") or (start[4:5] == later[8:9] == b"G"):
         return "mpegts"
     return {b"\x1a\x45\xdf\xa3": "matroska", b"\0\0\1\xba": "mpeg"}.get(start[:4])
 
 
 def _decoded(path: Path) -> Iterator[tuple[int, Any, float]]:
-    """Yield number and decoded frame, as PyAV has it, and its pixels' width over height, up to the end or
-    damage.
-    """
+    """Yield number and frame as PyAV has it, and its pixels' width over height, up to the end or damage."""
     container = _container(path)
     if container is None:
         raise InputError(f"{path} is not a video (MP4, MOV, MKV, WebM, AVI or MPEG).")
     library = photo_library("av", path)
     index = -1
     try:
-        with open(path, "rb") as file, _opened(library, file, container) as video:
+        with (
+            open(path, "rb") as file,
+            library.open(file, format=container, metadata_errors="replace") as video,
+        ):
             if not video.streams.video:
                 raise InputError(f"{path} holds no pictures, only sound or data; give a video of the object.")
             stream = video.streams.video[0]
@@ -209,20 +200,11 @@ def _decoded(path: Path) -> Iterator[tuple[int, Any, float]]:
     except library.error.FFmpegError as error:
         if index < 0:
             reason = str(error.strerror or error).rstrip(".")
-            raise InputError(
-                f"{path} cannot be decoded ({reason}); the file is damaged or cut short."
-            ) from error
+            raise InputError(f"{path} cannot be decoded ({reason}); it is damaged or cut short.") from error
         sentence = f"{path} is damaged behind its frame {index}; only the frames up to it are used."
         warnings.warn(sentence, LightprobeWarning, stacklevel=3)
     if index < 0:
         raise InputError(f"{path} holds no frame that can be decoded; copy it again.")
-
-
-def _opened(library: Any, file: BinaryIO, container: str) -> Any:
-    """Return a file opened by the parser of its container; what is no text in its notes is replaced, not
-    read.
-    """
-    return library.open(file, format=container, metadata_errors="replace")
 
 
 def _small(frame: Any, side: int) -> np.ndarray:
@@ -233,17 +215,13 @@ def _small(frame: Any, side: int) -> np.ndarray:
 
 
 def _aspect(stream: Any) -> float:
-    """Return the width of a pixel over its height: DV, HDV and DVDs keep pictures narrower than they are
-    shown.
-    """
+    """Return the width of a pixel over its height: DV, HDV and DVDs keep pictures narrower than shown."""
     told = stream.sample_aspect_ratio
     return float(told) if told and 1 / _ODDEST <= told <= _ODDEST else 1.0
 
 
 def _color(frame: Any, aspect: float) -> np.ndarray:
-    """Return linear sRGB (H, W, 3) float32 of a frame of pixels `aspect` times as wide as high, square and
-    upright.
-    """
+    """Return linear sRGB (H, W, 3) float32, upright, of a frame of pixels `aspect` times as wide as high."""
     deep = frame.format.components[0].bits > 8
     matrix = _MATRICES.get(int(frame.colorspace), 1 if frame.height >= _HIGH_DEFINITION else 5)
     width = max(1, round(frame.width * aspect))

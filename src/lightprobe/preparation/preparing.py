@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.file_lock import locked_file
-from lightprobe.core.files import checksum, disk_errors, holds_files
+from lightprobe.core.files import checksum, disk_errors, holds_files, locked_file
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import choose, within_masks
 from lightprobe.preparation.hints import all_hints, find_photo

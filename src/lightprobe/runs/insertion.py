@@ -11,7 +11,7 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import refuse_replacing
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import check_room
+from lightprobe.imaging import check_memory
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
 from lightprobe.light.environment import Environment
@@ -137,7 +137,7 @@ def _view(image: Path, photos: NewPhotos, new: NewPhoto) -> PhotoView:
     """Return the one photo of `photos` at its own size; raise `InputError` where the limit of memory has no
     room.
     """
-    check_room(image, (new.camera.width, new.camera.height), _PIXEL_BYTES)
+    check_memory(image, (new.camera.width, new.camera.height), _PIXEL_BYTES)
     return PhotoView(*photos.whole(0, new), new.camera, opaque=is_opaque(image))
 
 

@@ -11,7 +11,6 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.distillation import ExampleSource
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError, InputError, LightprobeError, ResourceError
-from lightprobe.core.processes import ALONE, Processes
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation import distill
 from lightprobe.distillation.training import stages
@@ -20,7 +19,7 @@ from lightprobe.export import write_run_outputs
 from lightprobe.light.environment import Environment, load_environments
 from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
-from lightprobe.reconstruction import OnStep, Progress, decompose
+from lightprobe.reconstruction import OnStep, decompose
 from lightprobe.runs.progress import OnProgress, clock
 from lightprobe.runs.recorder import PhaseRecorder
 from lightprobe.scene import load_scene
@@ -104,41 +103,29 @@ def run_distill(
     on_progress: OnProgress,
     user_maps: UserMaps,
     predict: PredictConfig,
-    processes: Processes = ALONE,
 ) -> ProbeModel:
     """Phase II into the run folder, going on from the last checkpoint; a finished phase is only loaded.
 
-    `predict`, how the run is to predict from then on, is kept with it. Of several processes the first one
-    writes, and the others find what they need written.
+    `predict`, how the run is to predict from then on, is kept with it.
     """
-    processes.first_then_others(lambda: _record_distill(run, config, seed, user_maps, predict))
+    run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
+    run.record_config("predict", asdict(predict))
     if ProbeModel.exists(run.model_folder):
         return ProbeModel.load(run.model_folder).to(device)
-    recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress) if processes.first else None
+    recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress)
     model = distill(
         decomposition,
-        processes.first_then_others(scene),
+        scene(),
         config,
         device,
         seed,
-        Progress(run.model_checkpoints)
-        if recorder is None
-        else recorder.progress(_distill_steps(recorder, config)),
+        recorder.progress(_distill_steps(recorder, config)),
         environments=user_maps.environments,
         on_lesson=lambda done, total: on_progress("lessons", done, total),
-        processes=processes,
     )
-    if recorder is not None:
-        model.save(run.model_folder)
-        recorder.finish()
+    model.save(run.model_folder)
+    recorder.finish()
     return model
-
-
-def _record_distill(
-    run: RunFolder, config: DistillConfig, seed: int, user_maps: UserMaps, predict: PredictConfig
-) -> None:
-    run.record_config("distill", {"seed": seed, "hdri": user_maps.source, **asdict(config)})
-    run.record_config("predict", asdict(predict))
 
 
 def _distill_steps(recorder: PhaseRecorder, config: DistillConfig) -> OnStep:

@@ -2,7 +2,7 @@
 stopped.
 """
 
-import contextlib
+import functools
 from pathlib import Path
 
 import torch
@@ -10,8 +10,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.device import resolve_device
-from lightprobe.core.failures import reporting_errors, writing
-from lightprobe.core.processes import ALONE, Processes
+from lightprobe.core.failures import writing
 from lightprobe.core.run import RunFolder
 from lightprobe.models import Decomposition
 from lightprobe.report.run_info import fitted_preset
@@ -110,39 +109,21 @@ def distill_run(
     hdri: Path | None = None,
     restart: bool = False,
     on_progress: OnProgress = silent,
-    processes: Processes = ALONE,
 ) -> RunFolder:
     """Train Phase II of a run whose Phase I is finished; the rest as in `train_run`.
 
     preset: by default that of Phase I. scene_folder: where the run's scene is now, if it has moved.
     restart: throw away the run's Phase II and evaluation.
-    processes: those of `core.processes.joined`, which train together; the first one alone writes the run.
     """
     where, run = resolve_device(device), RunFolder.open(Path(run_folder))
     usual = settings(preset or fitted_preset(run))
     second, prediction = distill or usual.distill, predict or usual.predict
     maps = UserMaps.read(hdri, second)
-    with _held(run, processes):
-        if restart and processes.first:
+    with writing(run):
+        if restart:
             restart_distill(run)
         found = Decomposition.load(run, where, calibrated=False)
-        model = run_distill(
-            run,
-            found,
-            lambda: open_scene(run, scene_folder),
-            second,
-            where,
-            seed,
-            on_progress if processes.first else silent,
-            maps,
-            prediction,
-            processes,
-        )
-        if processes.first:
-            keep_accuracy(run, found, model, prediction, where, seed, on_progress)
+        scene = functools.partial(open_scene, run, scene_folder)
+        model = run_distill(run, found, scene, second, where, seed, on_progress, maps, prediction)
+        keep_accuracy(run, found, model, prediction, where, seed, on_progress)
     return run
-
-
-def _held(run: RunFolder, processes: Processes) -> contextlib.AbstractContextManager[None]:
-    """Return what holds the run for writing in the first process, and writes nothing into it in the others."""
-    return writing(run) if processes.first else reporting_errors()

@@ -24,8 +24,7 @@ from torch import Tensor
 
 from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.device import generator
-from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
-from lightprobe.core.processes import ALONE, Processes
+from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.training.adam import ParameterGroup
 from lightprobe.training.descent import Descent, Schedule, constant
 from lightprobe.training.losses import LossReader
@@ -57,10 +56,7 @@ class Task(Protocol):
         """Return what the loss of a step depends on: tensors of any shape."""
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
-        """Return the loss () of a step; `fraction` of the stage is over.
-
-        Where several processes train, this one's, so that their mean is the loss of the step.
-        """
+        """Return the loss () of a step; `fraction` of the stage is over."""
 
     def photos(self, iteration: int) -> str:
         """Return the names of the photos that a step looks at."""
@@ -137,7 +133,6 @@ class Training:
     stages: tuple[Stage, ...]
     checkpoint_every: int  # steps
     progress: Progress = field(default_factory=Progress)
-    processes: Processes = ALONE  # all with the same of the above but what `progress` tells; the first writes
 
     def stage(self, name: str) -> Stage:
         """Return the stage of that name; raise `ValueError` when there is none."""
@@ -157,16 +152,8 @@ class Training:
         """Return the newest checkpoint, None without one.
 
         Raises `ConfigError` for one of another configuration or seed, `InputError` for one of another
-        training or when several processes do not find the same one.
+        training.
         """
-        resumed = self.processes.first_then_others(self._latest)
-        if not self.processes.agree(-1 if resumed is None else resumed.step):
-            raise InputError(
-                "The processes find different checkpoints: the run folder must be one that all see."
-            )
-        return resumed
-
-    def _latest(self) -> Resumed | None:
         latest = self.progress.checkpoints.latest() if self.progress.checkpoints else None
         if latest is None:
             return None
@@ -189,10 +176,8 @@ class Training:
         return Resumed(name, done, step, tensors)
 
     def save(self, stage: Stage, done: int, tensors: dict[str, Tensor]) -> None:
-        """Write the checkpoint of a stage after `done` steps, if there are checkpoints and it is ours to
-        write.
-        """
-        if self.progress.checkpoints and self.processes.first:
+        """Write the checkpoint of a stage after `done` steps, if there are checkpoints."""
+        if self.progress.checkpoints:
             state = {"phase": self.phase, "stage": stage.name, "iteration": done, "config": self.config}
             self.progress.checkpoints.save(stage.first_step + done, tensors, {**state, "seed": self.seed})
             if self.progress.on_checkpoint:
@@ -230,7 +215,6 @@ class Training:
             recordable=task.recordable,
             largest_gradient=stage.largest_gradient,
             after=task.project,
-            processes=self.processes,
         )
         done = 0 if resumed is None else resumed.done
         if resumed is not None and done > 0:
