@@ -5,8 +5,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config.distillation import DistillConfig
+from lightprobe.distillation.examples import ExampleMaker, TrainingExample
 from lightprobe.geometry.textures import Textures
-from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap, prefilter
 from lightprobe.prediction.observation import Observation, observe
 from lightprobe.render.asset import Asset, rasterize_asset
@@ -55,12 +55,12 @@ def photograph(asset: Asset, camera: Camera, light: Tensor) -> Pixels:
 
 def lesson(
     asset: Asset, camera: Camera, light: Tensor, name: str, config: DistillConfig | None = None
-) -> Lesson:
+) -> TrainingExample:
     """Return the lesson of a photo whose teacher is the true light."""
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
     color, clipped = (torch.from_numpy(x).reshape(-1, 3)[gbuffer.pixel] for x in (photo.color, photo.clipped))
-    return LessonMaker(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(
+    return ExampleMaker(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(
         name, color, clipped, light
     )
 
@@ -90,7 +90,7 @@ PATCHES = (
 )
 
 
-def lessons(asset: Asset) -> list[Lesson]:
+def lessons(asset: Asset) -> list[TrainingExample]:
     """Return six photos from one viewpoint, each with its patch elsewhere."""
     camera = camera_at((2.6, 1.4, 1.2), size=48, focal=64.0)
     return [lesson(asset, camera, patch_light(patch), f"photo{k}") for k, patch in enumerate(PATCHES)]

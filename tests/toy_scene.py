@@ -85,8 +85,6 @@ TINY = [
     "5",
     "--decompose.trial-steps",
     "3",
-    "--decompose.light-solve-iterations",
-    "2",
 ]
 
 
@@ -113,8 +111,6 @@ TINY_DISTILL = [
     "5",
     "--distill.sphere-steps",
     "6",
-    "--distill.sphere-batch",
-    "2",
     "--distill.sphere-width",
     "4",
     "--distill.synthetic-lessons",

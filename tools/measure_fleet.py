@@ -67,7 +67,6 @@ FEW_STEPS = SceneOptions(
         light_solve_pixels=256,
         checkpoint_every=2,
         trial_steps=0,
-        light_solve_iterations=2,
         unwrap_seconds=3600,  # a busy machine changes no bit
     ),
     DistillConfig(

@@ -54,12 +54,11 @@ _DECOMPOSE = DecomposeConfig(
     texture_size=64,
     pass3_texture_size=64,
     light_solve_pixels=512,
-    light_solve_iterations=4,
     unwrap_seconds=0.0,
     trial_steps=0,
 )
 _DISTILL = DistillConfig(
-    steps=40, samples=256, light_resolution=8, synthetic_lessons=8, sphere_steps=3, sphere_batch=2
+    steps=40, samples=256, light_resolution=8, synthetic_lessons=8, sphere_steps=3
 )
 
 

@@ -82,7 +82,7 @@ def solved(color: Tensor, clipped: Tensor, pixels: GBuffer, factor: float, confi
     """Return the light of a photo's `pixels` with base colours times a factor."""
     pixels = brightened(pixels, factor)
     size = config.light_resolution
-    grey, pull = torch.full((6, size, size, 3), 0.5), config.final_light_regularisation
+    grey, pull = torch.full((6, size, size, 3), 0.5), 0.003
     observed, bounds = color[pixels.pixel], clipped[pixels.pixel]
     return solve_target_light(observed, bounds, pixels, grey, None, config, _ROUNDS, regularisation=pull)
 

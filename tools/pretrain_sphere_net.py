@@ -5,7 +5,7 @@
 What turns evidence on the sphere into a light is much the same for all objects: which stacked averages to trust, how
 far a blurred lamp is to be sharpened, what a sky looks like where nothing was seen. A training on one object has time
 for a few hundred lights; this one sees 17 000, turned and mirrored, on random solids of random materials under the
-generated places of `lightprobe.lessons.generated_lights`. No photo and no light of any scene enters.
+generated places of `lightprobe.distillation.generated_lights`. No photo and no light of any scene enters.
 """
 
 import argparse
@@ -44,7 +44,6 @@ def main() -> None:
         quick(),
         steps=given.steps,
         sphere_steps=given.sphere_steps,
-        sphere_learning_rate=2e-3,
         pretrained=False,
     )
     learn(config, given.solids, given.seed, given.out, resolve_device(given.device))

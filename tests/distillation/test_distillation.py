@@ -272,12 +272,12 @@ def test_the_paper_s_network_is_told_what_the_paper_names(photos):
 def test_the_printed_loss_is_in_the_photo_s_own_radiance(photos):
     """With both weights off it is the relative one times the squared light level."""
     config = replace(MLP_ONLY, loss_space=LossSpace.LINEAR, intensity_weight=False, sample_weight=False)
-    given = mlp_training.lesson_tensors(photos[0], config, 0, 0)
+    given = mlp_training.example_tensors(photos[0], config, 0, 0)
     angles = cubemap.solid_angles(16).reshape(-1)
     network = new_network(config).requires_grad_(False)
     relative, own = (
         float(
-            mlp_training.lesson_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit))
+            mlp_training.example_loss(network, given, DIRECTIONS, angles, replace(config, radiance_unit=unit))
         )
         for unit in (RadianceUnit.LEVEL, RadianceUnit.PHOTO)
     )
@@ -286,8 +286,8 @@ def test_the_printed_loss_is_in_the_photo_s_own_radiance(photos):
 
 def test_texels_count_alike_without_their_solid_angles(photos, monkeypatch):
     seen = []
-    loss = mlp_training.lesson_loss
-    monkeypatch.setattr(mlp_training, "lesson_loss", lambda *given: seen.append(given[3]) or loss(*given))
+    loss = mlp_training.example_loss
+    monkeypatch.setattr(mlp_training, "example_loss", lambda *given: seen.append(given[3]) or loss(*given))
     train(photos, replace(MLP_ONLY, steps=1, solid_angle_weight=False), CPU, 0)
     assert float(seen[0].sum()) == pytest.approx(4 * math.pi, rel=1e-5)
     assert float(seen[0].min()) == float(seen[0].max())

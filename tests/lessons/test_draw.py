@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 import torch
 
-from lightprobe.lessons.draw import Draw, beside, upright
+from lightprobe.distillation.draw import Draw, beside, upright
 from lightprobe.light import cubemap
 
 

@@ -2,9 +2,9 @@ import math
 
 import pytest
 import torch
-
 from lightprobe.lessons import generated_lights
-from lightprobe.lessons.generated_lights import Place, generated_light
+
+from lightprobe.distillation.generated_lights import Place, generated_light
 from lightprobe.light import cubemap
 
 ANGLE = cubemap.solid_angles(16)[..., None] / (4 * math.pi)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from lightprobe.lessons import lessons as module
 
 from lightprobe.core.config.distillation import DistillConfig, Lessons
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.lessons import lessons as module
-from lightprobe.lessons.lessons import collect_lessons
+from lightprobe.distillation.examples import collect_examples
 from lightprobe.light.environment import Environment
 from lightprobe.scene import load_scene
 from tests.lit_sphere import CORNER, CPU, glossy_sphere, lesson, patch_light
@@ -27,7 +27,7 @@ def world(tmp_path_factory):
 
 
 def collect(world, lessons, **options):
-    return collect_lessons(*world, replace(CONFIG, lessons=lessons), CPU, 0, **options)
+    return collect_examples(*world, replace(CONFIG, lessons=lessons), CPU, 0, **options)
 
 
 @pytest.mark.slow
@@ -56,7 +56,7 @@ def test_a_lesson_s_light_is_relative_to_its_photo_s_level():
 @pytest.mark.slow
 def test_equal_seeds_give_equal_lessons_and_progress_is_told(world):
     told = []
-    first = collect(world, ExampleSource.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
+    first = collect(world, ExampleSource.SYNTHETIC, on_example=lambda *progress: told.append(progress))
     again = collect(world, ExampleSource.SYNTHETIC)
     assert all(torch.equal(a.pixels.color, b.pixels.color) for a, b in zip(first, again, strict=True))
     assert told[-1] == (len(world[2].train), len(world[2].train))
@@ -72,7 +72,7 @@ def test_photos_that_show_too_little_leave_their_share_to_others(world, monkeypa
         "_training_view",
         lambda asset, photo, *rest: None if photo.name in unseen else view(asset, photo, *rest),
     )
-    found = collect(world, ExampleSource.SYNTHETIC, on_lesson=lambda *progress: told.append(progress))
+    found = collect(world, ExampleSource.SYNTHETIC, on_example=lambda *progress: told.append(progress))
     assert [each.name for each in found] == [f"synthetic {k}" for k in range(7)]
     assert told[-1] == (len(names), len(names))
 
@@ -88,7 +88,7 @@ def test_maps_of_the_user_are_lit_with(world):
 
 def test_a_scene_without_the_object_and_an_unknown_choice_are_refused(world):
     with pytest.raises(InputError, match="shows the reconstructed object"):
-        collect_lessons(world[0], {}, world[2], CONFIG, CPU, 0)
+        collect_examples(world[0], {}, world[2], CONFIG, CPU, 0)
     with pytest.raises(ConfigError, match="cannot be used"):
         DistillConfig.from_json({"lessons": "magic"})
     with pytest.raises(ConfigError, match="sphere_steps"):

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from lightprobe.core.device import generator
-from lightprobe.lessons.draw import Draw
-from lightprobe.lessons.synthetic import LightPool, erroneous, photograph, rerender
+from lightprobe.distillation.draw import Draw
+from lightprobe.distillation.synthetic import LightPool, erroneous, photograph, rerender
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.environment import Environment
 from lightprobe.light.resize import rotate_light
@@ -102,12 +102,12 @@ def test_errors_and_photos_are_made_where_the_g_buffer_is(gbuffer, monkeypatch):
 @pytest.mark.slow
 def test_a_pool_turns_and_mixes_its_lights_on_its_device(monkeypatch):
     monkeypatch.setattr(
-        "lightprobe.lessons.generated_lights._mean_above", lambda d, radiance: radiance.mean(0)
+        "lightprobe.distillation.generated_lights._mean_above", lambda d, radiance: radiance.mean(0)
     )
     pool = LightPool(
         torch.tensor([0.0, 0.0, 1.0]), [Environment(patch_light((0, 0, 1)))], [], 16, 1, torch.device("meta")
     )
     monkeypatch.setattr(
-        "lightprobe.lessons.synthetic.rotate_light", lambda light, turn, resolution: light + turn.sum()
+        "lightprobe.distillation.synthetic.rotate_light", lambda light, turn, resolution: light + turn.sum()
     )
     assert {pool.light(k).device.type for k in range(20)} == {"meta"}

@@ -158,7 +158,7 @@ def test_training_ends_halfway_between_the_bundled_network_and_what_was_learned(
     asset, camera = glossy_sphere(), camera_at((2.6, 1.4, 1.2), size=40, focal=53.0)
     photos = [lesson(asset, camera, patch_light((1.0, 0.3, 0.4)), "photo")]
     start = new_sphere(DistillConfig())
-    config = DistillConfig(steps=1, samples=256, width=16, depth=1, sphere_steps=1, sphere_batch=1)
+    config = DistillConfig(steps=1, samples=256, width=16, depth=1, sphere_steps=1)
     learned = train(photos, config, CPU, 0).sphere
     moved = max(
         float((a - b).detach().abs().max())

@@ -9,9 +9,9 @@ import pretrain_sphere_net
 from lightprobe.core.checkpoint import load_tensors
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import generator
+from lightprobe.distillation.draw import Draw
 from lightprobe.distillation.sphere_training import sphere_examples, sphere_loss
 from lightprobe.geometry.mesh import is_closed
-from lightprobe.lessons.draw import Draw
 from lightprobe.models.probe_model import new_network, new_sphere
 from pretraining import photos
 from pretraining.photos import LIGHTS, VIEWS, lessons_of

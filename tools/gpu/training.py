@@ -140,7 +140,7 @@ def learn(
         device,
         setting.seed,
         progress,
-        on_lesson=lambda done, count: pace.step(f"{place}: photos turned into lessons", done, count),
+        on_example=lambda done, count: pace.step(f"{place}: photos turned into lessons", done, count),
     )
     return Learned(found, model, middle - begin, time.perf_counter() - middle, _memory(device))
 

@@ -12,12 +12,12 @@ from torch.nn.functional import normalize
 
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import draw_rows, generator
+from lightprobe.distillation.draw import Draw
+from lightprobe.distillation.examples import ExampleMaker, TrainingExample
+from lightprobe.distillation.generated_lights import generated_light
+from lightprobe.distillation.synthetic import rerender
 from lightprobe.evaluation.viewpoints import look_at
 from lightprobe.geometry.mesh import vertex_normals
-from lightprobe.lessons.draw import Draw
-from lightprobe.lessons.generated_lights import generated_light
-from lightprobe.lessons.lesson import Lesson, LessonMaker
-from lightprobe.lessons.synthetic import rerender
 from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import View, face_camera, visible_surface
@@ -94,7 +94,7 @@ def views(number: int, seed: int) -> Iterator[GBuffer]:
 
 
 @torch.no_grad()
-def lessons_of(number: int, config: DistillConfig, seed: int) -> list[Lesson]:
+def lessons_of(number: int, config: DistillConfig, seed: int) -> list[TrainingExample]:
     """Return the lessons of all views of solid `number`, each under lights of its own."""
     lessons = []
     error = Draw(generator(seed, "up", number)).normal(3)
@@ -102,12 +102,14 @@ def lessons_of(number: int, config: DistillConfig, seed: int) -> list[Lesson]:
     for k, gbuffer in enumerate(views(number, seed)):
         every = torch.arange(len(gbuffer.pixel))
         gbuffer = gbuffer.select(draw_rows(every, PIXELS, generator(seed, f"pixels/{number}", k)))
-        desk = LessonMaker(gbuffer, up, config)
+        desk = ExampleMaker(gbuffer, up, config)
         for light_number in range((number * VIEWS + k) * LIGHTS, (number * VIEWS + k + 1) * LIGHTS):
             light = generated_light(RESOLUTION, seed=seed, step=light_number)
             color, exposure = rerender(gbuffer, light, Draw(generator(seed, "rerender", light_number)))
             lessons.append(
-                desk.lesson(f"solid {number}, light {light_number}", color, color >= CLIPPED, light, exposure)
+                desk.example(
+                    f"solid {number}, light {light_number}", color, color >= CLIPPED, light, exposure
+                )
             )
     return lessons
 

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from lightprobe.distillation.draw import Draw, upright
 from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra
 from lightprobe.geometry.mesh import clean, decimate
 from lightprobe.geometry.tet_lattice import build_lattice
-from lightprobe.lessons.draw import Draw, upright
 
 CELLS = 40  # of the lattice, per edge
 REACH = 1.3  # half edge of the lattice

@@ -13,9 +13,8 @@ import torch
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
 from lightprobe.core.errors import InputError
 from lightprobe.core.memory import peak_memory
+from lightprobe.distillation.examples import collect_examples
 from lightprobe.distillation.training import train
-from lightprobe.lessons.lesson import Lesson
-from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.reconstruction import Progress, decompose
 from lightprobe.report.provenance import commit, machine
 from lightprobe.scene.photo import Scene
@@ -119,7 +118,7 @@ def measure(scene: Scene, sizes: Sizes, photos: int, steps: int, device: torch.d
     found = decompose(scene, config, device, 0, Progress(on_step=on_step))
     begin, busy = _clocks()
     second = dataclasses.replace(sizes.distill, steps=steps)
-    lessons = collect_lessons(found.asset, found.lights, scene, second, device, 0)
+    lessons = collect_examples(found.asset, found.lights, scene, second, device, 0)
     made, busy = ((now - then) / len(lessons) for now, then in zip(_clocks(), (begin, busy), strict=True))
     train(lessons, second, device, 0, Progress(on_step=lambda _, *step: on_step("Phase II", *step)))
     seconds, work = (
@@ -150,7 +149,7 @@ def _step_seconds(stamps: list[float], device: torch.device) -> float:
     return (stamps[-1] - stamps[half - 1]) / (len(stamps) - half)
 
 
-def _held(lesson: Lesson) -> int:
+def _held(lesson: TrainingExample) -> int:
     tensors = [
         *lesson.pixels.tensors(),
         *(value for value in vars(lesson).values() if isinstance(value, torch.Tensor)),
@@ -173,7 +172,7 @@ def works(sizes: Sizes) -> dict[str, Work]:
     vertices, pixels = (first.lattice_cells + 1) ** 3, first.pass1_side**2
     network = 39 * 64 + 2 * 64 * 64 + 64  # multiply-adds of the distances' MLP
     light = 3 * 6 * first.light_resolution**2
-    table = first.hash_levels * 2**first.hash_log2_size * first.hash_features
+    table = first.hash_levels * 2**first.hash_log2_size * 2
     shading = 4 * 60 * pixels * 3 * 2  # some sixty maps of three channels, there and back
     texels = 8 * first.texture_size**2
     pairs = second.samples * 6 * second.light_resolution**2

@@ -10,10 +10,10 @@ import torch
 from torch import nn
 
 from lightprobe.core.config.distillation import DistillConfig
-from lightprobe.distillation.mlp_training import lesson_loss, lesson_tensors
+from lightprobe.distillation.examples import ExampleMaker, TrainingExample
+from lightprobe.distillation.mlp_training import example_loss, example_tensors
 from lightprobe.distillation.sphere_training import batch, sphere_examples, sphere_loss
 from lightprobe.distillation.training import train
-from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.light import cubemap
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.render.asset import Asset, rasterize_asset
@@ -25,19 +25,19 @@ from speed.phase1 import SEED, picture
 UP = torch.tensor([0.0, 0.0, 1.0])
 
 
-def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[Lesson]:
+def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[TrainingExample]:
     """Return a lesson from each of `count` cameras."""
     lessons = []
     for number in range(count):
         gbuffer = rasterize_asset(asset, camera(config.max_side, number, count), CPU)
         photo = picture(asset, config.max_side, number, count)
-        desk = LessonMaker(gbuffer, UP, config)
+        desk = ExampleMaker(gbuffer, UP, config)
         at = gbuffer.pixel
-        lessons.append(desk.lesson(photo.name, photo.color[at], photo.clipped[at], light(LIT, number)))
+        lessons.append(desk.example(photo.name, photo.color[at], photo.clipped[at], light(LIT, number)))
     return lessons
 
 
-def step_seconds(lessons: list[Lesson], config: DistillConfig, steps: int) -> dict[str, float]:
+def step_seconds(lessons: list[TrainingExample], config: DistillConfig, steps: int) -> dict[str, float]:
     """Return the median seconds of a step of the illumination MLP and of the sphere network."""
     stamps: list[float] = []
     short = replace(config, steps=steps + WARM, sphere_steps=steps + WARM)
@@ -48,7 +48,9 @@ def step_seconds(lessons: list[Lesson], config: DistillConfig, steps: int) -> di
     }
 
 
-def profile(lessons: Sequence[Lesson], config: DistillConfig, steps: int) -> dict[str, dict[str, float]]:
+def profile(
+    lessons: Sequence[TrainingExample], config: DistillConfig, steps: int
+) -> dict[str, dict[str, float]]:
     """Return the median seconds of each part of a step of both networks."""
     network, sphere = new_network(config, SEED), new_sphere(config, SEED)
     directions = cubemap.directions(config.light_resolution).reshape(-1, 3)
@@ -62,11 +64,11 @@ def profile(lessons: Sequence[Lesson], config: DistillConfig, steps: int) -> dic
             adam.forget_gradients()
             with parts.part("network and loss"):
                 if module is sphere:
-                    maps, lights = batch(examples, config, SEED, step)
+                    maps, lights = batch(examples, SEED, step)
                     loss = sphere_loss(sphere(maps), lights)
                 else:
-                    given = lesson_tensors(lessons[step % len(lessons)], config, SEED, step)
-                    loss = lesson_loss(network, given, directions, angles, config)
+                    given = example_tensors(lessons[step % len(lessons)], config, SEED, step)
+                    loss = example_loss(network, given, directions, angles, config)
             with parts.part("backward"):
                 loss.backward()
             with parts.part("optimiser"):

@@ -45,7 +45,7 @@ def small() -> Size:
         light_resolution=16,
         light_solve_pixels=512,
     )
-    return Size(first, DistillConfig(max_side=64, samples=256, sphere_batch=1, sphere_width=8), (2, 4), 3, 2)
+    return Size(first, DistillConfig(max_side=64, samples=256, sphere_width=8), (2, 4), 3, 2)
 
 
 def photo_tables(size: Size) -> list[str]:

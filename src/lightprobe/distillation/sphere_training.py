@@ -1,4 +1,4 @@
-"""Training of the sphere network on lessons turned into maps.
+"""Training of the sphere network on training examples turned into maps.
 
 Notation: E, P true and predicted light relative to the light level, (B, 3, 1536) texels; g(x) = log(x + e).
 
@@ -19,37 +19,34 @@ from torch import Tensor
 
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import generator, to_device
+from lightprobe.distillation.examples import TrainingExample
 from lightprobe.distillation.network_task import NetworkTask, mixed_precision
-from lightprobe.lessons.lesson import Lesson
 from lightprobe.light import cubemap
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.models.illumination_mlp import IlluminationMlp
 from lightprobe.models.probe_maps import BLACK, RESOLUTION, probe_maps, turned
+from lightprobe.models.probe_model import starts_pretrained
 from lightprobe.models.sampling import sample_pixels
 from lightprobe.models.sphere_net import SphereNet
 from lightprobe.training.descent import Schedule
 
 _WARM_UP = 50  # steps
+_BATCH = 8  # photos in a step
+_RATE, _RATE_FROM_NOISE = 5e-4, 2e-3  # largest Adam step from the bundled weights, and from random ones
 _SATIN = 0.06  # exponential width in 1 - cosine
 
 
 class SphereTask(NetworkTask):
     """The sphere network and the examples it learns from."""
 
-    def __init__(
-        self,
-        sphere: SphereNet,
-        examples: "SphereExamples",
-        config: DistillConfig,
-        seed: int,
-    ):
-        super().__init__(sphere, "sphere", config.sphere_learning_rate)
-        self._examples, self._config, self._seed = examples, config, seed
+    def __init__(self, sphere: SphereNet, examples: "SphereExamples", config: DistillConfig, seed: int):
+        super().__init__(sphere, "sphere", _RATE if starts_pretrained(config) else _RATE_FROM_NOISE)
+        self._examples, self._seed = examples, seed
         self._forward = mixed_precision(sphere, examples.maps.device)
 
     def given(self, iteration: int) -> tuple[Tensor, ...]:
         """Return the maps and lights of a step, as `batch`."""
-        return batch(self._examples, self._config, self._seed, iteration)
+        return batch(self._examples, self._seed, iteration)
 
     def loss(self, iteration: int, fraction: float, *given: Tensor) -> Tensor:
         """Return the `sphere_loss` () of the batch `given`."""
@@ -63,7 +60,7 @@ class SphereTask(NetworkTask):
 
 @dataclass(frozen=True)
 class SphereExamples:
-    """All lessons as the sphere network sees them."""
+    """All examples as the sphere network sees them."""
 
     maps: Tensor  # (L, 19, 6, 16, 16)
     lights: Tensor  # (L, 3, 1536) relative radiance
@@ -71,20 +68,19 @@ class SphereExamples:
 
 @torch.no_grad()
 def sphere_examples(
-    network: IlluminationMlp, lessons: Sequence[Lesson], config: DistillConfig, seed: int
+    network: IlluminationMlp, examples: Sequence[TrainingExample], config: DistillConfig, seed: int
 ) -> SphereExamples:
-    """Return the maps of all lessons, from as many pixels as the MLP's training steps take."""
+    """Return the maps of all examples, from as many pixels as the MLP's training steps take."""
     maps, lights = [], []
-    for number, lesson in enumerate(lessons):
-        chosen = sample_pixels(
-            lesson.pixels.roughness, config.samples, seed=seed, stream="album-pixels", step=number
-        )
-        pixels = lesson.pixels.take(chosen)
-        colors = network(pixels, lesson.light_level)
-        clipped = lesson.clipped[chosen]
-        level, solved = lesson.light_level, lesson.solved
-        maps.append(probe_maps(pixels, colors, clipped, level, solved, lesson.up, config.alpha_rule))
-        lights.append(_at_resolution(lesson.teacher).reshape(-1, 3).T)
+    for number, example in enumerate(examples):
+        roughness = example.pixels.roughness
+        chosen = sample_pixels(roughness, config.samples, seed=seed, stream="album-pixels", step=number)
+        pixels = example.pixels.take(chosen)
+        colors = network(pixels, example.light_level)
+        clipped = example.clipped[chosen]
+        level, solved = example.light_level, example.solved
+        maps.append(probe_maps(pixels, colors, clipped, level, solved, example.up, config.alpha_rule))
+        lights.append(_at_resolution(example.target).reshape(-1, 3).T)
     return SphereExamples(torch.stack(maps), torch.stack(lights).contiguous())
 
 
@@ -99,20 +95,17 @@ def sphere_loss(log_light: Tensor, lights: Tensor) -> Tensor:
     return loss
 
 
-def batch(examples: SphereExamples, config: DistillConfig, seed: int, step: int) -> tuple[Tensor, Tensor]:
-    """Return the maps (B, 19, 6, 16, 16) and lights (B, 3, 1536) of the lessons of `step`.
+def batch(examples: SphereExamples, seed: int, step: int) -> tuple[Tensor, Tensor]:
+    """Return the maps (B, 19, 6, 16, 16) and lights (B, 3, 1536) of the examples of `step`.
 
-    They are drawn at random, and each is turned or mirrored at random.
-    Light that falls on a turned object from a turned sphere teaches the same once more, and costs no
-    rendering.
+    They are drawn at random, and each is turned or mirrored at random: light that falls on a turned object
+    from a turned sphere teaches the same once more, and costs no rendering.
     """
-    random = generator(seed, "sphere-batch", step)
-    chosen = to_device(
-        torch.randint(len(examples.maps), (config.sphere_batch,), generator=random), examples.maps.device
-    )
-    symmetries, _ = cubemap.symmetries(RESOLUTION, examples.maps.device)
-    turn = to_device(
-        torch.randint(len(symmetries), (config.sphere_batch,), generator=random), examples.maps.device
+    random, device = generator(seed, "sphere-batch", step), examples.maps.device
+    symmetries, _ = cubemap.symmetries(RESOLUTION, device)
+    chosen, turn = (
+        to_device(torch.randint(len(of), (_BATCH,), generator=random), device)
+        for of in (examples.maps, symmetries)
     )
     lights = examples.lights[chosen]
     return turned(examples.maps[chosen], turn), lights.gather(2, symmetries[turn][:, None].expand_as(lights))
@@ -144,8 +137,8 @@ def _lobes(device: torch.device) -> tuple[Tensor, ...]:
     return tuple(lobe / lobe.sum(0) for lobe in lobes)
 
 
-def _at_resolution(teacher: Tensor) -> Tensor:
+def _at_resolution(light: Tensor) -> Tensor:
     """Return relative radiance (M, 3) on a cubemap of any resolution as (6, 16, 16, 3)."""
-    side = math.isqrt(len(teacher) // 6)
-    light = teacher.reshape(6, side, side, 3)
+    side = math.isqrt(len(light) // 6)
+    light = light.reshape(6, side, side, 3)
     return resize_light(light, RESOLUTION) if side >= RESOLUTION else magnify_light(light, RESOLUTION)

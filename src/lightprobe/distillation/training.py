@@ -10,10 +10,9 @@ from torch import Tensor
 from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import full_precision
+from lightprobe.distillation.examples import TrainingExample, collect_examples
 from lightprobe.distillation.mlp_training import MlpTask
 from lightprobe.distillation.sphere_training import SphereTask, schedule, sphere_examples
-from lightprobe.lessons.lesson import Lesson
-from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.illumination_mlp import IlluminationMlp
@@ -35,21 +34,21 @@ def distill(
     progress: Progress | None = None,
     *,
     environments: Sequence[Environment] = (),
-    on_lesson: Callable[[int, int], None] | None = None,
+    on_example: Callable[[int, int], None] | None = None,
 ) -> ProbeModel:
     """Train the predictors on the scene's training photos and on re-rendered ones, and return the model.
 
     Without `config` the preset `quick`, without `device` the CPU. With `progress.checkpoints`, an interrupted
     call goes on from the newest one and ends with the same bits on a CPU. environments: of any resolution, to
-    re-render under as well. on_lesson: hears of (done, all) photos prepared. Raises `InputError`
-    when no photo shows the object, `ConfigError` when the checkpoints are of another configuration,
+    re-render under as well. on_example: hears of (done, all) photos prepared. Raises `InputError` when no
+    photo shows the object, `ConfigError` when the checkpoints are of another configuration,
     `ConvergenceError` when the loss stops being finite.
     """
     config, device = config or DistillConfig(), full_precision(device or torch.device("cpu"))
-    lessons = collect_lessons(
-        decomposition.asset, decomposition.lights, scene, config, device, seed, environments, on_lesson
+    examples = collect_examples(
+        decomposition.asset, decomposition.lights, scene, config, device, seed, environments, on_example
     )
-    return train(lessons, config, device, seed, progress, maps=_digest(environments))
+    return train(examples, config, device, seed, progress, maps=_digest(environments))
 
 
 def _digest(environments: Sequence[Environment]) -> str:
@@ -62,15 +61,13 @@ def _digest(environments: Sequence[Environment]) -> str:
 
 def stages(config: DistillConfig) -> tuple[Stage, Stage]:
     """Return the training of the illumination MLP and that of the sphere network."""
-    mlp = Stage("network", 0, config.steps)
-    sphere = Stage(
-        "sphere", config.steps, config.sphere_steps, schedule(config), largest_gradient=_LARGEST_GRADIENT
-    )
-    return mlp, sphere
+    rates = schedule(config)
+    sphere = Stage("sphere", config.steps, config.sphere_steps, rates, largest_gradient=_LARGEST_GRADIENT)
+    return Stage("network", 0, config.steps), sphere
 
 
 def train(
-    lessons: list[Lesson],
+    examples: list[TrainingExample],
     config: DistillConfig,
     device: torch.device,
     seed: int,
@@ -78,9 +75,9 @@ def train(
     *,
     maps: str = "",
 ) -> ProbeModel:
-    """Train on lessons already collected; the rest as in `distill`.
+    """Train on examples already collected; the rest as in `distill`.
 
-    maps: a digest of the user's maps that lessons are lit by; checkpoints of others are of another
+    maps: a digest of the user's maps that examples are lit by; checkpoints of others are of another
     configuration.
     """
     first, second = passes = stages(config)
@@ -89,7 +86,7 @@ def train(
     network = new_network(config, seed).to(device)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:
-        training.run(MlpTask(network, lessons, config, seed), first, resumed)
+        training.run(MlpTask(network, examples, config, seed), first, resumed)
         resumed = None
     else:
         with training.restoring(resumed.step):
@@ -97,12 +94,12 @@ def train(
     sphere = None
     if config.sphere_steps:
         sphere = new_sphere(config, seed).to(device)
-        examples = sphere_examples(network, lessons, config, seed)
-        training.run(SphereTask(sphere, examples, config, seed), second, resumed, _parameters(network))
+        seen = sphere_examples(network, examples, config, seed)
+        training.run(SphereTask(sphere, seen, config, seed), second, resumed, _parameters(network))
         sphere = _learned(sphere, config, seed).requires_grad_(False)
     side = config.light_resolution
-    mean = torch.stack([lesson.teacher for lesson in lessons]).mean(0).reshape(6, side, side, 3)
-    return ProbeModel(network.requires_grad_(False), Environment(mean), lessons[0].up, config, sphere)
+    mean = torch.stack([example.target for example in examples]).mean(0).reshape(6, side, side, 3)
+    return ProbeModel(network.requires_grad_(False), Environment(mean), examples[0].up, config, sphere)
 
 
 def _parameters(network: IlluminationMlp) -> dict[str, Tensor]:
@@ -113,7 +110,7 @@ def _parameters(network: IlluminationMlp) -> dict[str, Tensor]:
 def _learned(sphere: SphereNet, config: DistillConfig, seed: int) -> SphereNet:
     """Return the trained network, halfway back to the bundled one if it came from there.
 
-    One object's few lessons teach its errors and make the network forget what lights are like. The mean of
+    One object's few examples teach its errors and make the network forget what lights are like. The mean of
     the weights before and after keeps both, at no cost (Wortsman et al. 2022, "Robust fine-tuning of
     zero-shot models").
     """

@@ -19,12 +19,12 @@ from torch import Tensor
 from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.core.device import generator
 from lightprobe.core.errors import InputError
+from lightprobe.distillation.draw import Draw, upright
+from lightprobe.distillation.generated_lights import generated_light
+from lightprobe.distillation.synthetic import rerender
 from lightprobe.evaluation.metrics import aligned, log_difference
 from lightprobe.evaluation.three_spheres import SPHERES
 from lightprobe.evaluation.true_light import TrueLight
-from lightprobe.lessons.draw import Draw, upright
-from lightprobe.lessons.generated_lights import generated_light
-from lightprobe.lessons.synthetic import rerender
 from lightprobe.light.cubemap import sphere_mean
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition, ProbeModel

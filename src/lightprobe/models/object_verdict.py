@@ -11,7 +11,8 @@ It hardly sees how bright the whole object is, as light and base colour share a 
 lights tell a little: where more of it comes from behind the object than from the camera's side, photo after
 photo, the object is taken for too bright, and where less, for too dark (`reconstruction.front_bias`). Photos
 that are not cut out tell more: their lights are about as bright as what they show around the object
-(`reconstruction.trials.plausibility`). `lightprobe calibrate` settles the factor from one known patch or lamp.
+(`reconstruction.trials.plausibility`). `lightprobe calibrate` settles the factor from one known patch or
+lamp.
 """
 
 import math

@@ -1,7 +1,7 @@
 """What one photo says about its light, gathered on the sphere: the input of the sphere network.
 
-Every map lives on a cubemap of 6 x 16 x 16 texels and is relative to the photo's light level s, so that nothing depends
-on exposure. Per texel, with `e` against the logarithm of nothing:
+Every map lives on a cubemap of 6 x 16 x 16 texels and is relative to the photo's light level s, so that
+nothing depends on exposure. Per texel, with `e` against the logarithm of nothing:
 
     3   log(P0 + e), P0 the stacked average light each pixel saw (Equation 5 with the untrained network's colours)
     3   log(P + e), P the stacked colours of the illumination MLP
@@ -10,8 +10,9 @@ on exposure. Per texel, with `e` against the logarithm of nothing:
     1   log coverage: the mean distribution of the pixels against its mean over the sphere
     3   cosine with up, with the mean view direction, and with what lies to the right of both
 
-Local averages and the global inversion fail in different places; both come with what tells how far to trust them.
-The last three say where light tends to come from, in a frame that means the same for every object and camera.
+Local averages and the global inversion fail in different places; both come with what tells how far to trust
+them. The last three say where light tends to come from, in a frame that means the same for every object and
+camera.
 """
 
 import torch

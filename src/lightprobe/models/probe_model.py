@@ -1,4 +1,4 @@
-"""What Phase II leaves behind: the trained networks and the average light of their lessons."""
+"""What Phase II leaves behind: the trained networks and the average light of their training examples."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ Network = TypeVar("Network", bound=nn.Module)
 class ProbeModel:
     """A trained light predictor for one object.
 
-    `mean_light` is the mean light of all lessons relative to each one's light level: what the light
+    `mean_light` is the mean light of all training examples relative to each one's light level: what the light
     usually is in directions that a photo says nothing about.
     """
 
@@ -104,10 +104,6 @@ def _load_network(path: Path, tensors: dict[str, Tensor], config: DistillConfig)
     check_tensors(weights, {"layers.0.weight": TensorRule((config.width, "inputs"))}, path, RETRAIN)
     if layers != config.depth + 1:
         raise damaged(path, f"it has {layers} layers, and {_CONFIG} {config.depth + 1}", RETRAIN)
-    if config.frequencies > weights["layers.0.weight"].shape[1]:
-        raise damaged(
-            path, f"it takes fewer inputs than the {config.frequencies} frequencies of {_CONFIG}", RETRAIN
-        )
     return _filled(new_network(config), weights, path, RETRAIN)
 
 
@@ -130,7 +126,7 @@ def _filled(network: Network, weights: dict[str, Tensor], path: Path, remedy: st
 
 def new_network(config: DistillConfig, seed: int = 0) -> IlluminationMlp:
     """Return an untrained network of the configured size."""
-    return IlluminationMlp(config.width, config.depth, config.frequencies, seed, config.network)
+    return IlluminationMlp(config.width, config.depth, seed, config.network)
 
 
 def new_sphere(config: DistillConfig, seed: int = 0) -> SphereNet:

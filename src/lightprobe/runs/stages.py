@@ -121,7 +121,7 @@ def run_distill(
         seed,
         recorder.progress(_distill_steps(recorder, config)),
         environments=user_maps.environments,
-        on_lesson=lambda done, total: on_progress("lessons", done, total),
+        on_example=lambda done, total: on_progress("lessons", done, total),
     )
     model.save(run.model_folder)
     recorder.finish()

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import generator
-from lightprobe.lessons.draw import Draw, beside, upright
+from lightprobe.distillation.draw import Draw, beside, upright
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
 
@@ -93,9 +93,7 @@ def _disc(d: Tensor, towards: Tensor, degrees: float) -> Tensor:
 
 
 def _panel(d: Tensor, towards: Tensor, turn: float, width: float, height: float) -> Tensor:
-    """Return the mask (M, 1) of a flat rectangle facing the object; width and height are half sizes at
-    distance 1.
-    """
+    """Return the mask (M, 1) of a flat rectangle facing the object, of half sizes at distance 1."""
     x, y, z = (d @ beside(upright(towards, turn), d).T).unbind(1)
     depth = z.clamp(min=1e-3)
     inside = _step(1.1, 0.95, (x / depth).abs() / width) * _step(1.1, 0.95, (y / depth).abs() / height)
@@ -177,9 +175,8 @@ def _overcast(d: Tensor, draw: Draw) -> Tensor:
 def _room(d: Tensor, draw: Draw) -> Tensor:
     size = torch.tensor([[draw.scale(1, 6), draw.scale(1, 6), draw.scale(0.9, 3)] for _ in range(2)])
     ahead, behind = beside(size, d)
-    reach = torch.where(d > 0, ahead, behind) / d.abs().clamp(
-        min=1e-4
-    )  # along d to the wall, floor or ceiling
+    # Along d to the wall, floor or ceiling.
+    reach = torch.where(d > 0, ahead, behind) / d.abs().clamp(min=1e-4)
     distance, axis = reach.min(1)
     side = 2 * axis + (d.gather(1, axis[:, None])[:, 0] < 0)
     walls = draw.paint(0.2, 0.8, 0.12) * torch.exp(0.1 * draw.normal(6, 3))
@@ -190,10 +187,8 @@ def _room(d: Tensor, draw: Draw) -> Tensor:
     mostly_day = draw.uniform(0, 1) < 0.65
     day = draw.scale(3, 40) if mostly_day else draw.scale(0.02, 0.5)
     for _ in range(draw.count(1, 4)):
-        towards, color = (
-            draw.towards(-5, 25),
-            beside(day * draw.white(0.5) * torch.tensor([0.85, 0.97, 1.1]), d),
-        )
+        towards = draw.towards(-5, 25)
+        color = beside(day * draw.white(0.5) * torch.tensor([0.85, 0.97, 1.1]), d)
         width, height = draw.scale(0.12, 0.6), draw.scale(0.15, 0.6)
         view = (
             color * torch.exp(0.4 * draw.noise(d, 12))[:, None] * (0.35 + 0.65 * _step(-0.15, 0.1, d[:, 2:]))
@@ -203,12 +198,8 @@ def _room(d: Tensor, draw: Draw) -> Tensor:
         falling = (point - beside(source, d)).square().sum(1, keepdim=True).clamp(min=0.1)
         lit = lit + color * width * height * 0.7 * float(size.mean()) ** 2 / falling / math.pi
     for _ in range(draw.count(0, 2) if mostly_day else draw.count(1, 5)):
-        towards, degrees, color = (
-            draw.towards(5, 85),
-            draw.scale(1.5, 8),
-            draw.scale(20, 300) * draw.white(1.0),
-        )
-        color = beside(color, d)
+        towards, degrees = draw.towards(5, 85), draw.scale(1.5, 8)
+        color = beside(draw.scale(20, 300) * draw.white(1.0), d)
         lamps = torch.maximum(lamps, _disc(d, towards, degrees) * color)
         source = towards * draw.uniform(0.7, 2)
         falling = (point - beside(source, d)).square().sum(1, keepdim=True).clamp(min=0.1)

@@ -1,10 +1,11 @@
-"""Lessons without limit: the asset, seen by the training cameras, re-rendered under lights that are known exactly.
+"""Training examples without limit: the asset in the training cameras, re-rendered under known lights.
 
-    light pool (teachers turned and mixed, generated places, a folder of maps)
-      -> the asset with small errors  -> exposure, noise, clipping, 8 bits -> a lesson on the asset without them
+    light pool (lights of the photos turned and mixed, generated places, a folder of maps)
+      -> the asset with small errors  -> exposure, noise, clipping, 8 bits -> an example on the asset without
+      them
 
-The errors are why the pairs teach more than an inversion: what a wrong normal or roughness does to a photo is noise to
-a predictor that believes the asset, and the lessons say how much of it to expect.
+The errors are why the pairs teach more than an inversion: what a wrong normal or roughness does to a photo is
+noise to a predictor that believes the asset, and the examples say how much of it to expect.
 """
 
 import math
@@ -15,8 +16,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import generator
-from lightprobe.lessons.draw import Draw, beside, upright
-from lightprobe.lessons.generated_lights import generated_light
+from lightprobe.distillation.draw import Draw, beside, upright
+from lightprobe.distillation.generated_lights import generated_light
 from lightprobe.light import prefilter
 from lightprobe.light.environment import Environment
 from lightprobe.light.photometry import USUAL_MEAN, srgb_decode, srgb_encode
@@ -26,12 +27,12 @@ from lightprobe.render.split_sum import furnace, shade
 
 
 class LightPool:
-    """Lights for lessons, drawn by number."""
+    """Lights for examples, drawn by number."""
 
     def __init__(
         self,
         up: Tensor,
-        teachers: Sequence[Environment],
+        photo_lights: Sequence[Environment],
         maps: Sequence[Environment],
         resolution: int,
         seed: int,
@@ -39,13 +40,13 @@ class LightPool:
     ):
         """Take the up direction (3,), Phase I's lights and the user's maps, of any resolution.
 
-        Of every ten lights about five are the user's maps, three generated and two teachers; without maps six
-        and four. device: where lights are made, by default the CPU.
+        Of every ten lights about five are the user's maps, three generated and two of Phase I; without maps
+        six and four. device: where lights are made, by default the CPU.
         """
         self.device = device or torch.device("cpu")
         self.up = up.cpu()
-        self.teachers, self.maps = (
-            [light.to(self.device).texels for light in lights] for lights in (teachers, maps)
+        self.photo_lights, self.maps = (
+            [light.to(self.device).texels for light in lights] for lights in (photo_lights, maps)
         )
         self.resolution, self.seed = resolution, seed
 
@@ -56,14 +57,12 @@ class LightPool:
         from_maps = 0.5 if self.maps else 0.0
         if kind < from_maps:
             return self._turned(self.maps, torch.eye(3)[2], draw)
-        if kind < from_maps + 0.4 * (1 - from_maps) and self.teachers:
-            return self._turned(self.teachers, self.up, draw)
+        if kind < from_maps + 0.4 * (1 - from_maps) and self.photo_lights:
+            return self._turned(self.photo_lights, self.up, draw)
         return generated_light(self.resolution, seed=self.seed, step=index, up=self.up, device=self.device)
 
     def _turned(self, lights: list[Tensor], up: Tensor, draw: Draw) -> Tensor:
-        """Return one of the lights, or a mix of two, turned about the vertical and tinted; `up` (3,) is
-        theirs.
-        """
+        """Return one of the lights, or a mix of two, turned about their vertical `up` (3,) and tinted."""
         total = torch.zeros(6, self.resolution, self.resolution, 3, device=self.device)
         for _ in range(1 if draw.uniform(0, 1) < 0.7 else 2):
             light = lights[draw.count(0, len(lights) - 1)]
@@ -74,10 +73,9 @@ class LightPool:
 
 
 def erroneous(gbuffer: GBuffer, draw: Draw) -> GBuffer:
-    """Return the G-buffer as it might truly be: smooth errors of normal, roughness and base colour, and
-    global ones.
+    """Return the G-buffer as it might truly be: with smooth errors of normal, roughness and base colour.
 
-    About as large as those of assets reconstructed from photos; some lessons have small ones and some large.
+    About as large as those of assets reconstructed from photos; some examples have small ones and some large.
     """
     position, size = gbuffer.position, draw.scale(0.4, 1.6)
 
@@ -94,9 +92,7 @@ def erroneous(gbuffer: GBuffer, draw: Draw) -> GBuffer:
 
 
 def photograph(radiance: Tensor, draw: Draw) -> tuple[Tensor, float]:
-    """Return the colours (P, 3) that an 8-bit photo shows of linear `radiance` (P, 3), and the exposure it
-    took.
-    """
+    """Return the colours (P, 3) that an 8-bit photo shows of linear `radiance` (P, 3), and its exposure."""
     luminance = radiance.mean(1)
     exposure = USUAL_MEAN / float(luminance.minimum(4 * luminance.median()).mean().clamp(min=1e-9))
     exposure *= 2 ** draw.uniform(-0.8, 0.8)
@@ -111,8 +107,8 @@ def rerender(gbuffer: GBuffer, light: Tensor, draw: Draw) -> tuple[Tensor, Tenso
     light.
 
     The factors are exposure times what the errors of the base colour do to the brightness: light and surface
-    share a factor that no photo tells apart, and the lesson's light is the one that goes with the asset as it
-    is believed.
+    share a factor that no photo tells apart, and the example's light is the one that goes with the asset as
+    it is believed.
     """
     true = erroneous(gbuffer, draw)
     operator = prefilter.cached(light.shape[1], gbuffer.normal.device)

@@ -17,9 +17,7 @@ Item = TypeVar("Item")
 
 
 def beside(drawn: Tensor, values: Tensor) -> Tensor:
-    """Return a tensor of any shape on the device of `values`; what was drawn on the CPU is sent without
-    waiting.
-    """
+    """Return a tensor of any shape on the device of `values`; what was drawn is sent without waiting."""
     return drawn if drawn.device == values.device else to_device(drawn, values.device)
 
 
@@ -80,7 +78,7 @@ class Draw:
         return torch.exp(torch.tensor([0.45, 0.0, -0.75]) * w)
 
     def noise(self, d: Tensor, frequency: float, waves: int = 10) -> Tensor:
-        """Return smooth noise (M,) over the directions, mean 0 and deviation near 1, with details down to
+        """Return smooth noise (M,) over the directions, mean 0, deviation near 1, details down to
         1/frequency.
 
         A sum of plane waves through the sphere, slow ones stronger.
