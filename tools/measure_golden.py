@@ -57,9 +57,7 @@ _DECOMPOSE = DecomposeConfig(
     unwrap_seconds=0.0,
     trial_steps=0,
 )
-_DISTILL = DistillConfig(
-    steps=40, samples=256, light_resolution=8, synthetic_lessons=8, sphere_steps=3
-)
+_DISTILL = DistillConfig(steps=40, samples=256, light_resolution=8, synthetic_lessons=8, sphere_steps=3)
 
 
 @dataclass(frozen=True)

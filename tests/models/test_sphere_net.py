@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lightprobe.core.config.distillation import AlphaRule, DistillConfig
+from lightprobe.distillation import sphere_training
 from lightprobe.distillation.sphere_training import sphere_examples, sphere_loss
 from lightprobe.distillation.training import train
 from lightprobe.light import cubemap
@@ -165,4 +166,4 @@ def test_training_ends_halfway_between_the_bundled_network_and_what_was_learned(
         for a, b in zip(learned.parameters(), start.parameters(), strict=True)
     )
     # Adam's first step is as long as its rate, a fiftieth of the full one in the warm-up
-    assert moved == pytest.approx(0.5 * config.sphere_learning_rate / 50, rel=0.05)
+    assert moved == pytest.approx(0.5 * sphere_training._RATE / 50, rel=0.05)

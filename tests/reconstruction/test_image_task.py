@@ -10,7 +10,7 @@ larger steps mean anything.
 import itertools
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import pytest
 import torch
@@ -19,7 +19,7 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig, ImageLoss, LightUpdate, Smoothed
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.geometry.textures import Textures
-from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction.image_task import ImageTask, PassTask
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -39,11 +39,6 @@ CONFIG = DecomposeConfig(
     shadows=False,
     smoothness_texture=0.1,
     metallic_prior=0.3,
-    roughness_prior=0.3,
-    brightness_anchor=0.1,
-    parsimony=0.1,
-    color_gauge=0.2,
-    light_grey=0.1,
     laplacian=0.5,
     normal_prior=1.0,
     coverage_weight=4.0,
@@ -131,7 +126,7 @@ class Held:
 
     def _held(self, tensor: Tensor) -> Tensor:
         caller = sys._getframe(2).f_globals["__name__"]
-        if not caller.startswith(("lightprobe.reconstruction", "lightprobe.render", "lightprobe.material")):
+        if not caller.startswith(("lightprobe.reconstruction", "lightprobe.render", "lightprobe.geometry")):
             return self._detach(tensor)  # loops that take tensors without a graph
         if self.following is None:
             self.values.append(self._detach(tensor).clone())
@@ -171,7 +166,7 @@ def test_the_gradient_is_the_derivative_where_held_values_are_held(monkeypatch, 
 @pytest.mark.slow
 def test_nothing_is_held_that_light_and_texels_move():
     """But for the price of a metal, the entropy's weights and the cast, which are left out here."""
-    config = replace(CONFIG, metallic_prior=0.0, parsimony=0.0, color_gauge=0.0)
+    config = replace(CONFIG, metallic_prior=0.0, priors=False)
     step = Step(uneven_sphere(torch.Generator().manual_seed(0)), config)
     for seed, name in itertools.product(range(3), PARAMETERS[1:]):
         moves = {name: step.direction(name, seed)}
@@ -196,3 +191,51 @@ def test_the_gradient_follows_an_outline_over_the_pixels():
         slope = step.slope(moves)
         assert step.difference(moves, 1e-6) == pytest.approx(slope, rel=1e-3)
         assert step.difference(moves, 0.02) == pytest.approx(slope, rel=0.2)
+
+
+@dataclass
+class Scale:
+    """Unknowns with one chosen number."""
+
+    factor: torch.Tensor = field(default_factory=lambda: torch.tensor(1.0))
+    projected: int = 0
+
+    def chosen(self):
+        return {"factor": self.factor}
+
+    def project(self):
+        self.projected += 1
+
+
+def task(update: LightUpdate) -> PassTask:
+    made = PassTask()
+    made.model = Scale()
+    made.lights = Lights(
+        ["a", "b"], DecomposeConfig(light_resolution=8, light_update=update), torch.device("cpu"), 0
+    )
+    return made
+
+
+def test_what_is_chosen_and_solved_comes_back():
+    first, second = task(LightUpdate.SOLVE), task(LightUpdate.SOLVE)
+    first.model.factor.fill_(3.0)
+    first.lights.dim(0.25)
+    held = second.model.factor
+    second.load_buffers(first.buffers())
+    assert second.model.factor is held
+    assert float(held) == 3.0
+    assert torch.equal(second.lights.stacked(), first.lights.stacked())
+    with pytest.raises(KeyError):
+        second.load_buffers({"lights": first.lights.stacked()})
+    with pytest.raises(ValueError, match="'lights' are"):
+        second.load_buffers({**first.buffers(), "lights": first.lights.stacked()[:1]})
+
+
+def test_lights_fitted_by_gradients_are_no_buffers_and_stay_positive():
+    fitted = task(LightUpdate.GRADIENT)
+    assert fitted.buffers().keys() == {"factor"}
+    with torch.no_grad():
+        fitted.lights.maps[0].sub_(1.0)
+    fitted.project()
+    assert fitted.model.projected == 1
+    assert float(fitted.lights.maps[0].detach().min()) == 0.0

@@ -8,7 +8,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction import lights as lights_module
-from lightprobe.reconstruction.lights import Lights, LightSolver, solve_target_light
+from lightprobe.reconstruction.lights import GREY, Lights, LightSolver, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
@@ -112,7 +112,7 @@ def test_rows_lie_in_the_mask_and_come_once():
 def test_recorded_visits_solve_what_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     gbuffer, target, _ = ball()
-    few = replace(CONFIG, light_solve_pixels=200, light_solve_iterations=2, light_resolution=8)
+    few = replace(CONFIG, light_solve_pixels=200, light_resolution=8)
     open_sphere = VertexVisibility(torch.full((4, 384), 200, dtype=torch.uint8), torch.full((4, 3), 0.2))
     corners = torch.arange(1500)[:, None] % 4
     shadowed = replace(gbuffer, visibility=PointVisibility(open_sphere, corners, torch.ones(1500, 1)))
@@ -199,7 +199,7 @@ def test_only_a_coloured_light_costs():
     lights, (_, _, light) = Lights(["ball"], GRADIENT, CPU, 0), ball()
     assert float(lights.grey_cost(0).detach()) == 0  # they start grey
     lights.load(light[None])
-    expected = GRADIENT.light_grey * (light - light.mean(-1, keepdim=True)).abs().mean()
+    expected = GREY * (light - light.mean(-1, keepdim=True)).abs().mean()
     torch.testing.assert_close(lights.grey_cost(0).detach(), expected)
 
 

@@ -42,7 +42,6 @@ def test_a_gpu_looks_up_the_same_openness_without_a_tree(monkeypatch):
     usual = MovingVisibility.of(vertices, faces, torch.full_like(vertices, 0.5), 256).at(
         moved, faces, surface
     )
-    monkeypatch.setattr(moving_visibility, "_searches", lambda points: False)
-    monkeypatch.setattr(moving_visibility.scipy.spatial, "cKDTree", None)
+    monkeypatch.setattr(moving_visibility.scipy.spatial, "cKDTree", lambda points: None)
     shadows = MovingVisibility.of(vertices, faces, torch.full_like(vertices, 0.5), 256).brightened(0.5)
     assert torch.equal(shadows.at(moved, faces, surface).index, usual.index)

@@ -4,11 +4,10 @@ import itertools
 
 import pytest
 import torch
-from lightprobe.reconstruction.gauge import evenly_spaced
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.reconstruction import phase1
-from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.photos import Target, evenly_spaced
 from lightprobe.scene import load_scene
 from tests.toy_scene import write_toy_scene
 

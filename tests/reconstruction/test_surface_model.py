@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lightprobe.material.field import MIN_ROUGHNESS
 
 from lightprobe.core.config import DecomposeConfig, VertexUnit
+from lightprobe.light.prefilter import MIN_ROUGHNESS
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import rasterize_asset, textured_visibility
 from lightprobe.render.surface import View
@@ -18,9 +18,7 @@ SHAPE = replace(  # nothing costs but what bends the shape
     smoothness_texture=0.0,
     normal_prior=0.0,
     metallic_prior=0.0,
-    roughness_prior=0.0,
-    late_roughness_prior=0.0,
-    brightness_anchor=0.0,
+    priors=False,
     laplacian=1.0,
 )
 

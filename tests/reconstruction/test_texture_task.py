@@ -43,7 +43,7 @@ def plain(asset):
 def refine(asset, photos, steps, config=CONFIG):
     model = SurfaceModel(asset, config)
     lights = Lights([photo.name for photo in photos], config, CPU, 0)
-    stage = Stage("pass3", 0, steps, exponential(steps), (0.9, config.adam_decay), config.adam_epsilon)
+    stage = Stage("pass3", 0, steps, exponential(steps), (0.9, config.adam_decay), 1e-12)
     losses = []
     progress = Progress(on_step=lambda stage, step, steps, loss: losses.append(loss))
     pixels = [PhotoPixels.of(asset, photo, 0) for photo in photos]
@@ -82,7 +82,7 @@ def test_blotches_come_back():
 def test_recorded_steps_find_what_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
     monkeypatch.setattr(texture_task, "_PIXELS", 300)  # which every photo has, so that all steps are alike
-    config = replace(CONFIG, light_resolution=8, light_solve_iterations=1)
+    config = replace(CONFIG, light_resolution=8)
     photos = targets(glossy_sphere())
 
     single, before = refine(plain(glossy_sphere()), photos, 6, config)

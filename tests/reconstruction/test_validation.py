@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lightprobe.reconstruction.front_bias import FrontBias
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction import validation
+from lightprobe.reconstruction.lights import FINAL_REGULARISATION, REGULARISATION
 from lightprobe.reconstruction.photos import Target
-from lightprobe.reconstruction.trials.plausibility import Surroundings
+from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.surface import View
 from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
@@ -81,8 +81,8 @@ def test_a_light_of_an_asset_that_stays_is_pulled_as_final_lights_are(monkeypatc
 
     monkeypatch.setattr(validation, "solve_target_light", watched)
     fit_light(true, photo, 16, CONFIG, 0)
-    assert pulls == [CONFIG.final_light_regularisation]
-    assert CONFIG.final_light_regularisation > CONFIG.light_regularisation
+    assert pulls == [FINAL_REGULARISATION]
+    assert FINAL_REGULARISATION > REGULARISATION
 
 
 def test_a_light_to_start_from_may_be_coarser():
@@ -112,10 +112,10 @@ def test_parts_of_the_true_asset_agree_about_the_light_better_than_those_of_a_wr
     assert best.photos == other.photos == 2
     assert best.disagreement < 0.5 * other.disagreement
     assert best == judge_object(true, photos, None, None, CONFIG, 0)
-    told = judge_object(true, photos, FrontBias(-0.3, 0.1), None, CONFIG, 0)
+    told = judge_object(true, photos, ViewLightCorrelation(-0.3, 0.1), None, CONFIG, 0)
     assert (told.disagreement, told.front_bias) == (best.disagreement, -0.3)
-    assert told.surprise == pytest.approx(4.5)
-    told = judge_object(true, photos, None, Surroundings(-1.0), CONFIG, 0)
+    assert told.nll == pytest.approx(4.5)
+    told = judge_object(true, photos, None, BackgroundLevel(-1.0), CONFIG, 0)
     assert (told.disagreement, told.excess, told.excess_surprise) == (
         best.disagreement,
         -1.0,

@@ -36,8 +36,8 @@ def test_a_number_decides_the_lessons_and_their_lights_differ():
     assert 0 < len(first) <= VIEWS * LIGHTS
     for one, same in zip(first, again, strict=True):
         assert torch.equal(one.pixels.color, same.pixels.color)
-        assert torch.equal(one.teacher, same.teacher)
-    assert not torch.equal(first[0].teacher, first[1].teacher)
+        assert torch.equal(one.target, same.target)
+    assert not torch.equal(first[0].target, first[1].target)
     assert float(first[0].up[2]) > 0.8
     assert all(bool(torch.isfinite(one.solved).all()) for one in first)
 

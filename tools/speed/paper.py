@@ -13,7 +13,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
 from lightprobe.core.errors import InputError
 from lightprobe.core.memory import peak_memory
-from lightprobe.distillation.examples import collect_examples
+from lightprobe.distillation.examples import TrainingExample, collect_examples
 from lightprobe.distillation.training import train
 from lightprobe.reconstruction import Progress, decompose
 from lightprobe.report.provenance import commit, machine

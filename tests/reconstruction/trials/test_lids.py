@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 import torch
-from lightprobe.reconstruction.cavities import (
+
+from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra
+from lightprobe.geometry.mesh import is_closed, vertex_normals
+from lightprobe.geometry.tet_lattice import build_lattice
+from lightprobe.reconstruction.trials.lids import (
     ClosedSurface,
     LatticeSolid,
     Lid,
@@ -11,10 +15,6 @@ from lightprobe.reconstruction.cavities import (
     hollowed,
     without_voids,
 )
-
-from lightprobe.geometry.marching_tetrahedra import Crossing, marching_tetrahedra
-from lightprobe.geometry.mesh import is_closed, vertex_normals
-from lightprobe.geometry.tet_lattice import build_lattice
 
 CELL, RADIUS, HEIGHT = 0.05, 0.6, 0.8
 LATTICE = build_lattice(np.ones((48,) * 3, bool), np.full(3, -24 * CELL), CELL)

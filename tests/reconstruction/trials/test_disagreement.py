@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lightprobe.reconstruction.agreement import SPLITS, disagreement, part_solver
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction import lights as lights_module
+from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement, part_solver
 from lightprobe.render.split_sum import shade, shade_under
 from tests.gbuffers import sky, sphere_gbuffer
 

@@ -2,8 +2,8 @@ import math
 
 import pytest
 import torch
-from lightprobe.lessons import generated_lights
 
+from lightprobe.distillation import generated_lights
 from lightprobe.distillation.generated_lights import Place, generated_light
 from lightprobe.light import cubemap
 

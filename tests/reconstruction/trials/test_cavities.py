@@ -6,19 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from lightprobe.reconstruction.cavity_trials import Opening, best_opening, has_doubtful_lid
-from lightprobe.reconstruction.change_evidence import Evidence
-from lightprobe.reconstruction.material_trials import Trial
 
 from lightprobe.core.config import DecomposeConfig, SdfMode, StartShape
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
-from lightprobe.reconstruction import cavity_trials, image_task
+from lightprobe.reconstruction import image_task
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.start import Start, start_from_box
+from lightprobe.reconstruction.trials import cavities
+from lightprobe.reconstruction.trials.cavities import Opening, best_opening, has_doubtful_lid
+from lightprobe.reconstruction.trials.evidence import Evidence
+from lightprobe.reconstruction.trials.trial import Trial
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.training import Stage
@@ -68,8 +69,8 @@ def model_of(inner: float | None) -> LatticeModel:
 
 @pytest.mark.long
 def test_a_cup_is_opened(monkeypatch):
-    monkeypatch.setattr(cavity_trials, "_WALLS", (1.75, 3.0))
-    monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0, 0.5))
+    monkeypatch.setattr(cavities, "_WALLS", (1.75, 3.0))
+    monkeypatch.setattr(cavities, "_DEPTHS", (1.0, 0.5))
     targets, lights = photos(model_of(inner=0.64))
     closed = model_of(inner=None)
     before = closed.distances().detach().clone()
@@ -82,8 +83,8 @@ def test_a_cup_is_opened(monkeypatch):
 
 @pytest.mark.long
 def test_a_cavity_is_judged_by_pixels_that_show_it(monkeypatch):
-    monkeypatch.setattr(cavity_trials, "_WALLS", (3.0,))
-    monkeypatch.setattr(cavity_trials, "_DEPTHS", (1.0,))
+    monkeypatch.setattr(cavities, "_WALLS", (3.0,))
+    monkeypatch.setattr(cavities, "_DEPTHS", (1.0,))
     closed, judged, evidence_of = model_of(inner=None), [], Evidence.of
 
     def spy(trial, part, *rest):
@@ -91,7 +92,7 @@ def test_a_cavity_is_judged_by_pixels_that_show_it(monkeypatch):
             judged.append([(sample.pixels.position, part(sample)) for sample in trial.samples])
         return evidence_of(trial, part, *rest)
 
-    monkeypatch.setattr(cavity_trials.Evidence, "of", spy)
+    monkeypatch.setattr(cavities.Evidence, "of", spy)
     assert best_opening(closed, *photos(model_of(inner=0.64)), 1.0, 0) is not None
     of_closed, of_opened = judged
     for position, rows in of_closed:
@@ -105,9 +106,9 @@ def test_a_cavity_is_judged_by_pixels_that_show_it(monkeypatch):
 
 @pytest.mark.long
 def test_a_block_stays_solid(monkeypatch):
-    monkeypatch.setattr(cavity_trials, "_SUSPECT", -1.0)  # its best explained lids, too
-    monkeypatch.setattr(cavity_trials, "_TRIED", 1)
-    monkeypatch.setattr(cavity_trials, "_WALLS", (1.75, 3.0))
+    monkeypatch.setattr(cavities, "_SUSPECT", -1.0)  # its best explained lids, too
+    monkeypatch.setattr(cavities, "_TRIED", 1)
+    monkeypatch.setattr(cavities, "_WALLS", (1.75, 3.0))
     solid = model_of(inner=None)
     targets, lights = photos(solid)
     assert best_opening(solid, targets, lights, 1.0, 0) is None
@@ -116,64 +117,48 @@ def test_a_block_stays_solid(monkeypatch):
 @pytest.mark.long
 def test_what_is_explained_as_well_as_the_rest_is_not_suspect(monkeypatch):
     solid = model_of(inner=None)
-    surface = cavity_trials._surface(solid)
-    assert cavity_trials._suspects(solid, surface, cavity_trials._Photos(*photos(solid), 1.0, 0)) == []
-    cup = cavity_trials._Photos(*photos(model_of(inner=0.64)), 1.0, 0)
-    (top,) = cavity_trials._suspects(solid, surface, cup)
+    surface = cavities._surface(solid)
+    assert cavities._suspects(solid, surface, cavities._Photos(*photos(solid), 1.0, 0)) == []
+    cup = cavities._Photos(*photos(model_of(inner=0.64)), 1.0, 0)
+    (top,) = cavities._suspects(solid, surface, cup)
     assert surface.vertices[top.lid.vertices, 2].min() > 0.4
     for bound, doubtful in ((0.99 * top.excess, True), (1.01 * top.excess, False)):
-        monkeypatch.setattr(cavity_trials, "_DOUBTFUL", bound)
+        monkeypatch.setattr(cavities, "_DOUBTFUL", bound)
         assert has_doubtful_lid(solid, cup.targets, cup.lights, 1.0, 0) == doubtful
 
 
-@pytest.mark.slow
-def test_distances_of_a_network_cannot_be_set():
-    config = replace(CONFIG, sdf=SdfMode.MLP)
-    model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), config, CPU, 0)
-    with pytest.raises(ValueError, match="network"):
-        model.reshape(model.distances().detach())
-
-
-def attempt(wall: float, *gains: float) -> cavity_trials._Attempt:
+def attempt(wall: float, *gains: float) -> cavities._Attempt:
     """An attempt with a wall and the gains of photos."""
     unused = None
-    return cavity_trials._Attempt(wall, unused, unused, unused, unused, torch.tensor(gains))  # type: ignore[arg-type]
+    return cavities._Attempt(wall, unused, unused, unused, unused, torch.tensor(gains))  # type: ignore[arg-type]
 
 
 def test_the_thinnest_of_walls_that_are_as_good_is_preferred():
     best, tied, worse = attempt(2.0, 0.1, 0.3), attempt(1.0, 0.15, 0.15), attempt(0.5, 0.02, 0.04)
-    assert cavity_trials._by_preference([worse, best, tied]) == [tied, best, worse]
-    assert cavity_trials._by_preference([]) == []
+    assert cavities._by_preference([worse, best, tied]) == [tied, best, worse]
+    assert cavities._by_preference([]) == []
     surer = attempt(2.0, 0.2, 0.2)
-    assert cavity_trials._by_preference([tied, surer]) == [surer, tied]
-
-
-def task_of(model: LatticeModel) -> ImageTask:
-    """The first pass's task of a model, with two photos."""
-    targets, lights = photos(model_of(inner=None), count=2)
-    return ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0)
+    assert cavities._by_preference([tied, surer]) == [surer, tied]
 
 
 @pytest.mark.long
 def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
     model = model_of(inner=None)
-    task, opened = task_of(model), vessel(inner=0.64).distance
-    trial = Trial(copy.deepcopy(model.material), [], task.lights, 1.0, 0)
+    targets, lights = photos(model, count=2)
+    task, opened = (
+        ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0),
+        vessel(0.64).distance,
+    )
+    trial = Trial(copy.deepcopy(model.material), [], task.lights, 0, steps=0)
     trial.material.brightness.mul_(2)
     trial.lights = {"photo1": torch.full_like(task.lights.maps[1], 0.25)}
-    monkeypatch.setattr(image_task, "best_opening", lambda *_: Opening(opened, trial))
-    task._open_cavities(model, 0.7)
+    for name in ("best_opening", "best_metals", "best_rescaled"):
+        found = Opening(opened, trial) if name == "best_opening" else None
+        monkeypatch.setattr(image_task, name, lambda *_, found=found, **__: found)
+    task.refresh(1050, 0.7)
     assert torch.allclose(model.distances(), opened, atol=1e-6)
     assert model.material.brightness == trial.material.brightness
     assert (task.lights.maps[1] == 0.25).all()
-
-
-@pytest.mark.long
-def test_a_network_of_distances_is_not_opened():
-    model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, sdf=SdfMode.MLP), CPU, 0)
-    before = model.distances().detach().clone()
-    task_of(model)._open_cavities(model, 0.7)
-    assert torch.equal(model.distances(), before)
 
 
 def small_task() -> ImageTask:
@@ -211,7 +196,7 @@ def test_a_lid_is_in_doubt_until_it_is_tried(monkeypatch, found):
     [
         {"pass1_iterations": 400},
         {"trial_steps": 0},
-        {"brightness_anchor": 0.0},
+        {"priors": False},
         {"sdf": SdfMode.MLP},
         {"texture_gradient_from": 0.0},
         {"texture_gradient_from": 1.0},

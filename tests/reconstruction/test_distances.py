@@ -1,12 +1,10 @@
-"""Coarse grids interpolate linearly at the lattice's own vertices, and their gradients are the sums of those
-there.
-"""
+"""Coarse grids interpolate linearly at the lattice's vertices; their gradients are sums of those there."""
 
 import numpy as np
 import torch
-from lightprobe.reconstruction.coarse_grids import CoarseGrids
 
 from lightprobe.geometry.tet_lattice import build_lattice
+from lightprobe.reconstruction.distances import CoarseGrids
 
 CELL = 0.1
 
@@ -18,13 +16,13 @@ def some_lattice():
 
 
 def test_they_start_at_zero():
-    assert not CoarseGrids(some_lattice(), 2)().any()
+    assert not CoarseGrids(some_lattice())().any()
 
 
 def test_values_of_a_linear_function_give_it_at_every_vertex():
     lattice, slope = some_lattice(), torch.tensor([1.0, -2.0, 3.0])
     for level, spacing in ((0, 4), (1, 8)):
-        grids = CoarseGrids(lattice, 2)
+        grids = CoarseGrids(lattice)
         values = grids.values[level]
         nodes = torch.stack(torch.meshgrid(*(torch.arange(n) for n in values.shape), indexing="ij"), -1)
         values.data = (spacing * CELL * nodes) @ slope
@@ -34,7 +32,7 @@ def test_values_of_a_linear_function_give_it_at_every_vertex():
 
 def test_one_value_moves_what_lies_around_it():
     lattice = some_lattice()
-    grids = CoarseGrids(lattice, 1)
+    grids = CoarseGrids(lattice)
     grids().sum().backward()
     reach = grids.values[0].grad
     assert reach is not None

@@ -5,18 +5,17 @@ from dataclasses import replace
 
 import pytest
 import torch
-from lightprobe.reconstruction.material_trials import Sample, Trial
-from lightprobe.reconstruction.materials import Materials
-from lightprobe.reconstruction.metal_trials import best_metals
-from lightprobe.reconstruction.scaled_material import ScaledMaterial
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
-from lightprobe.reconstruction import metal_trials
 from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.material_field import ScaledMaterial
+from lightprobe.reconstruction.trials import metals
+from lightprobe.reconstruction.trials.metals import HeldMetallic, Materials, best_metals
+from lightprobe.reconstruction.trials.trial import Sample, Trial
 from lightprobe.render.split_sum import shade
-from tests.gbuffers import sky, sphere_gbuffer, turned
+from tests.gbuffers import R, sky, sphere_gbuffer, turned
 
 RELIEF = torch.tensor([0.06, -0.04, 0.02])  # normal offsets that the material has learnt
 UP = torch.tensor([0.0, 0.0, 1.0])
@@ -38,12 +37,10 @@ def photos(gilt: bool, count=10):
     ball = sphere_gbuffer(600, roughness=0.25)
     channels = truth(ball.position, gilt)
     ball = replace(ball, base_color=channels[:, :3], roughness=channels[:, 3], metallic=channels[:, 4])
-    operator, samples = cached(CONFIG.light_resolution), []
+    operator, samples = cached(R), []
     lights = Lights([f"photo{k}" for k in range(count)], CONFIG, CPU, 0)
     for k in range(count):
-        light = rotate_light(
-            0.5 * sky(CONFIG.light_resolution).clamp(max=3), turned(k), CONFIG.light_resolution
-        )
+        light = rotate_light(0.5 * sky(R).clamp(max=3), turned(k), R)
         photo = shade(ball, operator, operator.apply(light))
         light, photo = (x * 0.22 / photo.mean() for x in (light, photo))
         lights.replace(f"photo{k}", light)
@@ -58,7 +55,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     channels = truth(position, gilt)
     if not gilt:
         channels[:, :3] *= torch.where(position[:, 1:2] > 0, 0.6, 1.0)
-    metal_trials._fit_field(material, position, torch.cat([channels, RELIEF.expand(len(position), 3)], 1), 0)
+    metals._fit_field(material, position, torch.cat([channels, RELIEF.expand(len(position), 3)], 1), 0)
     return material
 
 
@@ -98,11 +95,51 @@ def test_a_change_is_held_while_all_else_is_fitted(monkeypatch):
     materials = Materials.of(material, position, 0)
     right = position[:, 1] > 0.1
     number = int(materials.at(position)[right].mode().values)
-    held = metal_trials._changed(material, materials, number, position, 0)
+    held = metals._changed(material, materials, number, position, 0)
     assert float((held(position).detach()[:, 5:] - RELIEF).abs().mean()) < 0.01
-    Trial(held, samples, lights, 1.0, 0).fit(4)
+    Trial(held, samples, lights, 0, steps=4)
     there = materials.at(position) == number
     assert (held(position)[there, 4] == 0.95).all()
     assert float(held(position).detach()[~there, 4].mean()) < 0.2
     held.held = []
     assert float(held(position).detach()[there, 4].mean()) > 0.7  # the field has learnt it, too
+
+
+def points(count=200):
+    return 2 * torch.rand(count, 3, generator=torch.Generator().manual_seed(0)) - 1
+
+
+def halves(points):
+    """A material that is a red paint where x < 0 and a rough grey metal elsewhere."""
+    left = points[:, :1] < 0
+    red, grey = (
+        torch.tensor(row)
+        for row in ([0.6, 0.05, 0.05, 0.3, 0.0, 0, 0, 0], [0.3, 0.3, 0.3, 0.6, 1.0, 0, 0, 0])
+    )
+    return torch.where(left, red, grey)
+
+
+def test_points_are_sorted_into_the_materials_they_are_of(monkeypatch):
+    material = ScaledMaterial(0.3, CONFIG, CPU, 0)
+    monkeypatch.setattr(ScaledMaterial, "forward", lambda self, points: halves(points))
+    materials = Materials.of(material, points(), 0)
+    number = materials.at(points())
+    left = points()[:, 0] < 0
+    assert set(number[left].tolist()) & set(number[~left].tolist()) == set()
+    assert sum(materials.shares(points())) == pytest.approx(1.0)
+
+
+def test_the_metallic_of_one_material_is_held_whatever_the_field_becomes(monkeypatch):
+    material = ScaledMaterial(0.3, CONFIG, CPU, 0)
+    with monkeypatch.context() as patched:
+        patched.setattr(ScaledMaterial, "forward", lambda self, points: halves(points))
+        materials = Materials.of(material, points(), 0)
+        number = materials.at(points())
+        monkeypatch.setattr(Materials, "at", lambda self, _: number)
+    before = material(points())
+    chosen = int(number[0])
+    material.held = [HeldMetallic(materials, chosen, 0.9)]
+    after = material(points())
+    assert (after[number == chosen, 4] == 0.9).all()
+    assert torch.equal(after[number != chosen], before[number != chosen])
+    assert torch.equal(after[:, :4], before[:, :4])

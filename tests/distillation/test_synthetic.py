@@ -1,4 +1,4 @@
-"""Re-rendered lessons: lights that are known, photos that could be real, an asset that is a little wrong."""
+"""Re-rendered training examples: lights that are known, photos that could be real, an asset that is a little wrong."""
 
 from dataclasses import replace
 
@@ -33,9 +33,8 @@ def centroid(light):
 
 def test_a_turned_light_shines_from_where_it_was_turned_to():
     axis = torch.nn.functional.normalize(torch.tensor([1.0, 0.3, 0.4]), dim=0)
-    quarter = torch.tensor(
-        [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    )  # reads from a quarter turn back
+    # Reads from a quarter turn back.
+    quarter = torch.tensor([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     turned = rotate_light(patch_light(axis.tolist()), quarter, 16)
     assert float(centroid(turned) @ (quarter.T @ axis)) > 0.99
 
@@ -75,7 +74,7 @@ def test_errors_of_the_asset_are_small_smooth_and_differ(gbuffer):
     assert not torch.equal(erroneous(gbuffer, draw(1)).normal, wrong.normal)
 
 
-def test_the_lessons_light_explains_its_photo(gbuffer):
+def test_the_example_s_light_explains_its_photo(gbuffer):
     light = patch_light((1.0, 0.3, 0.4))
     operator = prefilter.cached(16, CPU)
     for step in range(4):

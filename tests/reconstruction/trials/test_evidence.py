@@ -1,17 +1,19 @@
-"""A change of the object is kept where its own part is surely better explained and the object's halves no
-worse.
-"""
+"""A change is kept where its own part is surely better explained and the object's halves disagree no more."""
+
+from types import SimpleNamespace
 
 import pytest
 import torch
-from lightprobe.reconstruction.change_evidence import Bar, Evidence
+
+from lightprobe.reconstruction.trials.evidence import Bar, Evidence, standard_error
 
 
 def evidence(whole: float, own: float, noise: float = 0.01, photos: int = 12):
     """Return evidence before and after a change with these gains in the mean, and the noise of a photo's."""
     wave = noise * torch.tensor([(-1.0) ** k for k in range(photos)], dtype=torch.float64)
     one = torch.ones(photos, dtype=torch.float64)
-    return Evidence(one, lambda: one), Evidence((wave - own).exp(), lambda: (wave - whole).exp())
+    trials = [SimpleNamespace(disagreement=found) for found in (one, (wave - whole).exp())]
+    return Evidence(trials[0], one), Evidence(trials[1], (wave - own).exp())
 
 
 @pytest.mark.parametrize(
@@ -45,8 +47,15 @@ def test_a_higher_bar_is_not_cleared_by_as_little():
 
 
 def test_halves_are_not_asked_where_the_part_is_explained_worse():
-    def asked():
-        raise AssertionError("halves were asked")
-
     before, after = evidence(0.02, -0.05)
-    assert not Evidence(after.own, asked).speaks_for_change(before)
+    assert not Evidence(SimpleNamespace(), after.own).speaks_for_change(before)
+
+
+@pytest.mark.parametrize(
+    ("gain", "spread", "cleared"), [(0.02, 0, False), (0.05, 0, True), (0.05, 0.2, False)]
+)
+def test_a_mean_gain_clears_its_bound_and_its_own_uncertainty(gain, spread, cleared):
+    gains = gain + spread * torch.linspace(-1, 1, 8, dtype=torch.float64)
+    assert Bar(sure=2.0, least=0.03).cleared_by(gains) is cleared
+    assert not Bar().cleared_by(gains[:0])
+    assert standard_error(gains[:1]) == 0
