@@ -60,7 +60,7 @@ def lesson(
     photo = photograph(asset, camera, light)
     gbuffer = rasterize_asset(asset, camera, CPU)
     color, clipped = (torch.from_numpy(x).reshape(-1, 3)[gbuffer.pixel] for x in (photo.color, photo.clipped))
-    return ExampleMaker(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).lesson(
+    return ExampleMaker(gbuffer, torch.tensor([0.0, 0.0, 1.0]), config or DistillConfig()).example(
         name, color, clipped, light
     )
 

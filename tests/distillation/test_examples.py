@@ -94,7 +94,3 @@ def test_a_scene_without_the_object_and_an_unknown_choice_are_refused(world):
         collect_examples(world[0], {}, world[2], CONFIG, CPU, 0)
     with pytest.raises(ConfigError, match="cannot be used"):
         DistillConfig.from_json({"lessons": "magic"})
-    with pytest.raises(ConfigError, match="sphere_steps"):
-        DistillConfig(sphere_steps=-1)
-    with pytest.raises(ConfigError, match="simulated_photos"):
-        DistillConfig(simulated_photos=-1)

@@ -1,8 +1,7 @@
 import pytest
 import torch
 
-from lightprobe.core.config import DecomposeConfig, SdfMode, StartShape
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.config import StartShape
 from lightprobe.reconstruction.start import BOX, start_from_box
 
 
@@ -18,8 +17,3 @@ def test_noise_has_a_tenth_inside_and_follows_the_seed():
     assert float((first.distance < 0).float().mean()) == pytest.approx(0.1, abs=0.02)
     assert torch.equal(first.distance, again.distance)
     assert not torch.equal(first.distance, other.distance)
-
-
-def test_a_network_does_not_start_from_noise():
-    with pytest.raises(ConfigError, match=r"decompose\.start random needs decompose\.sdf direct"):
-        DecomposeConfig(start=StartShape.RANDOM, sdf=SdfMode.MLP)

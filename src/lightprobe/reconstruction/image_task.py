@@ -23,7 +23,7 @@ from lightprobe.reconstruction.trials.brightness import (
 from lightprobe.reconstruction.trials.cavities import best_opening, has_doubtful_lid
 from lightprobe.reconstruction.trials.metals import best_metals
 from lightprobe.reconstruction.trials.schedule import CHOICES, lids_tried, trials_at
-from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial
+from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial, TrialPhotos
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
@@ -144,14 +144,15 @@ class ImageTask(PassTask):
         chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
         shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
         samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
+        photos = TrialPhotos([sample for sample in samples if sample.halves], self.lights, self.seed)
         if first:
-            best = best_new(samples, self.lights, model.material, self.seed)
+            best = best_new(photos, model.material)
         else:
-            metals = best_metals(samples, self.lights, model.material, self.seed)
+            metals = best_metals(photos, model.material)
             if metals is not None:
                 self._take_over(model, metals)
             # A brightness that the wrong metals had grown used to is not defended.
-            best = best_rescaled(samples, self.lights, model.material, self.seed, settled=metals is None)
+            best = best_rescaled(photos, model.material, settled=metals is None)
         if best is None:
             return
         trial, factor = best

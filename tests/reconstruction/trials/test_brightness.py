@@ -24,7 +24,7 @@ from lightprobe.reconstruction.trials.brightness import (
 )
 from lightprobe.reconstruction.trials.plausibility import light_level
 from lightprobe.reconstruction.trials.schedule import CHOICES, metals_tried, trials_at
-from lightprobe.reconstruction.trials.trial import Sample, Trial
+from lightprobe.reconstruction.trials.trial import Sample, Trial, TrialPhotos
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.scene.photo import CLIPPED
@@ -57,7 +57,7 @@ def material_of(mean):
 
 
 def trial_of(samples, lights, steps=0, mean=0.3, factor=1.0):
-    return Trial(material_of(mean), samples, lights, 0, steps, factor)
+    return Trial(material_of(mean), TrialPhotos(samples, lights, 0), steps, factor)
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def best_at_eight_percent(monkeypatch):
 )
 def test_the_best_start_is_taken_where_it_is_another_one(best_at_eight_percent, mean, expected):
     samples, lights = photos(0.25, 1)
-    best = best_new(samples, lights, material_of(mean), 0)
+    best = best_new(TrialPhotos(samples, lights, 0), material_of(mean))
     assert (best is None) == (expected is None)
     if best is not None and expected is not None:
         assert float(best[0].material.mean_color) == pytest.approx(expected[0])
@@ -90,7 +90,7 @@ def test_the_present_material_is_brightened_or_darkened_and_keeps_what_it_has_le
     present = material_of(mean)
     points = torch.rand(20, 3)
     before = present(points)
-    best = best_rescaled(samples, lights, present, 0, settled=True)
+    best = best_rescaled(TrialPhotos(samples, lights, 0), present, settled=True)
     assert torch.equal(present(points), before)
     assert (best is None) == (expected is None)
     if best is not None and expected is not None:
@@ -108,7 +108,7 @@ def test_a_brightness_from_before_the_metals_is_not_defended(monkeypatch, settle
 
     monkeypatch.setattr(Trial, "disagreements", disagreements)
     samples, lights = photos(0.25, 1)
-    best = best_rescaled(samples, lights, material_of(0.08), 0, settled=settled)
+    best = best_rescaled(TrialPhotos(samples, lights, 0), material_of(0.08), settled=settled)
     assert (best is not None) == changed
     if best is not None:
         assert float(best[0].material.mean_color) == pytest.approx(0.16)
@@ -124,11 +124,11 @@ def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch,
     monkeypatch.setattr(Trial, "disagreements", lambda trial: torch.ones(4, 2, dtype=torch.float64))
     monkeypatch.setattr(Trial, "lights_nll", nll)
     samples, lights = photos(0.25, 1)
-    best = best_rescaled(samples, lights, material_of(0.32), 0, settled=True)
+    best = best_rescaled(TrialPhotos(samples, lights, 0), material_of(0.32), settled=True)
     assert (best is not None) == changed
     if best is not None:
         assert float(best[0].material.mean_color) == pytest.approx(0.08)
-    anew = best_new(samples, lights, material_of(0.32), 0)
+    anew = best_new(TrialPhotos(samples, lights, 0), material_of(0.32))
     assert anew is not None
     assert float(anew[0].material.mean_color) == pytest.approx(0.08 if changed else 0.2)  # the usual one
 
@@ -221,11 +221,9 @@ def test_the_lowest_point_leans_towards_the_lower_neighbour():
     assert brightness._vertex(STARTS, [1.5, 1.0, 3.0, 5.0], 1) > 1  # the brighter start is the better one
 
 
-def test_no_pixels_no_trial():
-    samples, lights = photos(0.1, 1)
-    none = torch.arange(0)
-    empty = [Sample(s.name, s.pixels.select(none), s.color[:0], s.clipped[:0], 0.0, UP) for s in samples]
-    assert best_new(empty, lights, material_of(0.4), 0) is None
+def test_no_photos_no_trial():
+    photos_of_nothing = TrialPhotos([], photos(0.1, 1)[1], 0)
+    assert best_new(photos_of_nothing, material_of(0.4)) is None
 
 
 def ball():

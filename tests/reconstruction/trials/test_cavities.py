@@ -19,7 +19,7 @@ from lightprobe.reconstruction.start import Start, start_from_box
 from lightprobe.reconstruction.trials import cavities
 from lightprobe.reconstruction.trials.cavities import Opening, best_opening, has_doubtful_lid
 from lightprobe.reconstruction.trials.evidence import Evidence
-from lightprobe.reconstruction.trials.trial import Trial
+from lightprobe.reconstruction.trials.trial import Trial, TrialPhotos
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.training import Stage
@@ -149,7 +149,7 @@ def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
         ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0),
         vessel(0.64).distance,
     )
-    trial = Trial(copy.deepcopy(model.material), [], task.lights, 0, steps=0)
+    trial = Trial(copy.deepcopy(model.material), TrialPhotos([], task.lights, 0), steps=0)
     trial.material.brightness.mul_(2)
     trial.lights = {"photo1": torch.full_like(task.lights.maps[1], 0.25)}
     for name in ("best_opening", "best_metals", "best_rescaled"):

@@ -13,7 +13,7 @@ from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_field import ScaledMaterial
 from lightprobe.reconstruction.trials import metals
 from lightprobe.reconstruction.trials.metals import HeldMetallic, Materials, best_metals
-from lightprobe.reconstruction.trials.trial import Sample, Trial
+from lightprobe.reconstruction.trials.trial import Sample, Trial, TrialPhotos
 from lightprobe.render.split_sum import shade
 from tests.gbuffers import R, sky, sphere_gbuffer, turned
 
@@ -64,7 +64,7 @@ def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
     samples, lights = photos(gilt=True)
     material = painted(samples, gilt=False)
     before = copy.deepcopy(material.state_dict())
-    trial = best_metals(samples, lights, material, 0)
+    trial = best_metals(TrialPhotos(samples, lights, 0), material)
     assert trial is not None
     assert trial.material.held == []
     position = samples[0].pixels.position
@@ -78,13 +78,13 @@ def test_a_gilt_part_that_was_taken_for_paint_becomes_metal():
 @pytest.mark.long
 def test_paint_stays_paint():
     samples, lights = photos(gilt=False)
-    assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None
+    assert best_metals(TrialPhotos(samples, lights, 0), painted(samples, gilt=False)) is None
 
 
 @pytest.mark.slow
 def test_without_enough_photos_nothing_is_tried():
     samples, lights = photos(gilt=True, count=7)
-    assert best_metals(samples, lights, painted(samples, gilt=False), 0) is None
+    assert best_metals(TrialPhotos(samples, lights, 0), painted(samples, gilt=False)) is None
 
 
 @pytest.mark.slow
@@ -97,7 +97,7 @@ def test_a_change_is_held_while_all_else_is_fitted(monkeypatch):
     number = int(materials.at(position)[right].mode().values)
     held = metals._changed(material, materials, number, position, 0)
     assert float((held(position).detach()[:, 5:] - RELIEF).abs().mean()) < 0.01
-    Trial(held, samples, lights, 0, steps=4)
+    Trial(held, TrialPhotos(samples, lights, 0), steps=4)
     there = materials.at(position) == number
     assert (held(position)[there, 4] == 0.95).all()
     assert float(held(position).detach()[~there, 4].mean()) < 0.2

@@ -27,7 +27,7 @@ from lightprobe.reconstruction.material_field import ScaledMaterial
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.trials.evidence import Bar, standard_error
 from lightprobe.reconstruction.trials.schedule import refit_steps
-from lightprobe.reconstruction.trials.trial import Sample, Trial
+from lightprobe.reconstruction.trials.trial import Trial, TrialPhotos
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
 
@@ -90,20 +90,18 @@ def _least(below: float, here: float, above: float) -> float:
     return math.exp(_STEP * min(max(best, -_REACH), _REACH))
 
 
-def best_new(
-    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
-) -> tuple[Trial, float] | None:
+def best_new(photos: TrialPhotos, material: ScaledMaterial) -> tuple[Trial, float] | None:
     """Return the trial of the most probable new material, and the best factor on its base colours.
 
-    None when it is about as bright as the present `material`, or when no sample has pixels; deterministic.
+    None when it is about as bright as the present `material`, or when there are no photos; deterministic.
     """
-    config, device, mean = material.config, lights.maps[0].device, float(material.mean_color)
-    materials = [(start, ScaledMaterial(start, config, device, seed)) for start in STARTS]
-    return _best(samples, lights, mean, materials, config.trial_steps, seed)
+    config, device, mean = material.config, photos.lights.maps[0].device, float(material.mean_color)
+    materials = [(start, ScaledMaterial(start, config, device, photos.seed)) for start in STARTS]
+    return _best(photos, mean, materials, config.trial_steps)
 
 
 def best_rescaled(
-    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int, *, settled: bool
+    photos: TrialPhotos, material: ScaledMaterial, *, settled: bool
 ) -> tuple[Trial, float] | None:
     """Return the same of the present `material` with brighter and darker base colours.
 
@@ -114,16 +112,14 @@ def best_rescaled(
     factors = [factor for factor in FACTORS if factor == 1 or DARKEST <= mean * factor <= BRIGHTEST]
     materials = [(mean * factor, material.rescaled(factor)) for factor in factors]
     present = factors.index(1.0) if settled else None
-    return _best(samples, lights, mean, materials, refit_steps(material.config), seed, present)
+    return _best(photos, mean, materials, refit_steps(material.config), present)
 
 
 def _best(
-    samples: Sequence[Sample],
-    lights: Lights,
+    photos: TrialPhotos,
     mean: float,
     materials: Sequence[tuple[float, ScaledMaterial]],
     steps: int,
-    seed: int,
     present: int | None = None,
 ) -> tuple[Trial, float] | None:
     """Return the trial of the most probable of the `materials` and the best factor on its base colours.
@@ -131,11 +127,10 @@ def _best(
     None where that makes it about as bright as the mean base colour `mean`, or where it is not clearly better
     than the material number `present`. materials: each with its mean linear base colour.
     """
-    samples = [sample for sample in samples if sample.halves]
-    if not samples:
+    if not photos.samples:
         return None
     starts = [start for start, _ in materials]
-    trials = [Trial(made, samples, lights, seed, steps, start / mean) for start, made in materials]
+    trials = [Trial(made, photos, steps, start / mean) for start, made in materials]
     found = [trial.disagreements() for trial in trials]
     nlls = [trial.lights_nll() for trial in trials]
     scores = [_score(errors) for errors in found]

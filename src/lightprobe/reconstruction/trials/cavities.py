@@ -31,7 +31,7 @@ from lightprobe.reconstruction.trials.lids import (
     without_voids,
 )
 from lightprobe.reconstruction.trials.schedule import refit_steps
-from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial
+from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial, TrialPhotos
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
 
@@ -269,7 +269,8 @@ class _Fitted:
             place[gbuffer.pixel] = gbuffer.position
             places[target.name] = place
         material, steps = copy.deepcopy(model.material), refit_steps(model.config)
-        return _Fitted(Trial(material, samples, photos.lights, photos.seed, steps), covered, places)
+        seen = TrialPhotos(samples, photos.lights, photos.seed)
+        return _Fitted(Trial(material, seen, steps), covered, places)
 
     def moved(self, other: "_Fitted", sample: Sample, rows: Tensor) -> Tensor:
         """Return how far the surface is from another one, (K,), at the rows (K,) int64 of a sample's pixels.

@@ -11,7 +11,6 @@ measures of `evidence` by far.
 import copy
 import functools
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import scipy
@@ -19,11 +18,10 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_field import ScaledMaterial
 from lightprobe.reconstruction.trials.evidence import FEWEST_PHOTOS, Evidence
 from lightprobe.reconstruction.trials.schedule import refit_steps
-from lightprobe.reconstruction.trials.trial import Sample, Trial
+from lightprobe.reconstruction.trials.trial import Sample, Trial, TrialPhotos
 from lightprobe.training import Descent, ParameterGroup
 
 COUNT = 4  # materials that an object is sorted into; an object of fewer has some without points
@@ -90,36 +88,41 @@ class HeldMetallic:
         return torch.cat([material[:, :4], metallic, material[:, 5:]], 1)
 
 
-def best_metals(
-    samples: Sequence[Sample], lights: Lights, material: ScaledMaterial, seed: int
-) -> Trial | None:
+def best_metals(photos: TrialPhotos, material: ScaledMaterial) -> Trial | None:
     """Return the trial of the `material` with metal where photos ask for it, None where it stays as it is.
 
     Deterministic. Its lights belong to it; its metallic is held no longer.
     """
-    samples = [sample for sample in samples if sample.halves]
-    if len(samples) < FEWEST_PHOTOS:
+    if len(photos.samples) < FEWEST_PHOTOS:
         return None
-    points = _drawn(samples, seed)
+    every, seed = torch.cat([sample.pixels.position for sample in photos.samples]), photos.seed
+    rows = draw_rows(torch.arange(len(every), device=every.device), _POINTS, generator(seed, "metals/points"))
+    points = every[rows]
     materials = Materials.of(material, points, seed)
     steps, accepted = refit_steps(material.config), []
-    present = Trial(copy.deepcopy(material), samples, lights, seed, steps)
+    present = Trial(copy.deepcopy(material), photos, steps)
     for number, share in enumerate(materials.shares(points)):
         if share < _SMALLEST:
             continue
         part = functools.partial(_of_material, materials, number)
         before = Evidence.of(present, part, _FEWEST_PIXELS)
-        trial = Trial(_changed(material, materials, number, points, seed), samples, lights, seed, steps)
+        trial = Trial(_changed(material, materials, number, points, seed), photos, steps)
         if Evidence.of(trial, part, _FEWEST_PIXELS).speaks_for_change(before):
             accepted.append(number)
-    return _with_all(accepted, material, materials, points, samples, lights, seed)
-
-
-def _drawn(samples: Sequence[Sample], seed: int) -> Tensor:
-    """Return points (N, 3) of the surface, drawn from all photos' pixels."""
-    every = torch.cat([sample.pixels.position for sample in samples])
-    rows = draw_rows(torch.arange(len(every), device=every.device), _POINTS, generator(seed, "metals/points"))
-    return every[rows]
+    if not accepted:
+        return None
+    # All the changes are made together, fitted, and then held no longer. Normal offsets stay those of the
+    # `material`: a trial's pictures have none, and its priors flatten them.
+    changed = material
+    for number in accepted:
+        changed = _changed(changed, materials, number, points, seed)
+    trial = Trial(changed, photos, steps)
+    with torch.no_grad():
+        fitted = trial.material(points)  # held values among them, which the field does not know
+        fitted[:, 5:] = material(points)[:, 5:]
+    trial.material.held = []
+    _fit_field(trial.material, points, fitted, seed)
+    return trial
 
 
 def _of_material(materials: Materials, number: int, sample: Sample) -> Tensor:
@@ -158,30 +161,3 @@ def _fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: i
     for step in range(_COPY_STEPS):
         descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, "metals/copy", step)))
     descent.end()
-
-
-def _with_all(
-    numbers: Sequence[int],
-    material: ScaledMaterial,
-    materials: Materials,
-    points: Tensor,
-    samples: Sequence[Sample],
-    lights: Lights,
-    seed: int,
-) -> Trial | None:
-    """Return the trial in which all the changes are made together, fitted, and then held no longer.
-
-    Normal offsets are those of the `material`: a trial's pictures have none, and its priors flatten them.
-    """
-    if not numbers:
-        return None
-    changed = material
-    for number in numbers:
-        changed = _changed(changed, materials, number, points, seed)
-    trial = Trial(changed, samples, lights, seed, refit_steps(material.config))
-    with torch.no_grad():
-        fitted = trial.material(points)  # held values among them, which the field does not know
-        fitted[:, 5:] = material(points)[:, 5:]
-    trial.material.held = []
-    _fit_field(trial.material, points, fitted, seed)
-    return trial

@@ -60,24 +60,26 @@ class Sample:
         )
 
 
+@dataclass(frozen=True)
+class TrialPhotos:
+    """What all trials of a moment start from: photos of the present surface, and their present lights."""
+
+    samples: Sequence[Sample]
+    lights: Lights
+    seed: int
+
+
 class Trial:
     """A material fitted on a fixed surface, and its lights."""
 
-    def __init__(
-        self,
-        material: ScaledMaterial,
-        samples: Sequence[Sample],
-        lights: Lights,
-        seed: int,
-        steps: int,
-        factor: float = 1.0,
-    ):
-        """Fit a material, which is changed, from the `lights` divided by `factor`; one photo a step.
+    def __init__(self, material: ScaledMaterial, photos: TrialPhotos, steps: int, factor: float = 1.0):
+        """Fit a material, which is changed, from the photos' lights divided by `factor`; one photo a step.
 
         What the samples see of the object keeps its present colours, whatever the material's brightness:
         docs/decisions/brightness-once-more.md.
         """
-        self.material, self.samples, self.seed = material, samples, seed
+        samples, lights = photos.samples, photos.lights
+        self.material, self.samples, self.seed = material, samples, photos.seed
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
         device = lights.maps[0].device
         self._solver = LightSolver(material.config, device, _PIXELS // 2)
