@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from lightprobe.core.checkpoint import Checkpoints, stored_like
-from lightprobe.core.config import DecomposeConfig, DistillConfig
+from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.stored import TensorRule, check_tensors, read_object
 
@@ -57,7 +57,7 @@ def test_what_is_no_json_object(tmp_path, content):
         read_object(tmp_path / "folder", "mend it")
 
 
-@pytest.mark.parametrize("kind", [DecomposeConfig, DistillConfig])
+@pytest.mark.parametrize("kind", [DecomposeConfig])
 def test_a_stored_configuration_has_the_types_of_its_fields(kind):
     stored = json.loads(json.dumps(asdict(kind())))
     assert kind.from_json(stored) == kind()

@@ -28,17 +28,6 @@ def ball_model(config=FROM_THE_START):
     return LatticeModel(start_from_hull(hull, 8), config, CPU, 0)
 
 
-def test_a_colour_beyond_white_shows_white_and_can_come_back():
-    model = ball_model()
-    model.brighten(10.0)
-    color = model.material(torch.tensor([[0.1, 0.2, 0.3]]))[:, :3]
-    assert torch.equal(color, torch.ones(1, 3))
-    color.sum().backward()
-    gradient = model.material.field.biases[-1].grad
-    assert gradient is not None
-    assert (gradient[:3] > 0).all()
-
-
 @pytest.mark.parametrize("deeper", [-0.02, 0.02])
 def test_a_texture_seen_too_high_or_too_deep_moves_the_surface(monkeypatch, deeper):
     """The slope of what the picture is off by, as the ball shrinks or grows, against the difference."""

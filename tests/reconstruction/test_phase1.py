@@ -35,8 +35,8 @@ CONFIG = DecomposeConfig(
 @pytest.mark.parametrize("kept", [True, False])
 def test_lights_of_a_pass_that_is_not_kept_go_with_it(tmp_path, monkeypatch, kept):
     scene = load_scene(write_toy_scene(tmp_path, train=4, test=1))
-    handed, first_pass = [], phase1._first_pass
-    monkeypatch.setattr(phase1, "_first_pass", lambda *a: handed.append(first_pass(*a)) or handed[-1])
+    handed, first_pass = [], phase1._Phase.first_pass
+    monkeypatch.setattr(phase1._Phase, "first_pass", lambda *a: handed.append(first_pass(*a)) or handed[-1])
     # Four photos are too few to hold one out; here one serves twice.
     monkeypatch.setattr(phase1, "split_validation", lambda photos, count: (list(photos), [photos[0]]))
     scores = itertools.count(0.0, 1.0 if kept else -1.0)
@@ -52,8 +52,8 @@ def test_held_out_photos_that_are_too_thin_to_judge_by_judge_nothing(tmp_path, m
     monkeypatch.setattr(phase1, "split_validation", lambda photos, count: (list(photos), [photos[0]]))
     monkeypatch.setattr(Target, "covered", property(lambda self: self.alpha > 2))
     monkeypatch.setattr(phase1, "validate", lambda *_: pytest.fail("a mean over no pixels"))
-    handed, first_pass = [], phase1._first_pass
-    monkeypatch.setattr(phase1, "_first_pass", lambda *a: handed.append(first_pass(*a)) or handed[-1])
+    handed, first_pass = [], phase1._Phase.first_pass
+    monkeypatch.setattr(phase1._Phase, "first_pass", lambda *a: handed.append(first_pass(*a)) or handed[-1])
     found = phase1.decompose(scene, CONFIG)
     assert not torch.equal(
         found.lights[scene.train[0].name].texels, handed[0].lights[0]

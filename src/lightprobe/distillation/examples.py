@@ -34,9 +34,7 @@ _SYNTHETIC_PIXELS = 2048  # rendered for a re-rendered photo
 
 @dataclass(frozen=True)
 class TrainingExample:
-    """One photo's pixels on the fixed asset, and M texels of the light it was taken in; on the training
-    device.
-    """
+    """One photo's pixels on the asset, and M texels of the light it was taken in, on the training device."""
 
     name: str
     pixels: ProbePixels  # N pixels, linear colour in the photo's own exposure

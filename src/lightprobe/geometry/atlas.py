@@ -1,6 +1,4 @@
-"""Texture coordinates for a mesh: charts by xatlas under a time limit, or a simple atlas that always
-succeeds.
-"""
+"""Texture coordinates for a mesh: charts by xatlas under a time limit, or a simple atlas."""
 
 import io
 import math
@@ -56,16 +54,12 @@ def _run_xatlas(
 
 
 def triangle_atlas_size(count: int, texels: int) -> int:
-    """Return the texture size, a multiple of 256, that gives each pair of `count` triangles a square of
-    `texels`².
-    """
+    """Return the texture size, a multiple of 256, that gives each pair of triangles a square of `texels`²."""
     return 256 * math.ceil((texels * math.sqrt(count / 2) + 64) / 256)
 
 
 def triangle_atlas(count: int, texture_size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return uvs (3 * count, 2) and uv_faces (count, 3): each pair of triangles fills one square of a regular
-    grid.
-    """
+    """Return uvs (3 * count, 2) and uv_faces (count, 3): each pair of triangles fills a square of a grid."""
     squares = (count + 1) // 2
     side = int(np.ceil(np.sqrt(squares)))
     margin = min(0.45, side / texture_size)  # one texel, in units of a square

@@ -5,7 +5,7 @@ arrays, so a vertex on a UV seam keeps one position and one smooth normal.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -22,17 +22,12 @@ class Mesh:
     faces: Tensor  # (F, 3) int32
     uvs: Tensor  # (U, 2) float32 in [0, 1], v downwards in the image (row = v * height)
     uv_faces: Tensor  # (F, 3) int32 into uvs
-    normal_faces: Tensor | None = (
-        None  # (F, 3) int32 into `normals()`, split at creases; None: smooth everywhere
-    )
+    normal_faces: Tensor | None = None  # (F, 3) int32 into `normals()`, split at creases; None: all smooth
 
     def to(self, device: torch.device) -> "Mesh":
         """Return the mesh on another device."""
-        index = None if self.normal_faces is None else self.normal_faces.to(device)
-        vertices, faces, uvs, uv_faces = (
-            t.to(device) for t in (self.vertices, self.faces, self.uvs, self.uv_faces)
-        )
-        return Mesh(vertices, faces, uvs, uv_faces, index)
+        parts = {name: part.to(device) for name, part in vars(self).items() if part is not None}
+        return replace(self, **parts)
 
     @property
     def normal_index(self) -> Tensor:
@@ -67,8 +62,7 @@ def _to_corners(values: Tensor) -> Tensor:
 
 
 def uv_tangents(mesh: Mesh) -> Tensor:
-    """Return the unit tangents (U, 3) along +u of the texture vertices, area-weighted, not yet orthogonal to
-    normals.
+    """Return the unit tangents (U, 3) along +u of the texture vertices, area-weighted, not orthogonal to normals.
 
     A texture vertex whose faces have no UV area gets the x axis.
     """
@@ -117,9 +111,7 @@ def edge_faces(faces: Tensor, chosen: Tensor | None = None) -> EdgeFaces:
 
 
 def is_closed(vertices: Tensor, faces: Tensor) -> bool:
-    """Return whether `faces` (F, 3) bound a solid and look outwards: each edge is run through once either
-    way.
-    """
+    """Return whether `faces` (F, 3) bound a solid and look outwards: each edge is there once either way."""
     f = faces.long()
     first, second = f.reshape(-1), f[:, [1, 2, 0]].reshape(-1)
     count = len(vertices)
@@ -158,8 +150,7 @@ def _corner(faces: Tensor, face: Tensor, vertex: Tensor) -> Tensor:
 def clean(
     vertices: np.ndarray, faces: np.ndarray, smallest_share: float = 0.01
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drop degenerate faces, unused vertices, small connected parts, and those that bound a void inside the
-    object.
+    """Drop degenerate faces, unused vertices, small connected parts, and parts that bound a void in the object.
 
     Small is less than `smallest_share` of the area. Takes and returns vertices (V, 3) float and faces (F, 3)
     int32, counter-clockwise seen from outside: so a void's bound encloses a negative volume, and nothing can
@@ -178,9 +169,8 @@ def clean(
     p = vertices[faces].astype(np.float64)
     area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
     share = np.bincount(part, area) / max(area.sum(), 1e-30)
-    corner = p - p.mean(
-        (0, 1)
-    )  # a closed part's volume is the same from anywhere; near it, rounding is least
+    # A closed part's volume is the same from anywhere; near it, rounding is least.
+    corner = p - p.mean((0, 1))
     volume = np.bincount(part, (corner[:, 0] * np.cross(corner[:, 1], corner[:, 2])).sum(1))
     faces = faces[((share >= smallest_share) & (volume >= 0))[part]]
     used, renumbered = np.unique(faces, return_inverse=True)
@@ -188,8 +178,7 @@ def clean(
 
 
 def decimate(vertices: np.ndarray, faces: np.ndarray, max_faces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mesh reduced to about `max_faces` triangles by quadric edge collapse; a smaller mesh is
-    unchanged.
+    """Return the mesh reduced to about `max_faces` triangles by quadric edge collapse; a smaller one as it is.
 
     Takes and returns vertices (V, 3) and faces (F, 3); of a reduced mesh they are float32 and int32.
     """
@@ -206,8 +195,7 @@ def decimate(vertices: np.ndarray, faces: np.ndarray, max_faces: int) -> tuple[n
 
 
 def smooth(vertices: np.ndarray, faces: np.ndarray, rounds: int) -> np.ndarray:
-    """Return the vertices (V, 3) float32 of a closed mesh without ripples of a few edges' length, after
-    Taubin (1995).
+    """Return the vertices (V, 3) float32 of a closed mesh without ripples of a few edges' length (Taubin 1995).
 
     Each of the `rounds` takes every vertex half way to the mean of its neighbours, and then all of them a
     little farther back, so that what is longer than the ripples neither fades nor shrinks. Faces (F, 3) stay

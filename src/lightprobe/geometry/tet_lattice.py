@@ -21,7 +21,7 @@ class TetLattice:
 
     vertices: Tensor  # (V, 3) float32
     edges: Tensor  # (E, 2) int64, unique, lower index first
-    cells: Tensor  # (8, C) int64: the corners x + 2y + 4z of each kept cell, whose six tetrahedra follow one another
+    cells: Tensor  # (8, C) int64: the corners x + 2y + 4z of each kept cell, whose tetrahedra stand together
     tets: Tensor  # (T, 4) int64, positively oriented; T = 6 C
     tet_edges: Tensor  # (T, 6) int64 into edges, in the order of TET_EDGES
     boundary: Tensor  # (V,) bool: on the outer border of the kept part, where the surface must not pass
@@ -29,20 +29,15 @@ class TetLattice:
 
     def to(self, device: torch.device) -> "TetLattice":
         """Return the lattice on another device."""
-        moved = {
-            name: getattr(self, name).to(device)
-            for name in ("vertices", "edges", "cells", "tets", "tet_edges", "boundary")
-        }
-        return replace(self, **moved)
+        parts = {name: part.to(device) for name, part in vars(self).items() if hasattr(part, "to")}
+        return replace(self, **parts)
 
 
 TET_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))  # as pairs of a tetrahedron's corners
 
 
 def kuhn_tetrahedra() -> np.ndarray:
-    """Return the six tetrahedra of the unit cube as corner numbers x + 2y + 4z, (6, 4) int64, positively
-    oriented.
-    """
+    """Return the unit cube's six tetrahedra as corners x + 2y + 4z, (6, 4) int64, positively oriented."""
     tets = []
     for order in itertools.permutations((1, 2, 4)):
         path = [0, order[0], order[0] + order[1], 7]
@@ -54,9 +49,7 @@ def kuhn_tetrahedra() -> np.ndarray:
 
 
 def build_lattice(keep: np.ndarray, lower: np.ndarray, cell: float) -> TetLattice:
-    """Return the lattice of the cells marked in `keep` (N, N, N) bool, x first; cell (0,0,0) starts at
-    `lower` (3,).
-    """
+    """Return the lattice of the cells in `keep` (N, N, N) bool, x first; cell (0,0,0) starts at `lower` (3,)."""
     cells = np.argwhere(keep)
     size = np.array(keep.shape) + 1
     strides = np.array([size[1] * size[2], size[2], 1])

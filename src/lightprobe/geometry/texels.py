@@ -26,8 +26,7 @@ def texel_points(mesh: Mesh, size: int) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def fill_texels(flat: Tensor, texel: Tensor, size: int) -> Tensor:
-    """Copy the nearest covered texel into every uncovered one, so that filtering over chart borders sees no
-    black.
+    """Copy the nearest covered texel into every uncovered one: filtering over chart borders sees no black.
 
     flat (S^2, C): the texels, row by row, of a texture of `size` S, also returned; texel (K,): those that are
     covered.

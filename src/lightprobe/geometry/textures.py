@@ -30,18 +30,14 @@ class Textures:
 
     def to(self, device: torch.device) -> "Textures":
         """Return the textures on another device."""
-        return Textures(
-            *(t.to(device) for t in (self.base_color, self.roughness, self.metallic, self.normal))
-        )
+        return Textures(*(part.to(device) for part in vars(self).values()))
 
     def resized(self, size: int) -> "Textures":
         """Return textures of `size` squared texels, interpolated bilinearly."""
         if size == self.size:
             return self
         maps = self.flat().T.reshape(1, 8, self.size, self.size)
-        maps = torch.nn.functional.interpolate(
-            maps, (size, size), mode="bilinear", align_corners=False, antialias=True
-        )
+        maps = torch.nn.functional.interpolate(maps, (size, size), mode="bilinear", antialias=True)
         return Textures.of_bent(maps[0].reshape(8, -1).T)
 
     def halfway(self, other: "Textures") -> "Textures":

@@ -1,6 +1,4 @@
-"""What training leaves and prediction works with: the decomposed object, and the networks that read light off
-it.
-"""
+"""What training leaves and prediction works with: the decomposed object, and the networks."""
 
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.models.light_accuracy import LightAccuracy

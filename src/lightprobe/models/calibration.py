@@ -1,9 +1,8 @@
 """Absolute brightness of a run: the factor that light and albedo share and photos cannot tell apart.
 
-Light times c and base colour over c look alike, so what a run learns is in a gauge of its own. A calibration
-is a factor per channel, g: light of the run's gauge times g, and base colour over g, are the true ones. The
-run's files stay in its gauge; g is applied once, where a decomposition is loaded, and where a prediction
-ends.
+Light times c and base colour over c look alike, so each run has a light/albedo scale of its own. A calibration is a
+factor per channel, g: the run's light times g, and its base colour over g, are the true ones. The run's files stay
+in its own scale; g is applied where a decomposition is loaded, and where a prediction ends.
 """
 
 from collections.abc import Sequence
@@ -40,17 +39,14 @@ class Calibration:
 
     @staticmethod
     def load(path: Path) -> "Calibration | None":
-        """Return the calibration in a file, None where there is no file; raise `InputError` when it holds
-        none.
-        """
+        """Return the calibration in a file, None without a file; raise `InputError` when it is damaged."""
         if not path.exists():
             return None
         value = read_object(path, _REMEDY)
         factor, source = value.get("light_factor_rgb"), value.get("source")
         if not isinstance(factor, list) or not _three_numbers(factor) or not isinstance(source, str):
-            raise damaged(
-                path, f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}", _REMEDY
-            )
+            words = f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}"
+            raise damaged(path, words, _REMEDY)
         r, g, b = (float(v) for v in factor)
         return Calibration((r, g, b), source)
 
@@ -59,14 +55,12 @@ class Calibration:
         return torch.tensor(self.factor, device=device)
 
     def applied(self, asset: Asset) -> Asset:
-        """Return an asset of the run's gauge with its base colours over the factor, at most 1."""
-        factor = self.tensor(asset.textures.base_color.device)
+        """Return an asset of the run's own scale with its base colours over the factor, at most 1."""
+        factor, visibility = self.tensor(asset.textures.base_color.device), asset.visibility
         color = (asset.textures.base_color / factor).clamp(max=1)
-        visibility = asset.visibility
         if visibility is not None:
-            visibility = VertexVisibility(
-                visibility.unoccluded, (visibility.occluder_color / factor).clamp(max=1)
-            )
+            seen = (visibility.occluder_color / factor).clamp(max=1)
+            visibility = VertexVisibility(visibility.unoccluded, seen)
         return replace(asset, textures=replace(asset.textures, base_color=color), visibility=visibility)
 
 

@@ -29,11 +29,9 @@ class Decomposition:
     asset: Asset
     lights: dict[str, Environment]  # of every training photo, by name
     similarity: Similarity
-    trained: Asset | None = None  # the asset in the run's own gauge, where a calibration has changed it
+    trained: Asset | None = None  # the asset in the run's own scale, where a calibration has changed it
     calibration: Calibration | None = None  # that `asset` and `lights` have been through
-    verdict: ObjectVerdict | None = (
-        None  # None where photos show too little of the object; older runs may lack it
-    )
+    verdict: ObjectVerdict | None = None  # where photos show enough of the object; older runs may lack it
 
     def save(self, run: RunFolder) -> None:
         """Write asset, lights and verdict; the asset comes last and marks Phase I as finished."""

@@ -33,13 +33,7 @@ _PLAIN_INPUTS = 16  # of the paper: colour, base colour, specular, normal, view 
 class IlluminationMlp(nn.Module):
     """Maps N pixels to N probe colours >= 0, linear and unbounded above."""
 
-    def __init__(
-        self,
-        width: int,
-        depth: int,
-        seed: int = 0,
-        form: NetworkForm = NetworkForm.RELATIVE,
-    ):
+    def __init__(self, width: int, depth: int, seed: int = 0, form: NetworkForm = NetworkForm.RELATIVE):
         super().__init__()
         self.form = form
         inputs = 14 + 9 * (1 + 2 * _OCTAVES) if form is NetworkForm.RELATIVE else _PLAIN_INPUTS
@@ -50,14 +44,9 @@ class IlluminationMlp(nn.Module):
     def forward(self, pixels: ProbePixels, light_level: Tensor) -> Tensor:
         """Return probe colours (N, 3) of the pixels of a photo with `light_level` ()."""
         if self.form is NetworkForm.PLAIN:
-            surface = [
-                pixels.color,
-                pixels.base_color,
-                pixels.specular,
-                pixels.normal,
-                pixels.roughness[:, None],
-            ]
-            return torch.nn.functional.softplus(self._answer(torch.cat([*surface, pixels.view], -1)))
+            surface = [pixels.color, pixels.base_color, pixels.specular, pixels.normal]
+            inputs = torch.cat([*surface, pixels.roughness[:, None], pixels.view], -1)
+            return torch.nn.functional.softplus(self._answer(inputs))
         relative = pixels.color / light_level + _BLACK
         start = relative / (pixels.furnace + _BLACK)
         answer = self._answer(self._encode(pixels, relative.log(), start.log()))

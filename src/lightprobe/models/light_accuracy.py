@@ -29,13 +29,9 @@ class LightAccuracy:
 
     method: str  # the run's default, but one of descent from scratch (minutes a photo) is represented by the best other
     photos: int
-    log_error: (
-        float  # error of ln radiance by direction, root mean square over channels, after one factor per map
-    )
+    log_error: float  # root mean square of ln radiance's, by direction and channel, after one factor per map
     spheres: tuple[float, float, float]  # si-RMSE of the diffuse, matte and mirror sphere
-    fitted_scale: (
-        float  # error over what the confidence expects of any object's maps that were fitted to their photo
-    )
+    fitted_scale: float  # error over what the confidence expects of maps that were fitted to their photo
     estimated_scale: float  # the same of maps that never met the photo's pixels
 
     @property
@@ -68,9 +64,7 @@ class LightAccuracy:
 
     @staticmethod
     def load(folder: Path) -> "LightAccuracy | None":
-        """Return what the folder of a model holds, None where it is unknown; raise `InputError` for a damaged
-        file.
-        """
+        """Return what a model's folder holds, None where it is unknown; raise `InputError` for a damaged file."""
         path = Path(folder) / _FILE
         if not LightAccuracy.is_decided(folder):
             return None

@@ -2,17 +2,16 @@
 
 Every photo can be explained by some light, and the wrong materials bend it: a light that is solved from the
 darker half of the surface then fails to explain the brighter half, and the other way round. That failure
-(`disagreement`, see `reconstruction.agreement`) is the number that the verdict rests on, measured on photos
+(`disagreement`, see `reconstruction.trials.disagreement`) is the number that the verdict rests on, measured on photos
 the object was not fitted to. Where none was held out it is of photos it was fitted to, and the object is
 doubtful at best. What relighting turned out to be on objects with known materials tells what to expect of it
 (docs/decisions/object-verdict.md).
 
 It hardly sees how bright the whole object is, as light and base colour share a factor. Of that the photos'
 lights tell a little: where more of it comes from behind the object than from the camera's side, photo after
-photo, the object is taken for too bright, and where less, for too dark (`reconstruction.front_bias`). Photos
-that are not cut out tell more: their lights are about as bright as what they show around the object
-(`reconstruction.trials.plausibility`). `lightprobe calibrate` settles the factor from one known patch or
-lamp.
+photo, the object is taken for too bright, and where less, for too dark (`reconstruction.trials.plausibility`). Photos
+that are not cut out tell more: their lights are about as bright as their backgrounds. `lightprobe calibrate` settles
+the factor from one known patch or lamp.
 """
 
 import math
@@ -30,14 +29,10 @@ _REMEDY = "make it anew with: lightprobe train SCENE -o RUN --restart"
 # _AT_TENTH dB where the disagreement is .1, and _PER_DECADE dB more for each tenth of that.
 _AT_TENTH, _PER_DECADE = 17.0, 20.0
 _GOOD, _POOR = 0.055, 0.072  # disagreements up to which an object is good, and from which it is poor
-_UNLIKELY = (
-    3.0  # what is unlikely about the photos' lights, in ln probability, from which the object is doubtful
-)
+_UNLIKELY = 3.0  # -ln probability of the photos' lights from which the object is doubtful
 _OF_LIGHTS = ("front_bias", "surprise", "excess", "excess_surprise")
 _FITTED = "photos that it was fitted to, as none was held out"
-_MORE_PHOTOS = (
-    ", or train it on at least eight photos, of which some are held out (--decompose.validation-photos)"
-)
+_MORE_PHOTOS = ", or train it on at least eight photos, some of them held out (--decompose.validation-photos)"
 _DOUBT = 0.3  # what a poor object adds to the error to expect of ln radiance
 
 
@@ -51,21 +46,15 @@ class Trust(StrEnum):
 
 @dataclass(frozen=True)
 class ObjectVerdict:
-    """What was measured on photos of an object, and what follows from it."""
+    """What was measured on photos of an object, under the names of verdict.json, and what follows from it."""
 
     disagreement: float  # displayed, 0 to 1: by how much each half of the surface fails to explain the other
     photos: int  # that it is the mean over
-    front_bias: float = (
-        0.0  # how much more light comes from the camera's side than from behind; `FrontBias.mean`
-    )
-    surprise: float = 0.0  # how unlikely that is, in ln probability
-    excess: float = (
-        0.0  # by how much lights are brighter than what photos show, in ln radiance; `Surroundings.excess`
-    )
-    excess_surprise: float = 0.0  # how unlikely that is, in ln probability
-    held_out: bool = (
-        True  # whether the object was not fitted to these photos; it is doubtful at best where it was
-    )
+    front_bias: float = 0.0  # view-light correlation: how much more light comes from the camera's side
+    surprise: float = 0.0  # how improbable that is, in -ln probability
+    excess: float = 0.0  # by how much lights are brighter than backgrounds, in ln radiance
+    excess_surprise: float = 0.0  # how improbable that is, in -ln probability
+    held_out: bool = True  # whether the object was not fitted to these photos; else it is doubtful at best
 
     @property
     def trust(self) -> Trust:
@@ -120,9 +109,7 @@ class ObjectVerdict:
 
     @property
     def doubt(self) -> float:
-        """What this adds to the error to expect of ln radiance of every map that is predicted with the
-        object.
-        """
+        """What a poor object adds to the error to expect of ln radiance of every map predicted with it."""
         return _DOUBT if self.trust is Trust.POOR else 0.0
 
     def to_json(self) -> dict[str, Any]:
@@ -145,13 +132,10 @@ class ObjectVerdict:
             return None
         value = read_object(path, _REMEDY)
         error, photos = value.get("disagreement"), value.get("photos")
-        if (
-            not isinstance(error, (int, float))
-            or not 0 <= error <= 1
-            or not isinstance(photos, int)
-            or photos < 1
-        ):
-            raise damaged(path, "'disagreement' is not from 0 to 1, or 'photos' is no count", _REMEDY)
+        if not isinstance(error, (int, float)) or not 0 <= error <= 1:
+            raise damaged(path, "'disagreement' is not from 0 to 1", _REMEDY)
+        if not isinstance(photos, int) or photos < 1:
+            raise damaged(path, "'photos' is no count", _REMEDY)
         lights = {name: value.get(name, 0.0) for name in _OF_LIGHTS}  # which older runs lack
         if not all(isinstance(x, (int, float)) and math.isfinite(x) for x in lights.values()):
             raise damaged(path, f"one of {', '.join(_OF_LIGHTS)} is no number", _REMEDY)
@@ -160,6 +144,5 @@ class ObjectVerdict:
         held_out = value.get("held_out", True)
         if not isinstance(held_out, bool):
             raise damaged(path, "'held_out' is neither true nor false", _REMEDY)
-        return ObjectVerdict(
-            float(error), photos, **{name: float(x) for name, x in lights.items()}, held_out=held_out
-        )
+        found = {name: float(x) for name, x in lights.items()}
+        return ObjectVerdict(float(error), photos, **found, held_out=held_out)

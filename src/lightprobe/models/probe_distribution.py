@@ -37,9 +37,7 @@ def mean_distribution(pixels: ProbePixels, directions: Tensor, rule: AlphaRule) 
 def total_distribution(
     pixels: ProbePixels, directions: Tensor, rule: AlphaRule, total: TotalDistribution, samples: int
 ) -> Tensor:
-    """Return D_total of Equation 6 in `directions` (M, 3): (M,), to divide the mean of D over `samples`
-    pixels by.
-    """
+    """Return D_total of Equation 6 in `directions` (M, 3): (M,), the divisor of the mean over `samples` pixels."""
     mean = mean_distribution(pixels, directions, rule)
     if total is TotalDistribution.SUM:
         return mean * (len(pixels) / min(samples, len(pixels)))

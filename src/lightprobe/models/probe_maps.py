@@ -35,9 +35,7 @@ SOLVED_PIXELS = 1024  # that the coarse lights are solved from
 
 
 def coarse_lights(transport: CoarseTransport, color: Tensor, light_level: Tensor) -> Tensor:
-    """Return the coarse lights (2, 384, 3) that explain the pixels' colours (P, 3), relative to the light
-    level.
-    """
+    """Return the coarse lights (2, 384, 3) / `light_level` that explain the pixels' colours (P, 3)."""
     weight = relative_tone_weight(color, light_level)[:, None].expand_as(color)
     return transport.solve(color, weight, light_level, STRENGTHS) / light_level
 

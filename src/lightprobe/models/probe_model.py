@@ -52,9 +52,7 @@ class ProbeModel:
         )
 
     def save(self, folder: Path) -> None:
-        """Write `folder`/illumination_mlp.safetensors, sphere_net.safetensors if there is one, and
-        config.json.
-        """
+        """Write illumination_mlp.safetensors, sphere_net.safetensors if there is one, and config.json."""
         tensors = {f"{_MLP}{name}": value for name, value in self.network.state_dict().items()}
         save_tensors(Path(folder) / _WEIGHTS, tensors | {_PRIOR: self.mean_light.texels, _UP: self.up})
         if self.sphere is not None:
@@ -68,9 +66,7 @@ class ProbeModel:
 
     @staticmethod
     def load(folder: Path) -> "ProbeModel":
-        """Return the model saved in `folder`; raise `InputError` when files are missing or do not fit each
-        other.
-        """
+        """Return the model saved in `folder`; raise `InputError` for files that are missing or do not fit."""
         folder = Path(folder)
         config = _load_config(folder / _CONFIG)
         with remedied(RETRAIN):
@@ -79,13 +75,8 @@ class ProbeModel:
         fixed = {_PRIOR: TensorRule((6, side, side, 3), low=0), _UP: TensorRule((3,), low=-1.001, high=1.001)}
         check_tensors(tensors, fixed, folder / _WEIGHTS, RETRAIN)
         network = _load_network(folder / _WEIGHTS, tensors, config)
-        return ProbeModel(
-            network,
-            Environment(tensors[_PRIOR]),
-            tensors[_UP],
-            config,
-            _load_sphere(folder / _SPHERE, config),
-        )
+        sphere = _load_sphere(folder / _SPHERE, config)
+        return ProbeModel(network, Environment(tensors[_PRIOR]), tensors[_UP], config, sphere)
 
 
 def _load_config(path: Path) -> DistillConfig:
@@ -96,9 +87,7 @@ def _load_config(path: Path) -> DistillConfig:
 
 
 def _load_network(path: Path, tensors: dict[str, Tensor], config: DistillConfig) -> IlluminationMlp:
-    """Return the illumination MLP; the stored sizes are compared first, as a wrong one may be too large to
-    make.
-    """
+    """Return the illumination MLP; sizes are compared first, as a wrong one may be too large to make."""
     weights = {name[len(_MLP) :]: value for name, value in tensors.items() if name.startswith(_MLP)}
     layers = sum(name.endswith("weight") for name in weights)
     check_tensors(weights, {"layers.0.weight": TensorRule((config.width, "inputs"))}, path, RETRAIN)

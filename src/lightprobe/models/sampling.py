@@ -5,9 +5,7 @@ from torch import Tensor
 
 from lightprobe.core.device import generator, to_device
 
-_LEAST_WEIGHT = (
-    1e-3  # keeps perfectly rough pixels in the draw, so that a wholly matte object still has probes
-)
+_LEAST_WEIGHT = 1e-3  # keeps perfectly rough pixels in the draw: a wholly matte object has probes, too
 
 
 def sample_pixels(roughness: Tensor, count: int, *, seed: int, stream: str, step: int = 0) -> Tensor:

@@ -87,9 +87,7 @@ def bake(
 
 @torch.no_grad()
 def bake_textures(model: LatticeModel, mesh: Mesh, size: int) -> Textures:
-    """Return the field's material on the texels of `mesh`; those outside all charts repeat the nearest
-    inside.
-    """
+    """Return the field's material on the texels of `mesh`; those outside all charts repeat the nearest."""
     face, barycentric, texel = texel_points(mesh, size)
     corners = mesh.faces[face].long()
     position = (mesh.vertices[corners] * barycentric[..., None]).sum(1)

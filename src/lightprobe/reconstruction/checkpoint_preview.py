@@ -12,8 +12,9 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.errors import InputError
 from lightprobe.geometry.textures import sample
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.phase1 import AssetAndLights, split_validation, start_shape
+from lightprobe.reconstruction.phase1 import AssetAndLights, split_validation
 from lightprobe.reconstruction.photos import load_targets
+from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.render.asset import Asset
 from lightprobe.scene.photo import Scene

@@ -1,8 +1,7 @@
 """The first two passes' task: whole photos, silhouettes included, one per step."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -14,6 +13,7 @@ from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import frame_loss, grey_world, image_loss, metal_parsimony
 from lightprobe.reconstruction.photos import Target, evenly_spaced
+from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.trials.brightness import (
     CHOICE_PHOTOS,
     best_new,
@@ -27,7 +27,6 @@ from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial, TrialP
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
-from lightprobe.render.surface import View
 from lightprobe.training import ParameterGroup, Stage
 from lightprobe.training.loop import visited
 
@@ -35,43 +34,10 @@ _PARSIMONY = 0.02  # weight of the entropy of the metals' base colours
 _POINTS = 512  # whose materials are compared for it in a step
 
 
-class Unknowns(Protocol):
-    """What a pass fits beside the lights."""
-
-    def chosen(self) -> dict[str, Tensor]:
-        """Return what is chosen and not trained, by name."""
-
-    def project(self) -> None:
-        """Bring parameters back into their valid ranges after a step."""
-
-
-class Model(Unknowns, Protocol):
-    """The unknowns of the first two passes."""
-
-    @property
-    def mean_color(self) -> Tensor:
-        """The mean () that base colours are held at."""
-
-    def groups(self) -> list[ParameterGroup]:
-        """Return the trained parameters and their rates."""
-
-    def rasterise(self, view: View, step: int, progress: float) -> RasterisedView:
-        """Return what a camera sees, and the regularisation loss."""
-
-    def gbuffers(self, views: Sequence[View], progress: float) -> Iterator[GBuffer]:
-        """Yield the G-buffers of the present surface in several views, without gradient."""
-
-    def update_visibility(self) -> None:
-        """Update what follows the surface only now and then: its shadows, and the colours it sees around it."""
-
-    def brighten(self, factor: float) -> None:
-        """Multiply all base colours, and the mean they are held at, by `factor`."""
-
-
 class PassTask:
     """What the tasks of all passes share: what a checkpoint holds beside parameters, and valid ranges."""
 
-    model: Unknowns
+    model: LatticeModel | SurfaceModel
     lights: Lights
 
     def buffers(self) -> dict[str, Tensor]:
@@ -93,7 +59,8 @@ class PassTask:
 class ImageTask(PassTask):
     """Fit a model and the lights to photos, one after the other."""
 
-    model: Model
+    recordable = False  # each photo covers another number of pixels
+    model: LatticeModel | SurfaceModel
     targets: list[Target]
     lights: Lights
     stage: Stage
@@ -121,12 +88,15 @@ class ImageTask(PassTask):
 
     def _choose_brightness(self, step: int, fraction: float) -> None:
         """Multiply the base colours by the best factor near 1, and divide the lights by it."""
-        chosen = evenly_spaced(self.targets, CHOICE_PHOTOS)
-        shown = zip(chosen, self.model.gbuffers([target.view for target in chosen], fraction), strict=True)
-        mean = float(self.model.mean_color)
-        factor = choose_brightness(shown, self.lights, step, mean)
+        shown = self._shown(CHOICE_PHOTOS, fraction)
+        factor = choose_brightness(shown, self.lights, step, float(self.model.mean_color))
         self.model.brighten(factor)
         self.lights.dim(factor)
+
+    def _shown(self, count: int, fraction: float) -> Iterator[tuple[Target, GBuffer]]:
+        """Yield some photos with the model's G-buffers in them, one at a time."""
+        chosen = evenly_spaced(self.targets, count)
+        yield from zip(chosen, self.model.gbuffers([target.view for target in chosen], fraction), strict=True)
 
     def _try_changes(self, model: LatticeModel, fraction: float, *, first: bool) -> None:
         """Make the first or the second trial's changes that photos ask for (`reconstruction.trials`)."""
@@ -141,8 +111,7 @@ class ImageTask(PassTask):
                 if opening is not None:
                     model.reshape(opening.distance)
                     self._take_over(model, opening.trial)
-        chosen, mean = evenly_spaced(self.targets, PHOTOS), float(model.mean_color)
-        shown = zip(chosen, model.gbuffers([target.view for target in chosen], fraction), strict=True)
+        mean, shown = float(model.mean_color), self._shown(PHOTOS, fraction)
         samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
         photos = TrialPhotos([sample for sample in samples if sample.halves], self.lights, self.seed)
         if first:
@@ -167,11 +136,6 @@ class ImageTask(PassTask):
             self.lights.replace(name, light)
         model.material.take_over(trial.material)
         model.update_visibility()
-
-    @property
-    def recordable(self) -> bool:
-        """Whether a step depends on what it is given alone: no, each photo covers another number of pixels."""
-        return False
 
     def given(self, iteration: int) -> tuple[Tensor, ...]:
         """Return nothing, as `loss` finds its photo by itself."""

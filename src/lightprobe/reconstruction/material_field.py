@@ -97,9 +97,7 @@ class ScaledMaterial(nn.Module):
         self.field = MaterialField(config, generator(seed, "field")).to(device)
 
     def forward(self, points: Tensor) -> Tensor:
-        """Return the material (N, 8) at points (N, 3): the field's, with its base colours times the
-        brightness.
-        """
+        """Return the field's material (N, 8) at points (N, 3), its base colours times the brightness."""
         channels = self.field(points)
         color = channels[:, :3] * self.brightness
         # At the bound the gradient goes on: a colour that shot over white could not come back without one.

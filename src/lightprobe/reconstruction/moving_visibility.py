@@ -1,6 +1,4 @@
-"""Visibility on a surface whose triangles change from step to step: that of the nearest point of a past
-state.
-"""
+"""Visibility on a surface whose triangles change at each step: that of a past state's nearest point."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,5 @@
 """Phase I from start to end: visual hull, first pass, bake, second and third pass, final lights, verdict."""
 
-import functools
 import statistics
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from lightprobe.core.config import DecomposeConfig, StartShape
+from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import full_precision
 from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
@@ -17,7 +16,7 @@ from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target, evenly_spaced, load_targets
-from lightprobe.reconstruction.start import BOX, Start, start_from_box, start_from_hull
+from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
 from lightprobe.reconstruction.trials.plausibility import (
@@ -27,7 +26,6 @@ from lightprobe.reconstruction.trials.plausibility import (
 )
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.asset import Asset
-from lightprobe.scene import carved_hull
 from lightprobe.scene.camera import up_of
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.training import Progress, Resumed, Stage, Training
@@ -36,30 +34,6 @@ from lightprobe.training.descent import exponential
 _JUDGES = 8  # photos that an object is judged by where none was held out
 _EPSILON = 1e-12  # that Adam adds to the root of the mean of squared gradients
 _LIGHTS = "lights"  # beside the asset's tensors, of what a pass starts from
-
-
-@dataclass(frozen=True)
-class _Phase:
-    """What every step of Phase I needs to know."""
-
-    scene: Scene
-    config: DecomposeConfig
-    device: torch.device
-    seed: int
-    training: Training
-
-    def tell(self, message: str) -> None:
-        """Report something worth a line in the log."""
-        self.training.progress.tell(message)
-
-    def targets(self, photos: list[Photo], side: int) -> list[Target]:
-        """Return photos as tensors of at most `side` pixels."""
-        return load_targets(self.scene, photos, side, self.device)
-
-    @functools.cached_property
-    def backgrounds(self) -> dict[str, float | None]:
-        """The level of each training photo's background, by name."""
-        return {photo.name: background_level(photo) for photo in self.scene.train}
 
 
 @dataclass(frozen=True)
@@ -112,174 +86,142 @@ def decompose(
     """
     config, device = config or DecomposeConfig(), full_precision(device or torch.device("cpu"))
     first, second, third = passes = stages(config)
-    training = Training(
-        "Phase I", asdict(config), seed, passes, config.checkpoint_every, progress or Progress()
+    progress = progress or Progress()
+    training = Training("Phase I", asdict(config), seed, passes, config.checkpoint_every, progress)
+    phase = _Phase(
+        scene, config, device, seed, training, *split_validation(scene.train, config.validation_photos)
     )
-    phase = _Phase(scene, config, device, seed, training)
-    fitted, held_out = split_validation(scene.train, config.validation_photos)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:
-        start, resumed = _first_pass(phase, fitted, resumed), None
+        start, resumed = phase.first_pass(first, resumed), None
         training.begin(second, start.tensors())
     else:
-        start = _resumed_start(phase, fitted, resumed)
+        with training.restoring(resumed.step):
+            start = AssetAndLights.of(resumed.start, device)
+            phase.lights(start.lights)  # raises where they are another training's
     if resumed is None or resumed.stage == second.name:
-        start, resumed = _second_pass(phase, fitted, held_out, start, resumed), None
+        start, resumed = phase.second_pass(second, start, resumed), None
         training.begin(third, start.tensors())
-    end = _third_pass(phase, fitted, held_out, start, resumed)
-    lights = _final_lights(phase, end.asset, _lights(phase, fitted, end.lights))
-    every = [lights[photo.name] for photo in scene.train]
-    up = torch.from_numpy(up_of(photo.camera for photo in scene.train)).float()
-    correlation = ViewLightCorrelation.of(every, [_towards(photo, scene) for photo in scene.train], up)
-    background = BackgroundLevel.of(every, [phase.backgrounds[photo.name] for photo in scene.train])
-    judges = phase.targets(held_out or evenly_spaced(fitted, _JUDGES), config.pass1_side)
-    verdict = judge_object(end.asset, judges, correlation, background, config, seed, held_out=bool(held_out))
-    if verdict is not None:
-        phase.tell(verdict.sentence)
-    environments = {name: Environment(light) for name, light in lights.items()}
-    return Decomposition(end.asset, environments, scene.similarity, verdict=verdict)
+    return phase.finished(phase.third_pass(third, start, resumed))
 
 
-def _towards(photo: Photo, scene: Scene) -> Tensor:
-    """Return where a photo's camera is, (3,) in object radii from the object's centre."""
-    return torch.from_numpy(photo.camera.normalised(scene.similarity).position).float()
+@dataclass(frozen=True)
+class _Phase:
+    """What every step of Phase I needs to know, and these steps."""
 
+    scene: Scene
+    config: DecomposeConfig
+    device: torch.device
+    seed: int
+    training: Training
+    fitted: list[Photo]
+    held_out: list[Photo]
 
-def _resumed_start(phase: _Phase, photos: list[Photo], resumed: Resumed) -> AssetAndLights:
-    """Return what the pass of a checkpoint started from; raise `InputError` when it is another training's."""
-    with phase.training.restoring(resumed.step):
-        start = AssetAndLights.of(resumed.start, phase.device)
-        _lights(phase, photos, start.lights)
-    return start
+    def targets(self, photos: list[Photo], side: int) -> list[Target]:
+        """Return photos as tensors of at most `side` pixels."""
+        return load_targets(self.scene, photos, side, self.device)
 
+    def lights(self, stacked: Tensor | None = None) -> Lights:
+        """Return the fitted photos' lights, grey or those given; raise `ValueError` when one is missing."""
+        lights = Lights([photo.name for photo in self.fitted], self.config, self.device, self.seed)
+        if stacked is not None:
+            lights.load(stacked)
+        return lights
 
-def _lights(phase: _Phase, photos: list[Photo], stacked: Tensor | None = None) -> Lights:
-    """Return the photos' lights, grey or those given; raise `ValueError` when one is missing."""
-    lights = Lights([photo.name for photo in photos], phase.config, phase.device, phase.seed)
-    if stacked is not None:
-        lights.load(stacked)
-    return lights
+    def first_pass(self, stage: Stage, resumed: Resumed | None) -> AssetAndLights:
+        """Fit lattice and field, bake them, and return what the second pass starts from."""
+        config, levels = self.config, [background_level(photo) for photo in self.fitted]
+        targets = self.targets(self.fitted, config.pass1_side)
+        targets = [replace(t, background_level=level) for t, level in zip(targets, levels, strict=True)]
+        start = start_shape(self.scene, config, self.seed, self.fitted, targets)
+        model, lights = LatticeModel(start, config, self.device, self.seed), self.lights()
+        self.training.run(ImageTask(model, targets, lights, stage, config, self.seed), stage, resumed)
+        fill_unseen(model, [target.view for target in targets])
+        # Baking ends the first pass for good: the unwrapper's time limit must not change a resumed run.
+        return AssetAndLights(bake(model, config, self.device, self.training.progress.tell), lights.stacked())
 
+    def second_pass(self, stage: Stage, start: AssetAndLights, resumed: Resumed | None) -> AssetAndLights:
+        """Refine the baked asset, vertices and textures, and return what the third pass starts from."""
+        if self.config.pass2_iterations == 0:
+            return start
+        model, lights = SurfaceModel(start.asset, self.config, self.seed), self.lights(start.lights)
+        targets = self.targets(self.fitted, self.config.pass2_side)
+        task = ImageTask(model, targets, lights, stage, self.config, self.seed)
+        self.training.run(task, stage, resumed, start.tensors())
+        return self._best(stage, start, [model.asset()], lights)
 
-def _first_pass(phase: _Phase, photos: list[Photo], resumed: Resumed | None) -> AssetAndLights:
-    """Fit lattice and field, bake them, and return what the second pass starts from."""
-    config, stage = phase.config, phase.training.stages[0]
-    targets = [
-        replace(target, background_level=phase.backgrounds[target.name])
-        for target in phase.targets(photos, config.pass1_side)
-    ]
-    start = start_shape(phase.scene, config, phase.seed, photos, targets)
-    model = LatticeModel(start, config, phase.device, phase.seed)
-    lights = _lights(phase, photos)
-    phase.training.run(ImageTask(model, targets, lights, stage, config, phase.seed), stage, resumed)
-    fill_unseen(model, [target.view for target in targets])
-    # Baking ends the first pass for good: the unwrapper's time limit must not change a resumed run.
-    return AssetAndLights(bake(model, config, phase.device, phase.tell), lights.stacked())
+    def third_pass(self, stage: Stage, start: AssetAndLights, resumed: Resumed | None) -> AssetAndLights:
+        """Refine the textures at the photos' full size, where that shows more than the second pass could see."""
+        config, asset = self.config, start.asset
+        longest = (max(photo.camera.width, photo.camera.height) for photo in self.fitted)
+        side = statistics.median(min(side, config.pass3_side) for side in longest)
+        if config.pass3_iterations == 0 or side <= config.pass2_side:
+            return start
+        loaded = (self.targets([photo], config.pass3_side)[0] for photo in self.fitted)
+        pixels = [PhotoPixels.of(asset, target, self.seed) for target in loaded]
+        before = asset.textures.resized(max(config.pass3_texture_size, asset.textures.size))
+        model = SurfaceModel(replace(asset, textures=before), config, self.seed)
+        lights, pixels = self.lights(start.lights), [photo for photo in pixels if len(photo.color) > 0]
+        task = TextureTask(model, pixels, lights, stage, config, self.seed)
+        self.training.run(task, stage, resumed, start.tensors())
+        refined = model.asset()
+        # Detail that only explains errors of the lights is worse than none; halfway is often better than either.
+        halfway = replace(refined, textures=before.halfway(refined.textures))
+        return self._best(stage, start, [halfway, refined], lights)
 
+    def _best(
+        self, stage: Stage, start: AssetAndLights, assets: list[Asset], lights: Lights
+    ) -> AssetAndLights:
+        """Return the asset that explains held-out photos best, with its lights; the last one without such photos.
 
-def start_shape(
-    scene: Scene, config: DecomposeConfig, seed: int, photos: list[Photo], targets: list[Target]
-) -> Start:
-    """Return the lattice and the distances that the first pass starts from, of photos with their pixels."""
-    if config.start is not StartShape.HULL:
-        return start_from_box(config.start, config.lattice_cells, seed)
-    cameras = [
-        photo.camera.resized(target.view.width, target.view.height).normalised(scene.similarity)
-        for photo, target in zip(photos, targets, strict=True)
-    ]
-    masks = [t.alpha.reshape(t.view.height, t.view.width).cpu().numpy() for t in targets]
-    # The box leaves the surface room to grow beyond the hull, whose radius is 1 only up to a voxel.
-    hull = carved_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
-    return start_from_hull(hull, config.lattice_cells)
+        Where the asset from before the stage, `start`, is the best one, so are its lights.
+        """
+        targets = self.targets(self.held_out, self.config.pass2_side)
+        # At this size a photo may show too little of the object to judge by.
+        judges = [target for target in targets if bool(target.covered.any())]
+        if not judges:
+            return AssetAndLights(assets[-1], lights.stacked())
+        scores = [validate(asset, judges, self.config, self.seed) for asset in (start.asset, *assets)]
+        listed, progress = ", ".join(f"{score:.2f}" for score in scores[1:]), self.training.progress
+        progress.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
+        best = scores.index(max(scores))
+        progress.score(stage.name, scores[0], max(scores[1:]))
+        return start if best == 0 else AssetAndLights(assets[best - 1], lights.stacked())
 
-
-def _second_pass(
-    phase: _Phase, photos: list[Photo], held_out: list[Photo], start: AssetAndLights, resumed: Resumed | None
-) -> AssetAndLights:
-    """Refine the baked asset, vertices and textures, and return what the third pass starts from."""
-    config, stage = phase.config, phase.training.stages[1]
-    if config.pass2_iterations == 0:
-        return start
-    lights = _lights(phase, photos, start.lights)
-    model = SurfaceModel(start.asset, config, phase.seed)
-    targets = phase.targets(photos, config.pass2_side)
-    task = ImageTask(model, targets, lights, stage, config, phase.seed)
-    phase.training.run(task, stage, resumed, start.tensors())
-    return _best(phase, stage, held_out, start, [model.asset()], lights)
-
-
-def _third_pass(
-    phase: _Phase, photos: list[Photo], held_out: list[Photo], start: AssetAndLights, resumed: Resumed | None
-) -> AssetAndLights:
-    """Refine the textures at the photos' full size, where that shows more."""
-    config, stage = phase.config, phase.training.stages[2]
-    if config.pass3_iterations == 0 or not _has_detail(photos, config):
-        return start
-    lights, asset = _lights(phase, photos, start.lights), start.asset
-    pixels = [
-        PhotoPixels.of(asset, phase.targets([photo], config.pass3_side)[0], phase.seed) for photo in photos
-    ]
-    pixels = [photo for photo in pixels if len(photo.color) > 0]
-    before = asset.textures.resized(max(config.pass3_texture_size, asset.textures.size))
-    model = SurfaceModel(replace(asset, textures=before), config, phase.seed)
-    task = TextureTask(model, pixels, lights, stage, config, phase.seed)
-    phase.training.run(task, stage, resumed, start.tensors())
-    refined = model.asset()
-    # Detail that only explains errors of the lights is worse than none; halfway is often better than either.
-    halfway = replace(refined, textures=before.halfway(refined.textures))
-    return _best(phase, stage, held_out, start, [halfway, refined], lights)
-
-
-def _best(
-    phase: _Phase,
-    stage: Stage,
-    held_out: list[Photo],
-    start: AssetAndLights,
-    assets: list[Asset],
-    lights: Lights,
-) -> AssetAndLights:
-    """Return the asset that explains held-out photos best, with its lights; the last one without such photos.
-
-    Where the asset from before the stage, `start`, is the best one, so are its lights.
-    """
-    # At this size a photo may show too little of the object to judge by.
-    judges = [
-        target for target in phase.targets(held_out, phase.config.pass2_side) if bool(target.covered.any())
-    ]
-    if not judges:
-        return AssetAndLights(assets[-1], lights.stacked())
-    scores = [validate(asset, judges, phase.config, phase.seed) for asset in (start.asset, *assets)]
-    listed = ", ".join(f"{score:.2f}" for score in scores[1:])
-    phase.tell(f"held-out photos: {scores[0]:.2f} dB before {stage.name}, {listed} after it")
-    best = scores.index(max(scores))
-    phase.training.progress.score(stage.name, scores[0], max(scores[1:]))
-    return start if best == 0 else AssetAndLights(assets[best - 1], lights.stacked())
-
-
-def _has_detail(photos: list[Photo], config: DecomposeConfig) -> bool:
-    """Return whether the photos hold more than the second pass could see."""
-    sides = [min(max(photo.camera.width, photo.camera.height), config.pass3_side) for photo in photos]
-    return statistics.median(sides) > config.pass2_side
-
-
-def _final_lights(phase: _Phase, asset: Asset, lights: Lights) -> dict[str, Tensor]:
-    """Return the environments of all training photos for the finished asset, photo name -> (6, R, R, 3).
-
-    Lights fitted by gradients stay as they are (paper); solved ones are solved once more, at the teacher's
-    resolution.
-    """
-    final = {}
-    for photo in phase.scene.train:
-        if lights.gradient and photo.name in lights.index:
-            final[photo.name] = lights.maps[lights.index[photo.name]].detach()
-            continue
-        (target,) = phase.targets([photo], phase.config.pass1_side)
-        resolution = phase.config.light_resolution if lights.gradient else phase.config.teacher_resolution
-        start = (
-            lights.maps[lights.index[photo.name]]
-            if photo.name in lights.index and not lights.gradient
-            else None
+    def finished(self, end: AssetAndLights) -> Decomposition:
+        """Return the object with the lights of all training photos, and what to think of it."""
+        config, train = self.config, self.scene.train
+        lights = self._final_lights(end.asset, self.lights(end.lights))
+        up = torch.from_numpy(up_of(photo.camera for photo in train)).float()
+        cameras = [photo.camera.normalised(self.scene.similarity) for photo in train]
+        towards = [torch.from_numpy(camera.position).float() for camera in cameras]
+        correlation = ViewLightCorrelation.of(lights, towards, up)
+        background = BackgroundLevel.of(lights, [background_level(photo) for photo in train])
+        judges = self.targets(self.held_out or evenly_spaced(self.fitted, _JUDGES), config.pass1_side)
+        held_out = bool(self.held_out)
+        verdict = judge_object(
+            end.asset, judges, correlation, background, config, self.seed, held_out=held_out
         )
-        final[photo.name] = fit_light(asset, target, resolution, phase.config, phase.seed, start)[1]
-        phase.training.progress.step("lights", len(final), len(phase.scene.train), 0.0)
-    return final
+        if verdict is not None:
+            self.training.progress.tell(verdict.sentence)
+        named = {photo.name: Environment(light) for photo, light in zip(train, lights, strict=True)}
+        return Decomposition(end.asset, named, self.scene.similarity, verdict=verdict)
+
+    def _final_lights(self, asset: Asset, lights: Lights) -> list[Tensor]:
+        """Return the lights (6, R, R, 3) of all training photos for the finished asset.
+
+        Lights fitted by gradients stay as they are (paper); solved ones are solved once more, at
+        `teacher_resolution`.
+        """
+        final: list[Tensor] = []
+        config, train = self.config, self.scene.train
+        resolution = config.light_resolution if lights.gradient else config.teacher_resolution
+        for photo in train:
+            start = lights.maps[lights.index[photo.name]] if photo.name in lights.index else None
+            if lights.gradient and start is not None:
+                final.append(start.detach())
+                continue
+            (target,) = self.targets([photo], config.pass1_side)
+            final.append(fit_light(asset, target, resolution, config, self.seed, start)[1])
+            self.training.progress.step("lights", len(final), len(train), 0.0)
+        return final

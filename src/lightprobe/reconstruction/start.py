@@ -6,11 +6,13 @@ import numpy as np
 import scipy
 import torch
 
-from lightprobe.core.config import StartShape
+from lightprobe.core.config import DecomposeConfig, StartShape
 from lightprobe.core.device import generator
 from lightprobe.core.errors import ConvergenceError
 from lightprobe.geometry.tet_lattice import TetLattice, build_lattice
-from lightprobe.scene import Hull
+from lightprobe.reconstruction.photos import Target
+from lightprobe.scene import Hull, carved_hull
+from lightprobe.scene.photo import Photo, Scene
 
 BOX = 1.15  # half edge of the lattice, in object radii
 _INSIDE = 0.1  # share of the vertices that start inside, of noise
@@ -25,6 +27,22 @@ class Start:
     distance: torch.Tensor  # (V,) float32, inside < 0
 
 
+def start_shape(
+    scene: Scene, config: DecomposeConfig, seed: int, photos: list[Photo], targets: list[Target]
+) -> Start:
+    """Return the lattice and the distances that the first pass starts from, of photos with their pixels."""
+    if config.start is not StartShape.HULL:
+        return start_from_box(config.start, config.lattice_cells, seed)
+    cameras = [
+        photo.camera.resized(target.view.width, target.view.height).normalised(scene.similarity)
+        for photo, target in zip(photos, targets, strict=True)
+    ]
+    masks = [t.alpha.reshape(t.view.height, t.view.width).cpu().numpy() for t in targets]
+    # The box leaves the surface room to grow beyond the hull, whose radius is 1 only up to a voxel.
+    hull = carved_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
+    return start_from_hull(hull, config.lattice_cells)
+
+
 def hull_distance(hull: Hull) -> np.ndarray:
     """Return the smoothed signed distance (N, N, N) float32 of a hull's voxels, normalised units, inside < 0."""
     voxel = (hull.hi[0] - hull.lo[0]) / hull.occupancy.shape[0]
@@ -35,9 +53,7 @@ def hull_distance(hull: Hull) -> np.ndarray:
 
 
 def start_from_hull(hull: Hull, cells: int) -> Start:
-    """Return lattice and distances of `cells` cells per edge around a hull; raise `ConvergenceError` if
-    empty.
-    """
+    """Return lattice and distances around a hull, `cells` per edge; raise `ConvergenceError` if it is empty."""
     if not hull.occupancy.any():
         raise ConvergenceError(
             "The masks have no common visual hull: cameras or masks are wrong; "

@@ -1,6 +1,4 @@
-"""How well an asset explains photos, as a rule held-out ones: the choice between passes, final lights,
-verdict.
-"""
+"""How well an asset explains photos, held-out ones as a rule: choice of a pass, final lights, verdict."""
 
 from dataclasses import replace
 

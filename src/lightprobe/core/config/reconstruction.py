@@ -49,9 +49,7 @@ class ImageLoss(StrEnum):
 
 
 class Smoothed(StrEnum):
-    """Which channels are held smooth: the whole material, or base colour, in full from step 500 on
-    (nvdiffrec).
-    """
+    """Which channels are held smooth: the whole material, or base colour (nvdiffrec)."""
 
     MATERIAL = "material"
     BASE_COLOR = "base-color"

@@ -80,9 +80,7 @@ def brightened(pixels: GBuffer, factor: float) -> GBuffer:
 
 
 def _least(below: float, here: float, above: float) -> float:
-    """Return the factor with the least error, by the parabola through the errors of the three that were
-    tried.
-    """
+    """Return the factor with the least error, by the parabola through those of three factors."""
     curvature = below - 2 * here + above
     if curvature <= 0:
         return math.exp(math.copysign(_STEP, below - above)) if below != above else 1.0
@@ -199,9 +197,7 @@ def _gains(errors: Tensor, rival: Tensor) -> Tensor:
 
 
 def _vertex(starts: Sequence[float], errors: Sequence[float], best: int) -> float:
-    """Return where the parabola through the least error and its neighbours is lowest, relative to the least
-    one.
-    """
+    """Return where the parabola through the least error and its neighbours is lowest, over the least."""
     if not 0 < best < len(errors) - 1:
         return 1.0
     left, here, right = (math.log(starts[k]) for k in (best - 1, best, best + 1))

@@ -144,9 +144,7 @@ def _error(image: Tensor, target: Target, pixels: GBuffer, chosen: Tensor) -> fl
 def _opened(
     model: LatticeModel, surface: ClosedSurface, suspect: _Suspect, photos: _Photos
 ) -> tuple[LatticeModel, Opening] | None:
-    """Return a copy of the model with the best cavity behind a lid of its surface, None where no cavity is
-    better.
-    """
+    """Return a copy of the model with the best cavity behind a lid, None where no cavity is better."""
     photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
     closed = _Fitted.of(model, photos)
     whole_lid = Evidence.of(closed.trial, suspect.rows, _FEWEST_PIXELS)

@@ -74,9 +74,7 @@ def _error(
     half: Tensor,
     rest: Tensor,
 ) -> float:
-    """Return the displayed error of the rest under a light solved from a half, from the mean colour of
-    `light`.
-    """
+    """Return the displayed error of the rest under a light solved from a half, from `light`'s mean colour."""
     start = light.mean((0, 1, 2)).expand_as(light).contiguous()
     found = solver(observed, clipped, pixels, half, start)
     return float(displayed_error(shade_under(pixels.select(rest), found), observed[rest], clipped[rest]))

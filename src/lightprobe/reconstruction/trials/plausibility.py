@@ -81,9 +81,7 @@ class ViewLightCorrelation:
 
 
 def _frame(towards: Tensor, up: Tensor) -> Tensor | None:
-    """Return the rotation (3, 3) of z to `up` (3,) and x to the horizontal part of `towards` (3,), if it has
-    one.
-    """
+    """Return the rotation (3, 3) of z to `up` (3,) and x to the horizontal part, if any, of `towards` (3,)."""
     towards, up = towards.cpu(), up.cpu()
     across = towards - (towards @ up) * up
     length = across.norm()
