@@ -13,8 +13,7 @@ from lightprobe.distillation.network_task import NetworkTask, mixed_precision
 from lightprobe.light import cubemap
 from lightprobe.models.illumination_mlp import IlluminationMlp
 from lightprobe.models.probe_distribution import stack
-from lightprobe.models.probe_pixels import ProbePixels
-from lightprobe.models.sampling import sample_pixels
+from lightprobe.models.probe_pixels import ProbePixels, sample_pixels
 from lightprobe.training.loop import visited
 
 _RATE = 5e-4  # Adam step (paper, 4.2)

@@ -26,7 +26,7 @@ from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.models.illumination_mlp import IlluminationMlp
 from lightprobe.models.probe_maps import BLACK, RESOLUTION, probe_maps, turned
 from lightprobe.models.probe_model import starts_pretrained
-from lightprobe.models.sampling import sample_pixels
+from lightprobe.models.probe_pixels import sample_pixels
 from lightprobe.models.sphere_net import SphereNet
 from lightprobe.training.descent import Schedule
 

@@ -18,8 +18,7 @@ from lightprobe.light.resize import magnify_light
 from lightprobe.models.probe_distribution import stack_everywhere
 from lightprobe.models.probe_maps import SOLVED_PIXELS, coarse_lights, probe_maps
 from lightprobe.models.probe_model import ProbeModel
-from lightprobe.models.probe_pixels import ProbePixels
-from lightprobe.models.sampling import sample_pixels
+from lightprobe.models.probe_pixels import ProbePixels, sample_pixels
 from lightprobe.models.sphere_net import light_of, mean_over_turns
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport

@@ -1,6 +1,6 @@
 """The first two passes' task: whole photos, silhouettes included, one per step."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -12,7 +12,7 @@ from lightprobe.core.device import generator, to_device
 from lightprobe.reconstruction.lattice_model import LatticeModel, RasterisedView
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.losses import frame_loss, grey_world, image_loss, metal_parsimony
-from lightprobe.reconstruction.photos import Target, evenly_spaced
+from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.trials.brightness import (
     CHOICE_PHOTOS,
@@ -23,7 +23,7 @@ from lightprobe.reconstruction.trials.brightness import (
 from lightprobe.reconstruction.trials.cavities import best_opening, has_doubtful_lid
 from lightprobe.reconstruction.trials.metals import best_metals
 from lightprobe.reconstruction.trials.schedule import CHOICES, lids_tried, trials_at
-from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial, TrialPhotos
+from lightprobe.reconstruction.trials.trial import PassPhotos, Trial
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import shade
@@ -42,12 +42,14 @@ class PassTask:
 
     def buffers(self) -> dict[str, Tensor]:
         """Return what the model has chosen, and the lights that are solved."""
-        return {**self.model.chosen(), **self.lights.solved()}
+        solved = {} if self.lights.gradient else {"lights": self.lights.stacked()}
+        return {**self.model.chosen(), **solved}
 
     def load_buffers(self, tensors: Mapping[str, Tensor]) -> None:
         """Take over buffers; raise `KeyError` or `ValueError` where they do not fit."""
         copy_stored(tensors, self.model.chosen())
-        self.lights.load_solved(tensors)
+        if not self.lights.gradient:
+            self.lights.load(tensors["lights"])
 
     def project(self) -> None:
         """Bring the model's parameters and the lights back into their valid ranges."""
@@ -76,44 +78,31 @@ class ImageTask(PassTask):
         return f"'{self.target(iteration).name}'"
 
     def refresh(self, iteration: int, fraction: float) -> None:
-        """Renew the shadows; in the first pass also choose the brightness, its product with each light kept."""
+        """Renew the shadows; in the first pass also try changes, and brightnesses that the lights make up for."""
         self.model.update_visibility()
         if iteration == 0 or not self.config.priors:
             return
+        photos = PassPhotos(self.targets, self.lights, fraction, self.seed)
         if isinstance(self.model, LatticeModel) and iteration in (trials := trials_at(self.config)):
-            self._try_changes(self.model, fraction, first=iteration == min(trials))
+            self._try_changes(self.model, photos, first=iteration == min(trials))
         step = self.stage.first_step + iteration
         if step <= CHOICES * self.config.checkpoint_every:
-            self._choose_brightness(step, fraction)
+            shown = photos.evenly(CHOICE_PHOTOS).shown(self.model)
+            factor = choose_brightness(shown, self.lights, step, float(self.model.mean_color))
+            self.model.brighten(factor)
+            self.lights.dim(factor)
 
-    def _choose_brightness(self, step: int, fraction: float) -> None:
-        """Multiply the base colours by the best factor near 1, and divide the lights by it."""
-        shown = self._shown(CHOICE_PHOTOS, fraction)
-        factor = choose_brightness(shown, self.lights, step, float(self.model.mean_color))
-        self.model.brighten(factor)
-        self.lights.dim(factor)
-
-    def _shown(self, count: int, fraction: float) -> Iterator[tuple[Target, GBuffer]]:
-        """Yield some photos with the model's G-buffers in them, one at a time."""
-        chosen = evenly_spaced(self.targets, count)
-        yield from zip(chosen, self.model.gbuffers([target.view for target in chosen], fraction), strict=True)
-
-    def _try_changes(self, model: LatticeModel, fraction: float, *, first: bool) -> None:
+    def _try_changes(self, model: LatticeModel, every: PassPhotos, *, first: bool) -> None:
         """Make the first or the second trial's changes that photos ask for (`reconstruction.trials`)."""
         if first:
             if model.lid_in_doubt:
-                doubtful = has_doubtful_lid(model, self.targets, self.lights, fraction, self.seed)
-                model.lid_in_doubt.fill_(doubtful)
+                model.lid_in_doubt.fill_(has_doubtful_lid(model, every))
         else:
             model.lid_in_doubt.fill_(False)
-            if lids_tried(self.config):
-                opening = best_opening(model, self.targets, self.lights, fraction, self.seed)
-                if opening is not None:
-                    model.reshape(opening.distance)
-                    self._take_over(model, opening.trial)
-        mean, shown = float(model.mean_color), self._shown(PHOTOS, fraction)
-        samples = [Sample.of(target, gbuffer, self.seed) for target, gbuffer in shown]
-        photos = TrialPhotos([sample for sample in samples if sample.halves], self.lights, self.seed)
+            if lids_tried(self.config) and (opening := best_opening(model, every)) is not None:
+                model.reshape(opening.distance)
+                self._take_over(model, opening.trial)
+        mean, photos = float(model.mean_color), every.of_trial(model)
         if first:
             best = best_new(photos, model.material)
         else:

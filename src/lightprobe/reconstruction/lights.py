@@ -4,7 +4,7 @@ With geometry and material held, a photo is linear in its light. So each visit c
 closed form (`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -178,21 +178,11 @@ class Lights:
         """Return all lights (N, 6, R, R, 3)."""
         return torch.stack([light.detach() for light in self.maps])
 
-    def solved(self) -> dict[str, Tensor]:
-        """Return `stacked` by name where lights are solved and not fitted by gradients."""
-        return {} if self.gradient else {"lights": self.stacked()}
-
-    def load_solved(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take over what `solved` returned; raise `KeyError` or `ValueError` where it does not fit."""
-        if not self.gradient:
-            self.load(tensors["lights"])
-
+    @torch.no_grad()
     def clamp(self) -> None:
         """Keep gradient-fitted lights non-negative."""
-        if self.gradient:
-            with torch.no_grad():
-                for light in self.maps:
-                    light.clamp_(min=0)
+        for light in self.maps if self.gradient else ():
+            light.clamp_(min=0)
 
     @torch.no_grad()
     def load(self, stacked: Tensor) -> None:

@@ -19,7 +19,7 @@ from lightprobe.reconstruction.start import Start, start_from_box
 from lightprobe.reconstruction.trials import cavities
 from lightprobe.reconstruction.trials.cavities import Opening, best_opening, has_doubtful_lid
 from lightprobe.reconstruction.trials.evidence import Evidence
-from lightprobe.reconstruction.trials.trial import Trial, TrialPhotos
+from lightprobe.reconstruction.trials.trial import PassPhotos, Trial, TrialPhotos
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.training import Stage
@@ -74,7 +74,7 @@ def test_a_cup_is_opened(monkeypatch):
     targets, lights = photos(model_of(inner=0.64))
     closed = model_of(inner=None)
     before = closed.distances().detach().clone()
-    opening = best_opening(closed, targets, lights, 1.0, 0)
+    opening = best_opening(closed, PassPhotos(targets, lights, 1.0, 0))
     assert opening is not None
     middle = closed.lattice.vertices.norm(dim=1).argmin()
     assert before[middle] < 0 < opening.distance[middle]
@@ -93,7 +93,7 @@ def test_a_cavity_is_judged_by_pixels_that_show_it(monkeypatch):
         return evidence_of(trial, part, *rest)
 
     monkeypatch.setattr(cavities.Evidence, "of", spy)
-    assert best_opening(closed, *photos(model_of(inner=0.64)), 1.0, 0) is not None
+    assert best_opening(closed, PassPhotos(*photos(model_of(inner=0.64)), 1.0, 0)) is not None
     of_closed, of_opened = judged
     for position, rows in of_closed:
         assert len(rows) > 0
@@ -111,20 +111,20 @@ def test_a_block_stays_solid(monkeypatch):
     monkeypatch.setattr(cavities, "_WALLS", (1.75, 3.0))
     solid = model_of(inner=None)
     targets, lights = photos(solid)
-    assert best_opening(solid, targets, lights, 1.0, 0) is None
+    assert best_opening(solid, PassPhotos(targets, lights, 1.0, 0)) is None
 
 
 @pytest.mark.long
 def test_what_is_explained_as_well_as_the_rest_is_not_suspect(monkeypatch):
     solid = model_of(inner=None)
     surface = cavities._surface(solid)
-    assert cavities._suspects(solid, surface, cavities._Photos(*photos(solid), 1.0, 0)) == []
-    cup = cavities._Photos(*photos(model_of(inner=0.64)), 1.0, 0)
+    assert cavities._suspects(solid, surface, PassPhotos(*photos(solid), 1.0, 0)) == []
+    cup = PassPhotos(*photos(model_of(inner=0.64)), 1.0, 0)
     (top,) = cavities._suspects(solid, surface, cup)
     assert surface.vertices[top.lid.vertices, 2].min() > 0.4
     for bound, doubtful in ((0.99 * top.excess, True), (1.01 * top.excess, False)):
         monkeypatch.setattr(cavities, "_DOUBTFUL", bound)
-        assert has_doubtful_lid(solid, cup.targets, cup.lights, 1.0, 0) == doubtful
+        assert has_doubtful_lid(solid, cup) == doubtful
 
 
 def attempt(wall: float, *gains: float) -> cavities._Attempt:

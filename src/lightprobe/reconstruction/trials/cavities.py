@@ -19,8 +19,7 @@ from torch import Tensor
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.photos import Target, evenly_spaced
+from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.trials.evidence import FEWEST_PHOTOS, Bar, Evidence, standard_error
 from lightprobe.reconstruction.trials.lids import (
     ClosedSurface,
@@ -31,7 +30,7 @@ from lightprobe.reconstruction.trials.lids import (
     without_voids,
 )
 from lightprobe.reconstruction.trials.schedule import refit_steps
-from lightprobe.reconstruction.trials.trial import PHOTOS, Sample, Trial, TrialPhotos
+from lightprobe.reconstruction.trials.trial import PHOTOS, PassPhotos, Sample, Trial, TrialPhotos
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
 
@@ -56,21 +55,6 @@ class Opening:
 
 
 @dataclass(frozen=True)
-class _Photos:
-    """Photos and their lights at some time in the pass."""
-
-    targets: Sequence[Target]
-    lights: Lights
-    fraction: float  # share of the pass that is done
-    seed: int
-
-    def shown(self, model: LatticeModel) -> Iterator[tuple[Target, GBuffer]]:
-        """Yield each photo with the model's G-buffer in it, one at a time."""
-        views = [target.view for target in self.targets]
-        yield from zip(self.targets, model.gbuffers(views, self.fraction), strict=True)
-
-
-@dataclass(frozen=True)
 class _Suspect:
     """A lid, and the photos that show it."""
 
@@ -84,14 +68,12 @@ class _Suspect:
         return self.shown[sample.name][sample.pixels.pixel].nonzero()[:, 0]
 
 
-def best_opening(
-    model: LatticeModel, targets: Sequence[Target], lights: Lights, fraction: float, seed: int
-) -> Opening | None:
+def best_opening(model: LatticeModel, photos: PassPhotos) -> Opening | None:
     """Return the model's surface with the cavities that photos ask for, None where they ask for none.
 
-    fraction: share of the pass that is done. The model and the lights stay as they are. Deterministic.
+    The model and the lights stay as they are. Deterministic.
     """
-    photos, model, found = _Photos(targets, lights, fraction, seed), _without_voids(model), None
+    model, found = _without_voids(model), None
     surface = _surface(model)
     for suspect in _suspects(model, surface, photos):
         opened = _opened(model, surface, suspect, photos)
@@ -100,16 +82,14 @@ def best_opening(
     return found
 
 
-def has_doubtful_lid(
-    model: LatticeModel, targets: Sequence[Target], lights: Lights, fraction: float, seed: int
-) -> bool:
+def has_doubtful_lid(model: LatticeModel, photos: PassPhotos) -> bool:
     """Return whether a part of the surface that may be a lid is explained so badly that it may well be one."""
-    photos, model = _Photos(targets, lights, fraction, seed), _without_voids(model)
+    model = _without_voids(model)
     return any(suspect.excess > _DOUBTFUL for suspect in _suspects(model, _surface(model), photos))
 
 
 @torch.no_grad()
-def _suspects(model: LatticeModel, surface: ClosedSurface, photos: _Photos) -> list[_Suspect]:
+def _suspects(model: LatticeModel, surface: ClosedSurface, photos: PassPhotos) -> list[_Suspect]:
     """Return the lids that are explained worse than the rest of the object, the worst first."""
     lids, lights = find_lids(surface), photos.lights
     of_lid = [torch.from_numpy(lid.vertices[surface.faces].all(1)).to(lights.maps[0].device) for lid in lids]
@@ -142,10 +122,10 @@ def _error(image: Tensor, target: Target, pixels: GBuffer, chosen: Tensor) -> fl
 
 
 def _opened(
-    model: LatticeModel, surface: ClosedSurface, suspect: _Suspect, photos: _Photos
+    model: LatticeModel, surface: ClosedSurface, suspect: _Suspect, photos: PassPhotos
 ) -> tuple[LatticeModel, Opening] | None:
     """Return a copy of the model with the best cavity behind a lid, None where no cavity is better."""
-    photos = replace(photos, targets=evenly_spaced(suspect.targets, PHOTOS))
+    photos = replace(photos, targets=suspect.targets).evenly(PHOTOS)
     closed = _Fitted.of(model, photos)
     whole_lid = Evidence.of(closed.trial, suspect.rows, _FEWEST_PIXELS)
 
@@ -252,12 +232,10 @@ class _Fitted:
 
     trial: Trial
     covered: int  # how many of the photos' pixels the surface covers
-    places: dict[
-        str, Tensor
-    ]  # photo name -> (H * W, 3) where each pixel's surface is, nan where there is none
+    places: dict[str, Tensor]  # photo name -> (H * W, 3) points of the surface, nan where there is none
 
     @staticmethod
-    def of(model: LatticeModel, photos: _Photos) -> "_Fitted":
+    def of(model: LatticeModel, photos: PassPhotos) -> "_Fitted":
         """Return the model's material fitted on its surface."""
         samples, covered, places = [], 0, {}
         for target, gbuffer in photos.shown(model):

@@ -1,7 +1,7 @@
 """A material that is fitted on a fixed surface for a short time, with lights of its own."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -9,9 +9,11 @@ from torch import Tensor
 
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
+from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights, LightSolver
 from lightprobe.reconstruction.material_field import MATERIAL_RATE, ScaledMaterial
-from lightprobe.reconstruction.photos import Target
+from lightprobe.reconstruction.photos import Target, evenly_spaced
+from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement, part_solver
 from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
 from lightprobe.render.gbuffer import GBuffer
@@ -48,11 +50,6 @@ class Sample:
         up, background = target.view.rotation[:, 1], target.background_level
         return Sample(target.name, pixels, color, clipped, covered, up, background)
 
-    @property
-    def halves(self) -> bool:
-        """Whether there are pixels enough for one half to solve the light and the other to fit the material."""
-        return len(self.color) > 1
-
     def of_material(self, material: Tensor) -> GBuffer:
         """Return the pixels with a material (P, 8), its normal offsets left out."""
         return replace(
@@ -62,11 +59,35 @@ class Sample:
 
 @dataclass(frozen=True)
 class TrialPhotos:
-    """What all trials of a moment start from: photos of the present surface, and their present lights."""
+    """What all trials of a surface start from: pixels of photos, and the photos' present lights."""
 
     samples: Sequence[Sample]
     lights: Lights
     seed: int
+
+
+@dataclass(frozen=True)
+class PassPhotos:
+    """The photos and their lights at some time in a pass."""
+
+    targets: Sequence[Target]
+    lights: Lights
+    fraction: float  # share of the pass that is done
+    seed: int
+
+    def evenly(self, count: int) -> "PassPhotos":
+        """Return some of the photos, spread evenly over all."""
+        return replace(self, targets=evenly_spaced(self.targets, count))
+
+    def shown(self, model: LatticeModel | SurfaceModel) -> Iterator[tuple[Target, GBuffer]]:
+        """Yield each photo with the model's G-buffer in it, one at a time."""
+        views = [target.view for target in self.targets]
+        yield from zip(self.targets, model.gbuffers(views, self.fraction), strict=True)
+
+    def of_trial(self, model: LatticeModel) -> TrialPhotos:
+        """Return the pixels that `PHOTOS` of the photos show of the model, without photos too small to halve."""
+        samples = [Sample.of(*shown, self.seed) for shown in self.evenly(PHOTOS).shown(model)]
+        return TrialPhotos([sample for sample in samples if len(sample.color) > 1], self.lights, self.seed)
 
 
 class Trial:

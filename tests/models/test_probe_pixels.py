@@ -2,7 +2,7 @@ import pytest
 import torch
 from scipy.stats import chi2
 
-from lightprobe.models.sampling import sample_pixels
+from lightprobe.models.probe_pixels import sample_pixels
 
 
 @pytest.mark.slow
