@@ -237,11 +237,8 @@ def _night(d: Tensor, draw: Draw) -> Tensor:
     )
     lamps, falling = torch.zeros_like(d), torch.full((3,), 0.02)
     for _ in range(draw.count(2, 14)):
-        towards, degrees, color = (
-            draw.towards(-3, 50),
-            draw.scale(0.7, 4),
-            draw.scale(30, 2000) * draw.white(1.2),
-        )
+        towards, degrees = draw.towards(-3, 50), draw.scale(0.7, 4)
+        color = draw.scale(30, 2000) * draw.white(1.2)
         glow = 0.003 * torch.exp(((d @ beside(towards, d))[:, None] - 1) / 0.01)
         lamps = torch.maximum(lamps, (_disc(d, towards, degrees) + glow) * beside(color, d))
         falling = falling + color * math.pi * math.radians(degrees) ** 2 * float(towards[2].clamp(min=0.1))

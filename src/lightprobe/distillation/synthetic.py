@@ -45,9 +45,8 @@ class LightPool:
         """
         self.device = device or torch.device("cpu")
         self.up = up.cpu()
-        self.photo_lights, self.maps = (
-            [light.to(self.device).texels for light in lights] for lights in (photo_lights, maps)
-        )
+        self.photo_lights = [light.to(self.device).texels for light in photo_lights]
+        self.maps = [light.to(self.device).texels for light in maps]
         self.resolution, self.seed = resolution, seed
 
     def light(self, index: int) -> Tensor:

@@ -27,9 +27,7 @@ GEOMETRY_RATE = 0.015  # Adam step of the shape (paper, 4.2): distances in cells
 START = 0.45  # mean linear base colour that Phase I starts with
 _JUDGED = 4096  # visible points whose material has a price in a step
 _COARSE_RATE = 3.0  # of the coarse grids, relative to single vertices: their gradients hold less noise
-_MLP_RATE = (
-    0.1  # of the network of distances: Adam moves every weight by it, and a full step loses the surface
-)
+_MLP_RATE = 0.1  # of the network of distances: Adam moves every weight by it; a full step loses the surface
 
 
 @dataclass(frozen=True)
@@ -76,8 +74,7 @@ class LatticeModel(nn.Module):
             shape = [ParameterGroup(_named("mlp", self.mlp), _MLP_RATE * GEOMETRY_RATE)]
         else:
             # Adam moves every touched entry by about its rate: a lattice value by some hundredths of a cell.
-            cells = GEOMETRY_RATE * self.lattice.cell
-            coarse = _named("coarse", self.coarse)
+            cells, coarse = GEOMETRY_RATE * self.lattice.cell, _named("coarse", self.coarse)
             shape = [ParameterGroup({"distance": self.distance}, cells)]
             shape.append(ParameterGroup(coarse, _COARSE_RATE * cells))
         return [

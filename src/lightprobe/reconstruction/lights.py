@@ -20,12 +20,9 @@ from lightprobe.render.transport import Transport, solve_light
 from lightprobe.training import ParameterGroup
 from lightprobe.training.recording import RecordedStep, Recorder, recorder_for
 
-REGULARISATION = (
-    0.001  # of solved lights while the asset changes: too smooth a light asks for too glossy a surface
-)
-FINAL_REGULARISATION = (
-    0.003  # of held-out photos' lights and of those that are kept; docs/decisions/light-pull.md
-)
+# Of solved lights while the asset changes, as too smooth a light asks for too glossy a surface; and of held-out
+# photos' lights and those that are kept.
+REGULARISATION, FINAL_REGULARISATION = 0.001, 0.003
 GREY = 0.005  # weight of the deviation from grey of a light that is fitted by gradients; nvdiffrec's
 _ITERATIONS = 5  # of a solve, which starts from the light of the previous visit
 _RATE = 0.005  # Adam step of a light that is fitted by gradients (paper, 4.2)

@@ -124,10 +124,8 @@ class TextureTask(PassTask):
             if not self.lights.gradient and epoch % _RELIGHT == 0:
                 self.lights.maps[row] = self._solve(photo, self.lights.maps[row])
             levels.append(self.lights.prefilter.apply(self.lights.maps[row]))
-        pixels, random = (
-            sum(len(photo.color) for photo in seen),
-            generator(self._seed, "texture-smoothness", step),
-        )
+        pixels = sum(len(photo.color) for photo in seen)
+        random = generator(self._seed, "texture-smoothness", step)
         angle = 2 * math.pi * torch.rand(pixels, generator=random)
         beside = to_device(torch.stack([angle.cos(), angle.sin()], 1), seen[0].color.device)
         cost = torch.stack([self.lights.grey_cost(row) for row in rows]).mean()
@@ -184,17 +182,13 @@ class TextureTask(PassTask):
         rows = torch.arange(min(self.config.light_solve_pixels, len(photo.color)), device=start.device)
         some = photo.select(rows * len(photo.color) // max(len(rows), 1))
         material, _ = self._materials([some.surface], some.color.new_zeros(len(rows), 2))
-        return solve_target_light(
-            some.color, some.clipped, self._gbuffer(some.surface, material), start, rows, self.config
-        )
+        gbuffer = self._gbuffer(some.surface, material)
+        return solve_target_light(some.color, some.clipped, gbuffer, start, rows, self.config)
 
     def _gbuffer(self, surface: Surface, material: Tensor) -> GBuffer:
         normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])
-        vertices = self.model.visibility
-        visibility = (
-            None
-            if vertices is None
-            else PointVisibility.of(vertices, self._mesh.faces, surface.face, surface.barycentric)
-        )
+        visibility, faces = None, self._mesh.faces
+        if self.model.visibility is not None:
+            visibility = PointVisibility.of(self.model.visibility, faces, surface.face, surface.barycentric)
         view = self._photos[0].view  # for its size, which no shading asks for
         return gbuffer_of(surface, view, normal, material, visibility)

@@ -1,18 +1,17 @@
-"""Trials of the first pass: changes of the object that no small step leads to, kept where the photos ask for
-them.
+"""Trials of the first pass: changes of the object that no small step leads to, kept where photos ask for them.
 
 Photos under unknown lights leave some things open to gradient descent: light and base colour share a factor
 (the light/albedo scale), paint under one light looks like metal under another, and a closed vessel never
 opens by moving its surface a little. So a few whole changes are tried out.
 
-When, in this order (`trials.schedule`; the object is exported and judged later, by
-`reconstruction.validation`):
+What is tried when, in this order (`trials.schedule`):
 
     first two checkpoints   the base colours times 1.4, 1 or 1/1.4, lights solved anew; the least image error
-                            decides (`brightness.choose_brightness`)
-    first trial: at the     is there a part of the surface that may be a lid over a cavity (`cavities`)? Then the
-    second checkpoint       surface does not follow its texture yet. A new material is fitted from each of four
-                            brightnesses (`brightness.best_new`), as a wrong brightness misleads the shape
+                            decides (`brightness.choose_brightness`), at the second after the first trial
+    first trial: at the     1. a part of the surface that may well be a lid over a cavity is looked for
+    second checkpoint          (`cavities`): where there is one, the surface does not follow its texture yet;
+                            2. a new material is fitted from each of four brightnesses, as a wrong one
+                               misleads the shape (`brightness.best_new`)
     second trial: after     1. lids are opened (`cavities`, `lids`);
     .7 of the pass          2. each of the object's few materials becomes metal, or no metal (`metals`);
                             3. the material is made up to four times brighter or darker
