@@ -222,8 +222,8 @@ def test_bad_environments_of_the_user_cost_no_phase(scene, tmp_path, capsys):
         (["fit", "SCENE", "-o", "RUN", "--device", "mps"], ["mps", "not supported"]),
         (["fit", "SCENE", "-o", "RUN", "--decompose.hull-voxels", "0"], ["hull_voxels", "at least 8"]),
         (
-            ["fit", "SCENE", "-o", "RUN", "--decompose.learning-rate-light", "nan"],
-            ["learning_rate_light", "finite"],
+            ["fit", "SCENE", "-o", "RUN", "--decompose.learning-rate-finish", "nan"],
+            ["learning_rate_finish", "finite"],
         ),
         (
             ["train", "SCENE", "-o", "RUN", "--distill.light-resolution", "12"],

@@ -16,7 +16,6 @@ from lightprobe.reconstruction.phase1 import AssetAndLights, split_validation
 from lightprobe.reconstruction.photos import load_targets
 from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
-from lightprobe.render.asset import Asset
 from lightprobe.scene.photo import Scene
 from lightprobe.training.loop import without_prefix
 
@@ -45,10 +44,9 @@ class CheckpointPreview:
     def surface(self, tensors: Mapping[str, Tensor], state: Mapping[str, Any]) -> PreviewSurface:
         """Return the surface of a checkpoint of Phase I; raise `InputError` when it is none."""
         try:
-            config, stage = DecomposeConfig.from_json(state["config"]), state["stage"]
-            if stage == _FIRST:
-                return self._lattice_surface(tensors, config, state)
-            return _mesh_surface(_present_asset(tensors, config, state, self._device), stage)
+            config = DecomposeConfig.from_json(state["config"])
+            made = self._lattice_surface if state["stage"] == _FIRST else self._textured_surface
+            return PreviewSurface(state["stage"], *made(tensors, config, state))
         except (KeyError, ValueError, RuntimeError) as error:
             raise InputError(
                 f"The newest checkpoint does not fit this run's scene and settings ({error})."
@@ -56,35 +54,35 @@ class CheckpointPreview:
 
     def _lattice_surface(
         self, tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any]
-    ) -> PreviewSurface:
-        model = self._model(config, state)
-        _load(tensors, model)
-        vertices, faces = (torch.from_numpy(array).to(self._device) for array in model.extract())
-        return PreviewSurface(_FIRST, vertices, faces, model.material(vertices)[:, :3])
-
-    def _model(self, config: DecomposeConfig, state: Mapping[str, Any]) -> LatticeModel:
-        """Return a model for checkpoints to be loaded into, made once: a network is fitted to its start."""
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the fields of the surface from the first pass, whose model is made once: this takes long."""
         if self._made is None or self._made[0] != state["config"]:
             photos = split_validation(self._scene.train, config.validation_photos)[0]
             targets = load_targets(self._scene, photos, config.pass1_side, self._device)
             start = start_shape(self._scene, config, state["seed"], photos, targets)
             self._made = dict(state["config"]), LatticeModel(start, config, self._device, state["seed"])
-        return self._made[1]
+        model = self._made[1]
+        _load(tensors, model)
+        vertices, faces = (torch.from_numpy(array).to(self._device) for array in model.extract())
+        return vertices, faces, model.material(vertices)[:, :3]
 
-
-def _present_asset(
-    tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any], device: torch.device
-) -> Asset:
-    """Return the textured mesh of a checkpoint of the second or third pass."""
-    start = AssetAndLights.of(without_prefix("start.", tensors), device).asset
-    if state["iteration"] == 0:
-        return start
-    if state["stage"] == _THIRD:
-        size = max(config.pass3_texture_size, start.textures.size)
-        start = replace(start, textures=start.textures.resized(size))
-    model = SurfaceModel(start, replace(config, shadows=False), state["seed"])
-    _load(tensors, model)
-    return model.asset()
+    def _textured_surface(
+        self, tensors: Mapping[str, Tensor], config: DecomposeConfig, state: Mapping[str, Any]
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the fields of the surface from a later pass; a vertex on a seam has any of its colours."""
+        asset = AssetAndLights.of(without_prefix("start.", tensors), self._device).asset
+        if state["iteration"] > 0:
+            if state["stage"] == _THIRD:
+                size = max(config.pass3_texture_size, asset.textures.size)
+                asset = replace(asset, textures=asset.textures.resized(size))
+            model = SurfaceModel(asset, replace(config, shadows=False), state["seed"])
+            _load(tensors, model)
+            asset = model.asset()
+        mesh = asset.mesh
+        at_uv = sample(asset.textures.flat(), mesh.uvs)[:, :3]
+        color = torch.zeros_like(mesh.vertices)
+        color[mesh.faces.long().reshape(-1)] = at_uv[mesh.uv_faces.long().reshape(-1)]
+        return mesh.vertices, mesh.faces, color
 
 
 def _load(tensors: Mapping[str, Tensor], model: LatticeModel | SurfaceModel) -> None:
@@ -93,12 +91,3 @@ def _load(tensors: Mapping[str, Tensor], model: LatticeModel | SurfaceModel) -> 
         for name, parameter in group.parameters.items():
             parameter.copy_(stored_like(tensors, f"parameter.{name}", parameter))
     copy_stored(without_prefix("buffer.", tensors), model.chosen())
-
-
-def _mesh_surface(asset: Asset, stage: str) -> PreviewSurface:
-    """Return a textured mesh with its base colours at the vertices; of a vertex on a seam any of its colours."""
-    mesh = asset.mesh
-    at_uv = sample(asset.textures.flat(), mesh.uvs)[:, :3]
-    color = torch.zeros_like(mesh.vertices)
-    color[mesh.faces.long().reshape(-1)] = at_uv[mesh.uv_faces.long().reshape(-1)]
-    return PreviewSurface(stage, mesh.vertices, mesh.faces, color)
