@@ -44,7 +44,8 @@ class Calibration:
             return None
         value = read_object(path, _REMEDY)
         factor, source = value.get("light_factor_rgb"), value.get("source")
-        if not isinstance(factor, list) or not _three_numbers(factor) or not isinstance(source, str):
+        numbers = isinstance(factor, list) and all(type(v) in (int, float) for v in factor)
+        if not numbers or len(factor) != 3 or not is_plausible(factor) or not isinstance(source, str):
             words = f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}"
             raise damaged(path, words, _REMEDY)
         r, g, b = (float(v) for v in factor)
@@ -62,10 +63,6 @@ class Calibration:
             seen = (visibility.occluder_color / factor).clamp(max=1)
             visibility = VertexVisibility(visibility.unoccluded, seen)
         return replace(asset, textures=replace(asset.textures, base_color=color), visibility=visibility)
-
-
-def _three_numbers(values: list[Any]) -> bool:
-    return len(values) == 3 and all(type(v) in (int, float) for v in values) and is_plausible(values)
 
 
 def is_plausible(factor: Sequence[float]) -> bool:

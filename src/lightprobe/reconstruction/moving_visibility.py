@@ -42,14 +42,13 @@ class MovingVisibility:
         seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
         seen[corners.reshape(-1)] = True
         row = torch.empty(len(vertices), dtype=torch.long, device=vertices.device)
-        row[seen] = self._nearest(_points(vertices, faces)[seen])
-        return PointVisibility(self.vertices, row[corners], surface.barycentric.detach())
-
-    def _nearest(self, points: Tensor) -> Tensor:
-        """Return the row (K,) int64 of the stored point that is nearest to each of the points (K, 6)."""
+        points = _points(vertices, faces)[seen]
         if self.tree is None:
-            return nearest_rows(points, self.points)
-        return torch.from_numpy(self.tree.query(points.numpy(), workers=torch.get_num_threads())[1])
+            row[seen] = nearest_rows(points, self.points)
+        else:
+            found = self.tree.query(points.numpy(), workers=torch.get_num_threads())[1]
+            row[seen] = torch.from_numpy(found)
+        return PointVisibility(self.vertices, row[corners], surface.barycentric.detach())
 
 
 @torch.no_grad()

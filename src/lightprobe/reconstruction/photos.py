@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -45,18 +44,14 @@ def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch
     targets = []
     for photo in photos:
         pixels, camera = load_pixels(photo, side)
-        alpha = torch.from_numpy(_whitened(pixels.alpha)).reshape(-1)
+        # A white that is nearly 1 counts as 1, lest photos be darker than they are.
+        white = pixels.alpha.max(initial=0.0)
+        alpha = torch.from_numpy(pixels.alpha / white if white >= OPAQUE else pixels.alpha).reshape(-1)
         color = torch.from_numpy(pixels.color).reshape(-1, 3) * alpha[:, None]
         view = View.of(camera.normalised(scene.similarity), device)
         clipped = torch.from_numpy(pixels.clipped).reshape(-1, 3)
         targets.append(Target(photo.name, view, color.to(device), alpha.to(device), clipped.to(device)))
     return targets
-
-
-def _whitened(alpha: np.ndarray) -> np.ndarray:
-    """Return a mask (H, W) whose white is nearly 1 with a white of 1, lest photos be darker than they are."""
-    white = alpha.max(initial=0.0)
-    return alpha / white if white >= OPAQUE else alpha
 
 
 def evenly_spaced(photos: Sequence[_Photo], count: int) -> list[_Photo]:

@@ -139,11 +139,9 @@ class SurfaceModel(nn.Module):
     @torch.no_grad()
     def update_visibility(self) -> None:
         """Find anew what the present surface sees of itself, if it is not the start's."""
-        if self.config.shadows and not self._at_start():
+        moved = bool(self.displacement.any()) or not torch.equal(self.color, self.start_color)
+        if self.config.shadows and moved:
             self.visibility = textured_visibility(self.mesh(), self.texels(), self.config.depth_map_side)
-
-    def _at_start(self) -> bool:
-        return torch.equal(self.color, self.start_color) and not bool(self.displacement.any())
 
     @torch.no_grad()
     def brighten(self, factor: float) -> None:

@@ -141,8 +141,9 @@ class TextureTask(PassTask):
         material, neighbours = self._materials(surfaces, beside)
         parts = material.split([len(color) for color, _ in colors])
         image = material.new_zeros(())
-        for photo in zip(surfaces, colors, parts, levels, strict=True):
-            image = image + self._photo_loss(*photo)
+        for surface, (color, clipped), part, light in zip(surfaces, colors, parts, levels, strict=True):
+            render = shade(self._gbuffer(surface, part), self.lights.prefilter, light)
+            image = image + displayed_error(render, color, clipped)
         decided = metals_tried(self.config, self.config.pass1_iterations)
         loss = (
             image / len(surfaces)
@@ -168,14 +169,6 @@ class TextureTask(PassTask):
         parts = [weighted_gather(part, index, weight) for part in (self.model.color, self.model.finish)]
         material, neighbours = torch.cat(parts, 1).chunk(2)
         return material, neighbours
-
-    def _photo_loss(
-        self, surface: Surface, seen: tuple[Tensor, Tensor], material: Tensor, levels: Tensor
-    ) -> Tensor:
-        """Return the L1 of tone-mapped colours of a photo; `seen`: its colours, and where they are clipped."""
-        color, clipped = seen
-        render = shade(self._gbuffer(surface, material), self.lights.prefilter, levels)
-        return displayed_error(render, color, clipped)
 
     @torch.no_grad()
     def _solve(self, photo: PhotoPixels, start: Tensor) -> Tensor:
