@@ -120,7 +120,7 @@ def _skyline(d: Tensor, draw: Draw) -> Tensor:
 
 
 def _outdoors(d: Tensor, draw: Draw, sky: Tensor, sun: Tensor, sunlight: Tensor) -> Tensor:
-    """Return a sky (M, 3) over ground and skyline lit by it and by a sun (3,) of irradiance `sunlight` (3,)."""
+    """Return a `sky` (M, 3) over a ground and a skyline that the sky and a `sun` (3,) light."""
     diffuse = math.pi * _mean_above(d, sky)
     sunlight, height = beside(sunlight, d), float(sun[2].clamp(min=0))
     falling = diffuse + sunlight * height

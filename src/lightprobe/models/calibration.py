@@ -34,7 +34,7 @@ class Calibration:
         return {"light_factor_rgb": list(self.factor), "source": self.source}
 
     def save(self, path: Path) -> None:
-        """Write it as JSON, atomically."""
+        """Write the calibration as JSON, atomically."""
         write_json(path, self.to_json())
 
     @staticmethod

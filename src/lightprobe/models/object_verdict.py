@@ -122,12 +122,12 @@ class ObjectVerdict:
         }
 
     def save(self, path: Path) -> None:
-        """Write it as JSON, atomically."""
+        """Write the verdict as JSON, atomically."""
         write_json(path, self.to_json())
 
     @staticmethod
     def load(path: Path) -> "ObjectVerdict | None":
-        """Return the verdict in a file, None where there is no file; raise `InputError` when it holds none."""
+        """Return the verdict in a file, None where there is no file; raise `InputError` for a damaged file."""
         if not path.exists():
             return None
         value = read_object(path, _REMEDY)

@@ -42,7 +42,7 @@ class CheckpointPreview:
 
     @torch.no_grad()
     def surface(self, tensors: Mapping[str, Tensor], state: Mapping[str, Any]) -> PreviewSurface:
-        """Return the surface of a checkpoint of Phase I; raise `InputError` when it is none."""
+        """Return the surface of a checkpoint of Phase I; raise `InputError` for another checkpoint."""
         try:
             config = DecomposeConfig.from_json(state["config"])
             made = self._lattice_surface if state["stage"] == _FIRST else self._textured_surface

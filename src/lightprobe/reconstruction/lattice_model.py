@@ -166,8 +166,7 @@ class LatticeModel(nn.Module):
         return points.index_select(0, to_device(rows, points.device))
 
     def _texture_moves(self, progress: float) -> bool:
-        """Return whether the surface follows its texture: whether pictures have a gradient to where points
-        are.
+        """Return whether the surface follows its texture: whether pictures have a gradient to points' places.
 
         Not yet where a lid is in doubt: it would bend to what photos show behind it, and look closed when it
         is tried.

@@ -59,8 +59,7 @@ def frame_loss(
 
 
 def color_change(here: Tensor, there: Tensor, covered: float, step: int) -> Tensor:
-    """Return the mean difference of base colours (K, 3) at visible points and beside them, at `step` of a
-    pass.
+    """Return the mean difference of base colours (K, 3) at visible points and beside, at `step` of a pass.
 
     covered: the share of the frame that shows the surface.
     """
@@ -123,7 +122,7 @@ def material_prior(material: Tensor, config: DecomposeConfig, *, decided: bool) 
 
 
 def brightness_anchor(base_color: Tensor, mean: Tensor, config: DecomposeConfig) -> Tensor:
-    """Return what it costs () that the mean of base colours (N, 3) is not the chosen `mean` ().
+    """Return what a difference between the mean of base colours (N, 3) and the chosen `mean` () costs ().
 
     The squared logarithm of the ratio, geometric mean over channels; nothing without `config.priors`.
     """

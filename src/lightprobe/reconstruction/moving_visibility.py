@@ -33,7 +33,7 @@ class MovingVisibility:
         return MovingVisibility(points, tree, visible)
 
     def brightened(self, factor: float) -> "MovingVisibility":
-        """Return them with base colours times `factor`."""
+        """Return the visibility of the same surface with base colours times `factor`."""
         return MovingVisibility(self.points, self.tree, self.vertices.brightened(factor))
 
     def at(self, vertices: Tensor, faces: Tensor, surface: Surface) -> PointVisibility:

@@ -44,12 +44,12 @@ class AssetAndLights:
     lights: Tensor  # (N, 6, R, R, 3), one for each fitted photo
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return all of it by name."""
+        """Return the asset's tensors and the lights by name."""
         return {**self.asset.tensors(), _LIGHTS: self.lights}
 
     @staticmethod
     def of(tensors: dict[str, Tensor], device: torch.device) -> "AssetAndLights":
-        """Return it from its `tensors`; raise `KeyError` or `InputError` where they make none."""
+        """Return asset and lights from their `tensors`; raise `KeyError` or `InputError` for other tensors."""
         parts = {name: tensor for name, tensor in tensors.items() if name != _LIGHTS}
         asset = Asset.from_tensors(parts, Path("the object of this pass"), "begin anew with --restart")
         return AssetAndLights(asset.to(device), tensors[_LIGHTS].to(device))
@@ -189,7 +189,7 @@ class _Phase:
         return start if best == 0 else AssetAndLights(assets[best - 1], lights.stacked())
 
     def finished(self, end: AssetAndLights) -> Decomposition:
-        """Return the object with the lights of all training photos, and what to think of it."""
+        """Return the object with the lights of all training photos, and the verdict on the object."""
         config, train = self.config, self.scene.train
         lights = self._final_lights(end.asset, self.lights(end.lights))
         up = torch.from_numpy(up_of(photo.camera for photo in train)).float()

@@ -82,9 +82,9 @@ class DecomposeConfig:
     pass1_side: int = 200
     """Longer side in pixels of the photos in the first pass; larger photos are reduced by area averaging."""
     pass2_side: int = 400
-    """The same for the second pass."""
+    """Longer side of the photos in the second pass."""
     pass3_side: int = 800
-    """The same for the third pass."""
+    """Longer side of the photos in the third pass."""
     lattice_cells: int = 96
     """Cells along each edge of the tetrahedral lattice."""
     start: StartShape = StartShape.HULL
@@ -104,7 +104,7 @@ class DecomposeConfig:
     light_resolution: int = 16
     """Texels along each cubemap edge of the per-photo environments while fitting."""
     teacher_resolution: int = 32
-    """The same for the environments that are kept at the end."""
+    """Texels along each cubemap edge of the environments that are kept at the end."""
     light_update: LightUpdate = LightUpdate.SOLVE
     """How lights are fitted."""
     light_solve_pixels: int = 3072
@@ -134,13 +134,12 @@ class DecomposeConfig:
     checkpoints and trials choose, metals of few colours, and base colours under lights that are grey in the
     mean."""
     trial_steps: int = 240
-    """Steps for which a new material is fitted from each of several brightnesses, early in the first pass, to
-    find out whether the object is a dark one, and twice as many as the present one is for the same late in
-    it; 0: neither."""
+    """Steps of each trial of a new material early in the first pass, from several brightnesses; trials of the
+    present material late in the pass, brighter, darker, metal or opened, take half as many. 0: no trials."""
     texture_gradient_from: float = 0.2
-    """Share of the first pass after which photos that disagree about a point's colour move the surface;
-    before, only outline and shading do. If a part looks like a lid over a cavity, not before it was tried to
-    open it. 0: from the start in any case (nvdiffrec); 1: never."""
+    """Share of the first pass after which photos that disagree about a point's colour move the surface, where a
+    part looks like a lid over a cavity only once its opening was tried; before, only outline and shading do.
+    0: from the start in any case (nvdiffrec); 1: never."""
     normal_prior: float = 5.0
     """Weight of the field's squared normal offset in the first pass; a fifth of it in the second."""
     normal_ramp: float = 0.5
@@ -162,7 +161,7 @@ class DecomposeConfig:
     texture_size: int = 512
     """Edge of the square textures in texels."""
     pass3_texture_size: int = 1024
-    """The same from the third pass on."""
+    """Edge of the textures from the third pass on."""
     unwrap_seconds: float = 60.0
     """Time limit of the UV unwrapper, after which a simple atlas is used."""
     validation_photos: int = 5

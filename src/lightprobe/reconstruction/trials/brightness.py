@@ -101,7 +101,7 @@ def best_new(photos: TrialPhotos, material: ScaledMaterial) -> tuple[Trial, floa
 def best_rescaled(
     photos: TrialPhotos, material: ScaledMaterial, *, settled: bool
 ) -> tuple[Trial, float] | None:
-    """Return the same of the present `material` with brighter and darker base colours.
+    """Return what `best_new` does, of the present `material` with brighter and darker base colours.
 
     settled: whether the present brightness was fitted together with the present metals; then it is kept, and
     None returned, where no other is clearly better.

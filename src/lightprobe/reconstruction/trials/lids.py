@@ -84,8 +84,7 @@ def find_lids(surface: ClosedSurface) -> list[Lid]:
 def hollowed(
     solid: LatticeSolid, surface: ClosedSurface, lid: Lid, *, wall: float, depth: float
 ) -> np.ndarray:
-    """Return the signed distances (L,) float32, inside < 0, of a solid with a cavity behind a lid of its
-    surface.
+    """Return the signed distances (L,) float32, inside < 0, of a solid with a cavity behind a lid.
 
     The cavity stays `wall` away from all of the surface but the lid, and goes no further than `depth` from
     the lid. Away from the surface the distances are bounds. Where there is no room they are those of the

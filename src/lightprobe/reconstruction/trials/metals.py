@@ -91,7 +91,7 @@ class HeldMetallic:
 def best_metals(photos: TrialPhotos, material: ScaledMaterial) -> Trial | None:
     """Return the trial of the `material` with metal where photos ask for it, None where it stays as it is.
 
-    Deterministic. Its lights belong to it; its metallic is held no longer.
+    Deterministic. The trial's lights belong to its material, whose metallic is held no longer.
     """
     if len(photos.samples) < FEWEST_PHOTOS:
         return None
