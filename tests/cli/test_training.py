@@ -16,7 +16,7 @@ from tests.cli.commands import fails, succeed
 def test_the_command_of_a_training_gives_its_settings_again(tmp_path, monkeypatch):
     run = RunFolder.create(tmp_path / "run")
     first = dataclasses.replace(
-        reconstruction.standard(), shadows=False, sdf=reconstruction.SdfMode.MLP, laplacian=0.25
+        reconstruction.standard(), shadows=False, sdf=reconstruction.SdfMode.MLP, coverage_weight=0.25
     )
     second = dataclasses.replace(
         distillation.standard(), pretrained=True, alpha_rule=distillation.AlphaRule.R2

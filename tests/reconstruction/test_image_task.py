@@ -39,7 +39,6 @@ CONFIG = DecomposeConfig(
     shadows=False,
     smoothness_texture=0.1,
     metallic_prior=0.3,
-    laplacian=0.5,
     normal_prior=1.0,
     coverage_weight=4.0,
 )

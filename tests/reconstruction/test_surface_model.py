@@ -19,7 +19,6 @@ SHAPE = replace(  # nothing costs but what bends the shape
     normal_prior=0.0,
     metallic_prior=0.0,
     priors=False,
-    laplacian=1.0,
 )
 
 
@@ -70,7 +69,7 @@ def test_a_move_of_the_whole_costs_nothing_and_a_spike_what_its_laplacian_says()
     neighbours = model.edges.vertices[(model.edges.vertices == 7).any(1)].flatten()
     neighbours = neighbours[neighbours != 7]
     degree = torch.bincount(model.edges.vertices.flatten()).float()
-    expected = 0.25 * (1 + float((1 / degree[neighbours]).square().sum())) / len(degree)
+    expected = 0.5 * 0.25 * (1 + float((1 / degree[neighbours]).square().sum())) / len(degree)
     assert cost(model) == pytest.approx(expected, rel=1e-4)
 
 

@@ -27,6 +27,9 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.training import ParameterGroup
 
+# Weight of the squared Laplacian of the displacements, in their unit: ours, and nvdiffrec's 10 000 of a mean over
+# coordinates.
+_LAPLACIAN = {VertexUnit.EDGE: 0.5, VertexUnit.RADIUS: 3333.0}
 _BESIDE = 0.005  # standard deviation, of the texture's edge, of where base colours are compared
 _COMPARED = 4096  # points
 
@@ -84,7 +87,9 @@ class SurfaceModel(nn.Module):
         mesh, texels = self.mesh(), self.texels()
         screen = view.project(mesh.vertices)
         gbuffer, surface = self._shown(view, mesh, texels, screen)
-        laplacian = self.config.laplacian * (1 - progress if self.config.laplacian_fades else 1.0)
+        laplacian = _LAPLACIAN[self.config.vertex_unit] * (
+            1 - progress if self.config.laplacian_fades else 1.0
+        )
         loss = laplacian * self._laplacian_change() + self._texture_loss(texels)
         if self.config.smoothed is Smoothed.BASE_COLOR:
             covered = len(gbuffer.pixel) / (view.height * view.width)

@@ -24,7 +24,7 @@ def test_no_preset_has_coarse_depth_maps():
         (DecomposeConfig, {"pass1_iterations": 0}, r"decompose\.pass1_iterations must be at least 1, not 0"),
         (DecomposeConfig, {"lattice_cells": 7}, "at least 8"),
         (DecomposeConfig, {"trial_steps": -1}, "at least 0"),
-        (DecomposeConfig, {"laplacian": -0.5}, "0 or more and finite"),
+        (DecomposeConfig, {"coverage_weight": -0.5}, "0 or more and finite"),
         (DecomposeConfig, {"metallic_prior": float("nan")}, "0 or more and finite"),
         (DecomposeConfig, {"teacher_resolution": 24}, "power of two from 8 to 256, not 24"),
         (DecomposeConfig, {"adam_decay": 1.0}, "below 1"),

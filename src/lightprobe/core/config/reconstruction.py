@@ -144,10 +144,8 @@ class DecomposeConfig:
     """Weight of the field's squared normal offset in the first pass; a fifth of it in the second."""
     normal_ramp: float = 0.5
     """Share of the first pass over which the field's normal offset comes in."""
-    laplacian: float = 0.5
-    """Weight of the change of the Laplacian against the start mesh in the second pass."""
     laplacian_fades: bool = False
-    """Whether that weight falls to nothing over the second pass."""
+    """Whether the price of the Laplacian of vertices' displacements falls to nothing over the second pass."""
     vertex_unit: VertexUnit = VertexUnit.EDGE
     """Unit of vertices' displacements in the second pass, and so of their Adam step and their Laplacian."""
     coverage_weight: float = 4.0

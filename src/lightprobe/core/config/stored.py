@@ -15,7 +15,7 @@ LIGHT_RESOLUTIONS = (8, 16, 32, 64, 128, 256)  # texels along each edge of a cub
 
 # Settings that older versions wrote and that are constants now.
 _GONE = (
-    "adam_epsilon brightness_anchor color_gauge final_light_regularisation frequencies hash_features "
+    "adam_epsilon brightness_anchor color_gauge final_light_regularisation frequencies hash_features laplacian "
     "intensity_weight late_roughness_prior learning_rate learning_rate_geometry learning_rate_light "
     "learning_rate_material learning_rate_texture light_grey light_regularisation light_solve_iterations "
     "normal_prior_detail parsimony roughness_prior sample_weight sdf_coarse_grids sdf_rate smoothness "
