@@ -114,7 +114,7 @@ def test_parts_of_the_true_asset_agree_about_the_light_better_than_those_of_a_wr
     assert best == judge_object(true, photos, None, None, CONFIG, 0)
     told = judge_object(true, photos, ViewLightCorrelation(-0.3, 0.1), None, CONFIG, 0)
     assert (told.disagreement, told.front_bias) == (best.disagreement, -0.3)
-    assert told.nll == pytest.approx(4.5)
+    assert told.surprise == pytest.approx(4.5)
     told = judge_object(true, photos, None, BackgroundLevel(-1.0), CONFIG, 0)
     assert (told.disagreement, told.excess, told.excess_surprise) == (
         best.disagreement,
