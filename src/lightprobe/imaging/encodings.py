@@ -84,7 +84,7 @@ _TRANSFER_NAMES = {4: "gamma 2.2", 5: "gamma 2.8", 8: "linear", 16: "PQ", 18: "H
 
 
 def coded(primaries: int, transfer: int) -> Encoding:
-    """Return the encoding of two code points of H.273; unknown ones (2) and those of no camera count as sRGB's."""
+    """Return the encoding of two code points of H.273; unknown ones and those of no camera count as sRGB's."""
     names = [_PRIMARY_NAMES.get(primaries), _TRANSFER_NAMES.get(transfer)]
     if not any(names):
         return SRGB

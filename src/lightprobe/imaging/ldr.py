@@ -144,8 +144,8 @@ def write_png(
 def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
     """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically.
 
-    size: (height, width) that it is enlarged to, bilinearly. The file says that it is upright: a mask that does not is turned along with its
-    photo.
+    size: (height, width) that it is enlarged to, bilinearly. The file says that it is upright: a mask that
+    does not is turned along with its photo.
     """
     grey = np.empty(mask.shape, np.uint8)
     step = max(1, STRIP // max(mask.shape[1], 1))

@@ -45,12 +45,13 @@ def check_memory(path: Path, size: tuple[int, int], pixel_bytes: float) -> None:
     left, needed = memory_left(), size[0] * size[1] * pixel_bytes
     if left is not None and needed > left:
         raise InputError(
-            f"{path} has {size[0]} x {size[1]} pixels: {_estimate(needed, left)}; scale it down or close other programs."
+            f"{path} has {size[0]} x {size[1]} pixels: {_estimate(needed, left)}; scale it down or close other "
+            "programs."
         )
 
 
 def worked_size(path: Path, size: tuple[int, int], wanted: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Return the (height, width) that a new photo of `size` is worked on at: `wanted`, by default `size`, or less.
+    """Return the (height, width) that a new photo is worked on at: `wanted`, by default its `size`, or less.
 
     Less is `WORKED_PIXELS`, or what fits into the memory that is free; a warning says the latter, once for
     each photo. Raises `InputError` where too little fits.

@@ -106,7 +106,7 @@ def _patches(*, grey: bool) -> np.ndarray:
 
 
 def samples_to_srgb(values: np.ndarray, levels: int, encoding: Encoding) -> Samples:
-    """Return samples (H, W, 1 | 2 | 3 | 4), converted to sRGB with 8 bits where the profile has look-up tables."""
+    """Return samples (H, W, 1 | 2 | 3 | 4), in sRGB with 8 bits where the profile has look-up tables."""
     colors = values.shape[2] - (values.shape[2] in (2, 4))
     if encoding.profile is None or {b"RGB ": 3, b"GRAY": 1}.get(encoding.profile[16:20]) != colors:
         return Samples(values, encoding, levels)

@@ -56,7 +56,7 @@ def read_header(path: Path) -> Header:
         page = tiff.pages[0]
         _check(path, page)
         channels, stored = int(page.samplesperpixel), int(page.bitspersample) / 8
-        # Memory estimate: strips as they are unpacked, all together, and a copy in order; divided by alpha in doubles
+        # Memory estimate: strips as unpacked, all together, and a copy in order; division by alpha in doubles
         estimate = channels * (3 * max(stored, 1.0) + (16.0 if _ASSOCIATED in _extra(page) else 0.0))
         return Header(_size(page), exif, orientation(exif), _encoding(page), estimate)
 

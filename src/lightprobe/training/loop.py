@@ -67,9 +67,7 @@ class Task(Protocol):
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of a phase: its name, its length, where it lies in the phase's count of steps, and how it
-    descends.
-    """
+    """A part of a phase: its name and length, its first step in the phase's count, and how it descends."""
 
     name: str
     first_step: int
@@ -142,9 +140,7 @@ class Training:
         return found
 
     def restoring(self, step: int) -> AbstractContextManager[None]:
-        """Return what names the checkpoint of `step` when it turns out not to fit; nothing where there are
-        none.
-        """
+        """Return what names the checkpoint of `step` when it does not fit; nothing without checkpoints."""
         checkpoints = self.progress.checkpoints
         return checkpoints.restoring(step) if checkpoints else nullcontext()
 
@@ -247,9 +243,7 @@ class Training:
 
 
 def visited(seed: int, stream: str, count: int, step: int) -> int:
-    """Return which of `count` photos `step` visits: each once an epoch, in an order of (seed, stream, epoch)
-    alone.
-    """
+    """Return which of `count` photos `step` visits: each once an epoch, in the epoch's own order."""
     epoch, place = divmod(step, count)
     return int(torch.randperm(count, generator=generator(seed, stream, epoch))[place])
 
