@@ -31,8 +31,8 @@ from lightprobe.report import Report, evenly_spaced, view_pictures, write_report
 from lightprobe.report.run_info import read_phases, training_commands, training_facts
 from lightprobe.report.stored import store_report
 from lightprobe.report.summary import SummaryTable, summary_lines, summary_tables
+from lightprobe.runs.phases import open_scene
 from lightprobe.runs.progress import OnProgress, silent
-from lightprobe.runs.stages import open_scene
 from lightprobe.scene.photo import Scene
 
 __all__ = [

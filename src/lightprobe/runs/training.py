@@ -14,9 +14,7 @@ from lightprobe.core.failures import writing
 from lightprobe.core.run import RunFolder
 from lightprobe.models import Decomposition
 from lightprobe.report.run_info import fitted_preset
-from lightprobe.runs.preparing import prepared_in
-from lightprobe.runs.progress import OnProgress, silent
-from lightprobe.runs.stages import (
+from lightprobe.runs.phases import (
     UserMaps,
     keep_accuracy,
     keep_views,
@@ -26,6 +24,8 @@ from lightprobe.runs.stages import (
     run_decompose,
     run_distill,
 )
+from lightprobe.runs.preparing import prepared_in
+from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import load_scene
 from lightprobe.scene.plain_inspection import is_plain
 

@@ -30,6 +30,11 @@ class Method(StrEnum):
     PROBE_NET_SOLVE = "probe-net+solve"
     """Least squares against the photo, towards the sphere network's map."""
 
+    @classmethod
+    def offered(cls) -> list["Method"]:
+        """Return the methods that --help names; the others are for comparisons, and work when typed."""
+        return [method for method in cls if method not in (cls.PROBE_MLP_SOLVE, cls.PROBE_NET_SOLVE)]
+
 
 class Sun(StrEnum):
     """Where a light's suns and lamps go when it is written."""
