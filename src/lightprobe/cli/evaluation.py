@@ -12,15 +12,9 @@ from lightprobe.cli.answer import is_for_programs, keep, say
 from lightprobe.cli.options import Device, MovedScene, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import UNCHANGED, Method
-from lightprobe.runs.evaluation import (
-    EvaluatedRun,
-    Evaluation,
-    EvaluationOptions,
-    Protocols,
-    evaluate_run,
-    summary_lines,
-    summary_tables,
-)
+from lightprobe.evaluation import Evaluation, Protocols
+from lightprobe.report.summary import summary_lines, summary_tables
+from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
 
 _METHODS = (
     f"Methods to compare, of {', '.join(Method.offered())}. Where the run has numbers of its default method, those of "

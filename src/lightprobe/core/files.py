@@ -170,7 +170,7 @@ def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]
         place = path.resolve()
         if place in sources:
             raise ConfigError(
-                f"{path} is one of the files that are read, and would be replaced; name another."
+                f"{path} would be replaced, and is one of the files that are read; name another."
             )
         if place in taken:
             raise ConfigError(f"Two of the files would be {path}; give them different names.")

@@ -39,10 +39,9 @@ class Recorder(Protocol):
 class RecordedStep:
     """A step that is made as it is on a CPU, and from a recording on a GPU.
 
-    The step takes tensors and returns its loss (), or another tensor, which is no part of a gradient any
-    more. What changes from one call to the next it finds in those tensors or in others that are changed in
-    place, never in Python's numbers; and it copies nothing from or to the CPU. The first shapes that come up
-    often are recorded; others are stepped singly.
+    The step takes tensors and returns its loss () without a gradient. What changes between calls it finds in
+    those tensors or in others that are changed in place, never in Python's numbers; and it copies nothing
+    from or to the CPU. The first shapes that come up often are recorded; others are stepped singly.
     """
 
     def __init__(self, step: Callable[..., Tensor], recorder: Recorder | None):
@@ -102,9 +101,8 @@ class CudaRecorder:
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
         """Return the place of the call's result () and the replay of its graph.
 
-        Ending a capture that was broken fails in turn, before PyTorch has left the stream it recorded on and
-        before its allocator knows of the end; both are made good here, so that whoever catches the error can
-        go on.
+        Ending a broken capture fails in turn, before PyTorch has left its stream and told its allocator; both
+        are made good here, so that a caller that catches the error can go on.
         """
         graph, pool = torch.cuda.CUDAGraph(), torch.cuda.graph_pool_handle()
         try:
