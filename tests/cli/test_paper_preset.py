@@ -15,26 +15,23 @@ from tests.toy_scene import write_toy_scene
 
 # Only sizes and lengths: what is done stays the paper's.
 CUT = [
-    "--preset",
-    "paper",
-    "--device",
-    "cpu",
-    "--decompose.pass1-iterations",
-    "4",
-    "--decompose.pass2-iterations",
-    "3",
-    "--decompose.checkpoint-every",
-    "3",
-    "--decompose.lattice-cells",
-    "10",
-    "--decompose.hash-log2-size",
-    "10",
-    "--decompose.texture-size",
-    "64",
-    "--decompose.unwrap-seconds",
-    "0",
-    "--distill.steps",
-    "3",
+    *("--preset", "paper", "--device", "cpu", "--distill.steps", "3", "--decompose.unwrap-seconds", "0"),
+    *(
+        "--decompose.pass1-iterations",
+        "4",
+        "--decompose.pass2-iterations",
+        "3",
+        "--decompose.checkpoint-every",
+        "3",
+    ),
+    *(
+        "--decompose.lattice-cells",
+        "10",
+        "--decompose.hash-log2-size",
+        "10",
+        "--decompose.texture-size",
+        "64",
+    ),
 ]
 
 
@@ -56,12 +53,8 @@ def test_the_run_says_what_it_was(trained):
     first, second, third = (run.config(section) for section in ("decompose", "distill", "predict"))
     assert (first["sdf"], first["start"], first["light_update"]) == ("mlp", "sphere", "gradient")
     assert (first["pass1_iterations"], first["pass3_iterations"], first["validation_photos"]) == (4, 0, 0)
-    assert (second["network"], second["alpha_rule"], second["lessons"], second["sphere_steps"]) == (
-        "plain",
-        "r2",
-        "teacher",
-        0,
-    )
+    names = ("network", "alpha_rule", "lessons", "sphere_steps")
+    assert [second[name] for name in names] == ["plain", "r2", "teacher", 0]
     assert third == {
         "method": "probe-mlp",
         "light_resolution": 128,
@@ -93,17 +86,8 @@ def test_predict_writes_the_paper_s_map(trained, tmp_path, capsys, monkeypatch):
     assert np.isfinite(image).all()
     assert (image >= 0).all()
     assert image.max() > 0
-    succeed(
-        "predict",
-        run.path,
-        photo,
-        "--light-resolution",
-        "16",
-        "-o",
-        tmp_path / "small.exr",
-        "--device",
-        "cpu",
-    )
+    small = ("--light-resolution", "16", "-o", tmp_path / "small.exr")
+    succeed("predict", run.path, photo, *small, "--device", "cpu")
     assert read_hdr(tmp_path / "small.exr").shape == (32, 64, 3)
 
 

@@ -54,23 +54,15 @@ class RunFolder:
         self.checkpoints = Checkpoints(self.path / "checkpoints")  # of Phase I
         self.model_folder = self.path / "model"  # weights and configuration of Phase II
         self.model_checkpoints = Checkpoints(self.model_folder / "checkpoints")  # of Phase II
-        self.mesh_folder = (
-            self.path / "mesh"
-        )  # mesh and textures in other programs' formats, and `asset_file`
-        self.asset_file = (
-            self.mesh_folder / "asset.safetensors"
-        )  # textured mesh, normalised frame, full precision
-        self.views_file = (
-            self.mesh_folder / "views.safetensors"
-        )  # the object's looks, to locate new photos by
+        self.mesh_folder = self.path / "mesh"  # in other programs' formats, and `asset_file`
+        self.asset_file = self.mesh_folder / "asset.safetensors"  # normalised frame, full precision
+        self.views_file = self.mesh_folder / "views.safetensors"  # what new photos are located by
         self.environment_folder = self.path / "env"  # Phase I environments, one EXR per training photo
         self.verdict_file = self.mesh_folder / "verdict.json"  # how far the object can be trusted
         self.calibration_file = self.path / "calibration.json"  # factor to true brightness, if it is known
         self.metrics_file = self.path / "metrics.json"  # the numbers of the evaluation
         self.timings_file = self.path / "timings.json"  # what the training of each phase took
-        self.report_file = (
-            self.path / "report" / "index.html"
-        )  # the evaluation as one self-contained web page
+        self.report_file = self.path / "report" / "index.html"  # the evaluation as one web page
         self._lock_file = self.path / ".lock"
 
     @staticmethod

@@ -41,9 +41,7 @@ class Encoding:
     name: str | None = None  # None: sRGB, declared or not
     curves: tuple[Curve, ...] = (srgb_decode,)  # of all channels, or one for each
     matrix: np.ndarray | None = field(default=None, compare=False)  # (3, 3) float64 M; None: sRGB's primaries
-    profile: bytes | None = (
-        None  # ICC profile of look-up tables, which only a colour management module applies
-    )
+    profile: bytes | None = None  # ICC profile of look-up tables, for a colour management module
 
 
 def linear(encoded: np.ndarray) -> np.ndarray:

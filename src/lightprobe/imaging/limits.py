@@ -9,9 +9,7 @@ from lightprobe.core.memory import available_bytes
 
 MAX_PIXELS = 134_217_728  # 2^27, a 16384 x 8192 environment: 1.6 GB as float32 RGB
 
-WORKED_PIXELS = (
-    2**24
-)  # of a new photo that are held as floats at once: larger ones are area-averaged while read
+WORKED_PIXELS = 2**24  # of a new photo that are held as floats: larger ones are area-averaged while read
 _WORKED_BYTES = 96  # for each of these, at most, that locating and predicting take
 _BESIDE = 128 * 2**20  # bytes: the strips of rows that are worked on beside a photo
 _LATER = 300 * 10**6  # bytes that locating and predicting take by themselves, once the photo is read
