@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from lightprobe.core import partial
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import append_text, filled_folder, named_file, refuse_replacing, write_bytes
 from lightprobe.core.run import RunFolder
@@ -139,3 +140,12 @@ def test_what_is_read_is_not_replaced(tmp_path, monkeypatch):
         refuse_replacing([tmp_path / "sub" / ".." / "a.exr"], [photo])
     with pytest.raises(ConfigError, match="Two of the files"):
         refuse_replacing([other, Path("b.exr")], [photo])
+
+
+def test_without_locks_only_the_holder_of_a_run_clears_leftovers(tmp_path, monkeypatch):
+    monkeypatch.setattr(partial, "fcntl", None)
+    (tmp_path / LEFTOVER).write_text("its writer may be alive")
+    write_bytes(tmp_path / "a", b"whole")
+    assert sorted(os.listdir(tmp_path)) == [LEFTOVER, "a"]
+    partial.clear_run(tmp_path)
+    assert os.listdir(tmp_path) == ["a"]

@@ -8,6 +8,8 @@ import numpy as np
 import pillow_heif
 import pytest
 import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
 from lightprobe.imaging import foreign_encoding, read_ldr, srgb_decode, write_png
@@ -254,3 +256,13 @@ def test_png_gamma(tmp_path, gamma, srgb, expected):
     chunks = [(b"sRGB", b"\0")] * srgb + [(b"gAMA", struct.pack(">I", gamma))]
     path = png_with(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8), *chunks)
     assert foreign_encoding(path) == expected
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=4))
+def test_a_profile_with_wrong_bytes_is_some_encoding(changes):
+    data = bytearray(icc("Wide Thing", P3_PRIMARIES, 2.2, TABLE))
+    for place, value in changes:
+        data[place % len(data)] = value
+    encoding = icc_encoding(bytes(data))
+    assert encoding.name is None or "ICC profile" in encoding.name
