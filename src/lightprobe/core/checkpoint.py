@@ -129,7 +129,7 @@ class Checkpoints:
 
 
 def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tensor) -> torch.Tensor:
-    """Return a checkpoint's tensor on the device of `like`; raise `ValueError` unless shape and type agree.
+    """Return a checkpoint's tensor (any shape) on the device of `like`; `ValueError` for another shape or type.
 
     A tensor of another shape would be spread over the parameter that it is copied to.
     """
