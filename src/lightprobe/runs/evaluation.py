@@ -45,7 +45,7 @@ class EvaluationOptions:
     """Methods to compare; by default all that the run is trained for."""
     protocols: Protocols = field(default_factory=Protocols)
     oracle: bool = False
-    """Put the scene's true object in place of the reconstructed one; results go to the run's folder `oracle`."""
+    """Put the scene's true object in place of the reconstructed one; results go to the run's `oracle`."""
     slow: bool = False
     """Also score `optimize`."""
     settings: PredictionOptions = UNCHANGED
@@ -95,11 +95,15 @@ def evaluate_run(
         metrics = result.to_json()
         write_json(numbers, metrics)
         phases = read_phases(run)
+        made = {
+            "evaluated": datetime.now().strftime("%Y-%m-%d %H:%M"),
+            "by lightprobe": version("lightprobe"),
+        }
         report = Report(
             title=f"lightprobe: {subject.scene.root.name}{', true object' if given.oracle else ''}",
             metrics=metrics,
             pictures=pictures,
-            facts=subject.facts() | training_facts(phases) | _made(),
+            facts=subject.facts() | training_facts(phases) | made,
             commands=[*training_commands(phases, subject.scene.root), eval_command(given)] if phases else [],
             files=({} if given.oracle else {"object.glb": run.mesh_folder / "object.glb"})
             | {"metrics.json": numbers},
@@ -252,10 +256,6 @@ def _true_object(
             raise
         warnings.warn(f"The scene's true object is not used. {error}", LightprobeWarning, stacklevel=2)
         return None
-
-
-def _made() -> dict[str, str]:
-    return {"evaluated": datetime.now().strftime("%Y-%m-%d %H:%M"), "by lightprobe": version("lightprobe")}
 
 
 def _photo_files(out: RunFolder, photo: str, method: Method) -> dict[str, Path]:
