@@ -37,7 +37,7 @@ from lightprobe.models.sphere_net import mean_over_turns
 from lightprobe.prediction import Predictor
 from lightprobe.prediction.observation import Observation, observe
 from lightprobe.render.transport import Transport
-from lightprobe.runs.stages import open_scene
+from lightprobe.runs.phases import open_scene
 from lightprobe.scene import load_pixels
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels

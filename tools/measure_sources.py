@@ -33,7 +33,7 @@ from lightprobe.light.photometry import luma
 from lightprobe.light.sources import LightSource, find_sources
 from lightprobe.prediction import Predictor
 from lightprobe.render.picture import Picture
-from lightprobe.runs.stages import open_scene
+from lightprobe.runs.phases import open_scene
 from lightprobe.scene import load_pixels
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels, Scene

@@ -1,6 +1,4 @@
-"""What a person reads when something is wrong: one sentence, no traceback, a non-zero exit, nothing
-half-written.
-"""
+"""What a person reads when something is wrong: one sentence, no traceback, and nothing is half-written."""
 
 import errno
 import json
@@ -35,13 +33,8 @@ def png_header(width: int, height: int) -> bytes:
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(b""))
-        + chunk(b"IEND", b"")
-    )
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
 
 
 def empty_folder(scene):
@@ -95,10 +88,8 @@ def truncated_jpeg(scene):
     data = (scene / "train" / "train_01.jpg").read_bytes()
     (scene / "train" / "train_01.jpg").write_bytes(data[: len(data) // 2])
     write_png(scene / "mask.png", np.ones((40, 40, 3)))
-    edit_json(
-        scene / "transforms_train.json",
-        lambda v: v["frames"][1].update(file_path="train/train_01.jpg", mask_path="mask.png"),
-    )
+    files = {"file_path": "train/train_01.jpg", "mask_path": "mask.png"}
+    edit_json(scene / "transforms_train.json", lambda v: v["frames"][1].update(files))
 
 
 def enormous_png(scene):
@@ -155,11 +146,8 @@ def test_commands_on_something_that_is_no_run(tmp_path, capsys):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "a.txt").write_text("x")
     for command in (["distill"], ["eval"], ["export", "-o", tmp_path / "out"]):
-        fails(
-            [command[0], tmp_path / "photos", *command[1:]],
-            capsys,
-            ["photos", "not a run folder", "lightprobe train"],
-        )
+        words = ["photos", "not a run folder", "lightprobe train"]
+        fails([command[0], tmp_path / "photos", *command[1:]], capsys, words)
     assert not (tmp_path / "out").exists()
 
 
@@ -220,20 +208,12 @@ def test_bad_environments_of_the_user_cost_no_phase(scene, tmp_path, capsys):
         (["fit", "SCENE", "-o", "RUN", "--device", "tpu"], ["tpu"]),
         (["fit", "SCENE", "-o", "RUN", "--decompose.texture-size", "0"], ["texture_size", "at least 2"]),
         (["fit", "SCENE", "-o", "RUN", "--device", "mps"], ["mps", "not supported"]),
-        (["fit", "SCENE", "-o", "RUN", "--decompose.hull-voxels", "0"], ["hull_voxels", "at least 8"]),
-        (
-            ["fit", "SCENE", "-o", "RUN", "--decompose.learning-rate-finish", "nan"],
-            ["learning_rate_finish", "finite"],
-        ),
         (
             ["train", "SCENE", "-o", "RUN", "--distill.light-resolution", "12"],
             ["light_resolution", "power of two"],
         ),
         (["inspect", "SCENE", "-o", "sheet.jpg"], ["sheet.jpg", ".png"]),
-        (
-            ["render", "RUN", "--camera", "c.json", "--env", "e.exr", "-o", "out.gif"],
-            [".gif", ".png or .exr"],
-        ),
+        (["render", "RUN", "--camera", "c", "--env", "e.exr", "-o", "out.gif"], [".gif", ".png or .exr"]),
     ],
 )
 def test_bad_options_are_one_sentence(scene, tmp_path, capsys, arguments, words):

@@ -1,6 +1,4 @@
-"""A run whose files are damaged, or made to do harm: every command says so in one sentence, and writes
-nothing else.
-"""
+"""A run whose files are damaged, or made to do harm: every command says so in one sentence, and writes no more."""
 
 import json
 import math
@@ -57,8 +55,7 @@ class Damaged:
             "relight": (
                 "relight",
                 self.run.path,
-                "--env",
-                view[-1],
+                *view[-2:],
                 "-o",
                 self.out / "p",
                 "--frames",
@@ -200,14 +197,14 @@ def try_all(
             code = run_main(*damaged.commands[command])
             place = (
                 "run/model/" if file.parent.name == "model" else file.name
-            )  # two files that do not fit each other
+            )  # of two that do not fit each other
             if (
                 file == damaged.run.config_file
             ):  # settings that are not those of the run are named by its folder
                 place = str(damaged.run.path)
             if (
                 file == damaged.run.asset_file and not file.exists()
-            ):  # as in a run whose first phase has not finished
+            ):  # as where the first phase has not finished
                 place = "no reconstructed object"
             check(code, capsys.readouterr(), place, may_work=may_work)
             if command == "predict" and code == 0:
@@ -249,22 +246,12 @@ def test_names_in_a_run_are_never_paths(damaged, tmp_path, capsys):
         ("scene.json", cases(WHOLE_FILE), ["predict", "export", "render", "relight", "eval"], False),
         ("scene.json", cases((*WHOLE_FILE[:3], *WHOLE_FILE[4:])), ["train"], False),
         ("scene.json", cases((), 25), ["predict", "render"], True),
-        (
-            "metrics.jsonl",
-            cases((emptied, cut, text("[]\n"), text("1\n{}\n"), text("{" * 9999))),
-            ["train"],
-            True,
-        ),
+        ("metrics.jsonl", cases((emptied, cut, text("1\n{}\n"), text("{" * 9999))), ["train"], True),
         ("mesh/lights.safetensors", cases(WHOLE_FILE), ["predict", "export"], False),
         ("mesh/asset.safetensors", cases(WHOLE_FILE), ["predict", "export"], False),
         ("model/config.json", cases((emptied, cut, *WHOLE_FILE[4:])), ["predict", "train"], True),
         ("model/config.json", cases((), 15), ["predict"], True),
-        (
-            "model/light_accuracy.json",
-            cases((*WHOLE_FILE[:3], *WHOLE_FILE[4:])),
-            ["predict", "eval", "train"],
-            False,
-        ),
+        ("model/light_accuracy.json", cases((*WHOLE_FILE[:3], *WHOLE_FILE[4:])), ["predict", "eval"], False),
         ("model/light_accuracy.json", cases((), 15), ["predict"], True),
         ("model/illumination_mlp.safetensors", cases(WHOLE_FILE), ["predict", "train"], False),
         ("model/sphere_net.safetensors", cases(WHOLE_FILE), ["predict", "train"], False),
@@ -292,9 +279,7 @@ def test_a_damaged_tensor_is_one_sentence(damaged, capsys, name, tensors):
 @pytest.mark.slow
 def test_an_index_beyond_its_array_is_one_sentence(damaged, capsys):
     changes = [odd_tensor(name, c) for name in ("uv_faces", "faces") for c in INDICES]
-    changes += [
-        odd_tensor("normal_faces", c) for c in INDICES if c is not all_one_more
-    ]  # one more normal is no error
+    changes += [odd_tensor("normal_faces", c) for c in INDICES if c is not all_one_more]  # that is no error
     changes += [odd_tensor("roughness", filled_first(40.0)), odd_tensor("vertices", filled_first(1e30))]
     try_all(damaged, capsys, damaged.run.asset_file, changes, ["predict"], may_work=False)
 
@@ -309,9 +294,8 @@ def test_damaged_numbers_of_an_evaluation(damaged, capsys):
 def state(**values: Any) -> tuple[str, Change]:
     def change(file: Path) -> None:
         stored = json.loads(file.read_text())
-        file.write_text(
-            json.dumps({**stored, "state": {**stored["state"], "stage": "pass1", "iteration": 5, **values}})
-        )
+        inner = {**stored["state"], "stage": "pass1", "iteration": 5, **values}
+        file.write_text(json.dumps({**stored, "state": inner}))
 
     return "state.json", change
 
@@ -329,11 +313,8 @@ def test_a_checkpoint_of_another_training_is_named(damaged, capsys, step, first,
     """In each pass; all its files are sound in themselves."""
     folder = damaged.unfinish(step)
     misfits = [
-        state(stage="pass9"),
-        state(stage=[]),
-        state(iteration=99),
-        state(iteration="x"),
-        state(iteration=-1),
+        *(state(stage=stage) for stage in ("pass9", [])),
+        *(state(iteration=iteration) for iteration in (99, "x", -1)),
         state(phase="Phase II"),
         tensor(f"parameter.{first}", lambda t: t.flatten()[:1]),
         tensor(f"parameter.{second}", lambda t: None),
@@ -365,12 +346,8 @@ def test_a_damaged_checkpoint_is_passed_over(damaged, name, change):
 
 @pytest.mark.long
 def test_restart_mends_a_run_whatever_its_files_hold(damaged, capsys):
-    for file in (
-        damaged.run.config_file,
-        damaged.run.scene_file,
-        damaged.run.asset_file,
-        damaged.run.metrics_log,
-    ):
+    run = damaged.run
+    for file in (run.config_file, run.scene_file, run.asset_file, run.metrics_log):
         emptied(file)
     assert run_main(*damaged.commands["train"]) == 2
     assert "--restart" in capsys.readouterr().err

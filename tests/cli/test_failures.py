@@ -18,7 +18,7 @@ def scene(tmp_path):
 
 
 def test_a_defect_of_the_program_names_the_log_with_its_traceback(scene, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("lightprobe.runs.stages.decompose", lambda *a: 1 // 0)
+    monkeypatch.setattr("lightprobe.runs.phases.decompose", lambda *a: 1 // 0)
     run = RunFolder(tmp_path / "run")
     code = fails(["fit", scene, "-o", run.path, "--device", "cpu"], capsys, ["ZeroDivisionError", "log.txt"])
     assert code == 70
@@ -33,18 +33,18 @@ def test_interruption_and_exhausted_memory(scene, tmp_path, capsys, monkeypatch)
     def exhaust(*arguments):
         raise MemoryError
 
-    monkeypatch.setattr("lightprobe.runs.stages.decompose", stop)
+    monkeypatch.setattr("lightprobe.runs.phases.decompose", stop)
     arguments = ["fit", scene, "-o", tmp_path / "run", "--device", "cpu"]
     assert fails(arguments, capsys, ["interrupted", "same command"]) == 130
     monkeypatch.setattr("lightprobe.cli.using.export_run", stop)
     assert fails(["export", tmp_path / "run", "-o", tmp_path / "out"], capsys, ["interrupted."]) == 130
-    monkeypatch.setattr("lightprobe.runs.stages.decompose", exhaust)
+    monkeypatch.setattr("lightprobe.runs.phases.decompose", exhaust)
     assert fails(arguments, capsys, ["Out of memory"]) == 4
 
     def allocate(*arguments):
         raise RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 9 bytes.")
 
-    monkeypatch.setattr("lightprobe.runs.stages.decompose", allocate)
+    monkeypatch.setattr("lightprobe.runs.phases.decompose", allocate)
     assert fails(arguments, capsys, ["Out of memory"]) == 4
 
 
@@ -70,7 +70,7 @@ def test_a_log_that_is_a_link_is_not_written_through(scene, tmp_path, capsys, mo
     run = RunFolder.create(tmp_path / "run")
     (tmp_path / "precious").write_text("mine")
     run.log_file.symlink_to(tmp_path / "precious")
-    monkeypatch.setattr("lightprobe.runs.stages.decompose", lambda *a: 1 // 0)
+    monkeypatch.setattr("lightprobe.runs.phases.decompose", lambda *a: 1 // 0)
     fails(["fit", scene, "-o", run.path, "--device", "cpu"], capsys, ["log.txt"])
     assert (tmp_path / "precious").read_text() == "mine"
 

@@ -1,74 +1,16 @@
-"""Progress with the time left: in a terminal, in a notebook and in a log."""
+"""Progress with the time left: in a terminal and in a log."""
 
 import os
 import re
 import subprocess
 import sys
-import types
 
 import pytest
 
 import lightprobe
-from lightprobe.cli import progress
 
 
-class FakeNotebook(types.ModuleType):
-    """Stands in for IPython in a kernel, and keeps what is shown."""
-
-    def __init__(self, config):
-        super().__init__("IPython")
-        self.cells = []
-        display = types.ModuleType("IPython.display")
-        display.HTML = lambda text: text
-        display.display = self.show
-        self.display = display
-        self.get_ipython = lambda: types.SimpleNamespace(config=config)
-
-    def show(self, text, display_id):
-        self.cells.append([text])
-        return types.SimpleNamespace(update=self.cells[-1].append)
-
-
-def as_notebook(monkeypatch, config) -> FakeNotebook:
-    fake = FakeNotebook(config)
-    monkeypatch.setitem(sys.modules, "IPython", fake)
-    monkeypatch.setitem(sys.modules, "IPython.display", fake.display)
-    return fake
-
-
-def test_a_notebook_s_cell_is_changed_in_place(monkeypatch, capsys):
-    fake = as_notebook(monkeypatch, {"IPKernelApp": {}})
-    now = iter(range(0, 1000, 10))
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
-    with lightprobe.Meter() as meter:
-        meter.update("<pass 1>", 1, 3)
-        meter.update("<pass 1>", 2, 3, "loss <b>")
-        meter.update("pass 2", 1, 1)
-    assert len(fake.cells) == 1
-    last = fake.cells[0][-1]
-    assert '<progress value="2" max="3">' in last
-    assert "&lt;pass 1&gt;" in last
-    assert "2 of 3, 0:" in last
-    assert "left loss &lt;b&gt;" in last
-    assert "pass 2" in last
-    assert capsys.readouterr() == ("", "")
-
-
-def test_fast_steps_do_not_flood_a_notebook(monkeypatch):
-    fake = as_notebook(monkeypatch, {"IPKernelApp": {}})
-    monkeypatch.setattr(progress.time, "monotonic", lambda: 100.0)
-    with lightprobe.Meter() as meter:
-        for done in range(1, 1001):
-            meter.update("lessons", done, 1000)
-    assert len(fake.cells[0]) <= 4
-    assert "1000 of 1000" in fake.cells[0][-1]
-
-
-@pytest.mark.parametrize("config", [{}, None])
-def test_elsewhere_lines_go_to_standard_error(monkeypatch, capsys, config):
-    """IPython in a terminal is no notebook."""
-    if config is not None:
-        as_notebook(monkeypatch, config)
+def test_without_a_terminal_lines_go_to_standard_error(capsys):
     with lightprobe.Meter() as meter:
         meter.update("pass 1", 1, 2)
         meter.update("pass 1", 2, 2, "loss 0.1")

@@ -14,12 +14,7 @@ from lightprobe.core.errors import InputError, ResourceError
 
 def test_tensors_and_metadata_round_trip(tmp_path):
     base = torch.arange(12, dtype=torch.float32).reshape(3, 4)
-    tensors = {
-        "view": base[1:],
-        "turned": base.T,
-        "index": torch.tensor([1, 2], dtype=torch.int64),
-        "none": torch.zeros(0, 3),
-    }
+    tensors = {"view": base[1:], "turned": base.T, "index": torch.tensor([1, 2]), "none": torch.zeros(0, 3)}
     save_tensors(tmp_path / "a.safetensors", tensors, {"unit": "metre", "levels": [1, 2]})
     loaded = load_tensors(tmp_path / "a.safetensors")
     assert loaded.keys() == tensors.keys()
@@ -34,23 +29,16 @@ def test_equal_content_gives_equal_bytes(tmp_path):
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-@pytest.mark.parametrize("damage", [b"", b"not a tensor file at all", None])
-def test_damaged_or_missing_file_is_an_input_error(tmp_path, damage):
+@pytest.mark.parametrize("kept", [None, 0, 20, -8])
+def test_damaged_or_missing_file_is_an_input_error(tmp_path, kept):
     path = tmp_path / "weights.safetensors"
-    if damage is not None:
-        path.write_bytes(damage)
+    if kept is not None:
+        save_tensors(path, {"w": torch.ones(100)})
+        path.write_bytes(path.read_bytes()[:kept])
     with pytest.raises(InputError, match=r"weights\.safetensors"):
         load_tensors(path)
     with pytest.raises(InputError, match=r"weights\.safetensors"):
         load_metadata(path)
-
-
-def test_truncated_file_is_an_input_error(tmp_path):
-    path = tmp_path / "weights.safetensors"
-    save_tensors(path, {"w": torch.ones(100)})
-    path.write_bytes(path.read_bytes()[:-8])
-    with pytest.raises(InputError, match="damaged"):
-        load_tensors(path)
 
 
 def test_the_last_two_checkpoints_are_kept_and_the_newest_returned(tmp_path):
@@ -62,14 +50,6 @@ def test_the_last_two_checkpoints_are_kept_and_the_newest_returned(tmp_path):
     step, tensors, state = checkpoints.latest()
     assert (step, state) == (1500, {"best": 750.0})
     assert torch.equal(tensors["w"], torch.full((2,), 1500.0))
-
-
-def test_what_a_cut_save_did_not_remove_is_removed_later(tmp_path):
-    keeps_all, checkpoints = Checkpoints(tmp_path, keep=4), Checkpoints(tmp_path)
-    for step in range(1, 5):
-        keeps_all.save(step, {"w": torch.ones(2)}, {})
-    checkpoints.prune()
-    assert sorted(os.listdir(tmp_path)) == ["step-000000003", "step-000000004"]
 
 
 def test_a_damaged_checkpoint_is_passed_over(tmp_path):
@@ -107,9 +87,8 @@ for step in range(1, 100000):
 
 @pytest.mark.slow
 def test_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True
-    )
+    command = [sys.executable, "-c", WRITER, str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     process.stdout.readline()
     time.sleep(0.4)
     process.send_signal(signal.SIGKILL)

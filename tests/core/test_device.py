@@ -8,9 +8,7 @@ from lightprobe.core.errors import ConfigError
 
 
 def rounding() -> list[object]:
-    """What PyTorch rounds float32 factors to in convolutions and products of matrices on a GPU, by all its
-    names.
-    """
+    """What PyTorch rounds float32 factors to in convolutions and products on a GPU, by all its names."""
     backends = torch.backends
     return [
         backends.cudnn.conv.fp32_precision,

@@ -1,9 +1,8 @@
-"""Compilation of the loops: a machine without a writable cache folder still works, and thread counts follow
-PyTorch.
-"""
+"""Compiled loops without a cache folder, their number of threads, and work in threads."""
 
 import subprocess
 import sys
+import threading
 
 import numba
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 import torch
 
 from lightprobe.core import jit
+from lightprobe.core.threads import in_threads
 from tests.threads import torch_threads
 
 
@@ -56,3 +56,24 @@ def test_a_compiled_loop_leaves_pytorch_its_number_of_threads():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_results_come_in_order_from_several_threads(monkeypatch):
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 2)
+    together = threading.Barrier(2, timeout=20)  # passes only when two work at once
+
+    def work(item: int) -> int:
+        together.wait()
+        return 10 * item
+
+    assert in_threads(work, range(6)) == [0, 10, 20, 30, 40, 50]
+
+
+def test_the_first_failure_is_raised():
+    def work(item: int) -> int:
+        if item > 1:
+            raise ValueError(f"item {item}")
+        return item
+
+    with pytest.raises(ValueError, match="item 2"):
+        in_threads(work, range(5))

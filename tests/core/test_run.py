@@ -135,27 +135,11 @@ def test_only_one_process_writes(tmp_path):
 
 def test_paths_are_those_of_the_documented_layout(tmp_path):
     run = RunFolder(tmp_path)
-    relative = {
-        str(p.relative_to(tmp_path))
-        for p in (
-            run.environment_file("a"),
-            run.prediction_file("a", ".exr"),
-            run.asset_file,
-            run.report_file,
-            run.prediction_file("a", ".confidence.exr", "solve"),
-            run.model_checkpoints.folder,
-            run.checkpoints.folder,
-        )
-    }
-    assert relative == {
-        "env/a.exr",
-        "predictions/a.exr",
-        "predictions/solve/a.confidence.exr",
-        "mesh/asset.safetensors",
-        "report/index.html",
-        "model/checkpoints",
-        "checkpoints",
-    }
+    assert run.environment_file("a") == tmp_path / "env/a.exr"
+    assert run.prediction_file("a", ".exr") == tmp_path / "predictions/a.exr"
+    assert run.prediction_file("a", ".png", "solve") == tmp_path / "predictions/solve/a.png"
+    assert run.asset_file == tmp_path / "mesh/asset.safetensors"
+    assert run.model_checkpoints.folder == tmp_path / "model/checkpoints"
 
 
 def test_another_writer_of_a_new_run_is_told_so(tmp_path, monkeypatch):

@@ -8,19 +8,17 @@ import numpy as np
 import pillow_heif
 import pytest
 import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
 from lightprobe.imaging import foreign_encoding, read_ldr, srgb_decode, write_png
 from lightprobe.imaging.encodings import SRGB, camera_matrix, coded, hlg, pq, primaries_matrix
 from lightprobe.imaging.profiles import icc_encoding
-from tests.imaging.icc_profiles import P3_PRIMARIES, fixed, icc, profile_of
+from tests.imaging.icc_profiles import P3_PRIMARIES, SRGB_PRIMARIES, fixed, icc, own_srgb, profile_of
 
 RNG = np.random.default_rng(2)
-ADOBE = (
-    (0.60974, 0.31111, 0.01947),
-    (0.20528, 0.62567, 0.06087),
-    (0.14919, 0.06322, 0.74457),
-)  # XYZ under D50
+ADOBE = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))  # XYZ, D50
 PROPHOTO = ((0.79767, 0.28804, 0.0), (0.13519, 0.71188, 0.0), (0.03134, 0.00009, 0.82491))
 
 
@@ -101,13 +99,8 @@ def test_parametric_curves_of_every_kind(kind):
     content = b"para" + bytes(4) + struct.pack(">HH", kind, 0) + fixed(*values)
     x = np.linspace(0, 1, 101)
     power = (a * x + b) ** g
-    expected = [
-        x**g,
-        power,
-        power + c,
-        np.where(x >= d, power, c * x),
-        np.where(x >= d, power + e, c * x + f),
-    ][kind]
+    pieces = (np.where(x >= d, power, c * x), np.where(x >= d, power + e, c * x + f))
+    expected = (x**g, power, power + c, *pieces)[kind]
     encoding = icc_encoding(icc("x", P3_PRIMARIES, 1.0, content))
     np.testing.assert_allclose(encoding.curves[0](x), expected, atol=1e-4)
 
@@ -121,9 +114,8 @@ def swapped():
         b"mft2" + bytes(4) + bytes([3, 3, 2, 0]) + fixed(1, 0, 0, 0, 1, 0, 0, 0, 1) + struct.pack(">HH", 2, 2)
     )
     ramp = np.array([0, 65535] * 3, ">u2").tobytes()
-    return profile_of(
-        "Swapped", b"RGB ", {b"A2B0": head + ramp + (xyz * 65535).astype(">u2").tobytes() + ramp}
-    )
+    table = head + ramp + (xyz * 65535).astype(">u2").tobytes() + ramp
+    return profile_of("Swapped", b"RGB ", {b"A2B0": table})
 
 
 @pytest.mark.parametrize("kind", ["png", "alpha.png", "tif", "deep.tif", "deep.png", "heic"])
@@ -155,9 +147,8 @@ def png_with(path, samples, *chunks):
     Image.fromarray(samples).save(buffer, "PNG")
     data = buffer.getvalue()
     for kind, content in chunks:
-        chunk = (
-            struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-        )
+        crc = zlib.crc32(kind + content)
+        chunk = struct.pack(">I", len(content)) + kind + content + struct.pack(">I", crc)
         data = data[:33] + chunk + data[33:]
     path.write_bytes(data)
     return path
@@ -209,3 +200,69 @@ def test_cmyk_with_a_broken_profile_is_still_read(tmp_path):
     Image.new("CMYK", (8, 8), (0, 0, 0, 0)).save(tmp_path / "a.jpg", icc_profile=b"nonsense" * 40)
     np.testing.assert_allclose(read_ldr(tmp_path / "a.jpg")[0], 1, atol=0.01)
     assert foreign_encoding(tmp_path / "a.jpg") == "ICC profile that cannot be read"
+
+
+@pytest.fixture
+def image():
+    return Image.fromarray(np.random.default_rng(1).integers(0, 256, (16, 16, 3), dtype=np.uint8))
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp"])
+def test_another_profile_is_named_in_every_format(tmp_path, image, suffix):
+    path = tmp_path / f"a.{suffix}"
+    image.save(path, icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2))
+    assert foreign_encoding(path) == "ICC profile Wide Thing"
+    image.save(path, icc_profile=own_srgb())
+    assert foreign_encoding(path) is None
+    image.save(path)
+    assert foreign_encoding(path) is None
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_a_grey_picture_may_have_the_profile_of_its_colour_one(tmp_path, image, suffix):
+    path = tmp_path / f"grey.{suffix}"
+    image.convert("L").save(path, icc_profile=icc("Wide Thing", P3_PRIMARIES, 2.2))
+    color = read_ldr(path)[0]
+    assert color.shape == (*image.size[::-1], 3)
+    levels = np.asarray(Image.open(path)) / 255
+    np.testing.assert_allclose(color, np.repeat(levels[..., None] ** 2.2, 3, 2), atol=2e-3)
+
+
+def test_the_colours_decide_not_the_name(tmp_path, image):
+    image.save(tmp_path / "liar.png", icc_profile=icc("sRGB IEC61966-2.1", SRGB_PRIMARIES, 1.0))
+    assert foreign_encoding(tmp_path / "liar.png") == "ICC profile sRGB IEC61966-2.1"
+    renamed = own_srgb().replace("sRGB".encode("utf-16-be"), "some".encode("utf-16-be"))
+    assert renamed != own_srgb()
+    image.save(tmp_path / "modest.png", icc_profile=renamed)
+    assert foreign_encoding(tmp_path / "modest.png") is None
+
+
+def test_a_broken_profile_is_no_traceback(tmp_path, image):
+    image.save(tmp_path / "a.png", icc_profile=b"nonsense" * 40)
+    assert foreign_encoding(tmp_path / "a.png") == "ICC profile that cannot be read"
+
+
+@pytest.mark.parametrize(
+    ("gamma", "srgb", "expected"),
+    [
+        (45455, False, None),
+        (100000, False, "PNG gamma 1"),
+        (55556, False, "PNG gamma 0.5556"),
+        (100000, True, None),
+    ],
+)
+def test_png_gamma(tmp_path, gamma, srgb, expected):
+    """The standard's own value means sRGB, and an sRGB chunk overrides any."""
+    chunks = [(b"sRGB", b"\0")] * srgb + [(b"gAMA", struct.pack(">I", gamma))]
+    path = png_with(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8), *chunks)
+    assert foreign_encoding(path) == expected
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=4))
+def test_a_profile_with_wrong_bytes_is_some_encoding(changes):
+    data = bytearray(icc("Wide Thing", P3_PRIMARIES, 2.2, TABLE))
+    for place, value in changes:
+        data[place % len(data)] = value
+    encoding = icc_encoding(bytes(data))
+    assert encoding.name is None or "ICC profile" in encoding.name

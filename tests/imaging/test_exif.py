@@ -28,9 +28,7 @@ def photo(path, entries):
         else:
             folder += head + (behind + len(data)).to_bytes(4, "little")
             data += value
-    root = (
-        b"\1\0" + (_FOLDER).to_bytes(2, "little") + b"\4\0\1\0\0\0" + offset.to_bytes(4, "little") + bytes(4)
-    )
+    root = struct.pack("<HHHIII", 1, _FOLDER, 4, 1, offset, 0)
     exif = b"Exif\0\0II*\0\x08\0\0\0" + root + folder + bytes(4) + data
     Image.new("RGB", (8, 6)).save(path, exif=exif)
     return path

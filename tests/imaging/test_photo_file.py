@@ -1,7 +1,6 @@
 """Photos in every kind of file: the colours that were put in come out, in linear sRGB."""
 
 import builtins
-import contextlib
 import importlib.util
 import io
 import subprocess
@@ -33,18 +32,15 @@ from tests.imaging.icc_profiles import P3_PRIMARIES, grey_icc, icc
 from tests.imaging.raw_files import NEUTRAL, XYZ_TO_CAMERA, write_dng
 
 RNG = np.random.default_rng(8)
-P3_TO_SRGB = np.array(
-    [[1.2249, -0.2247, 0], [-0.0420, 1.0419, 0], [-0.0197, -0.0786, 1.0979]]
-)  # of CSS Color 4
+P3_TO_SRGB = np.array([[1.2249, -0.2247, 0], [-0.0420, 1.0419, 0], [-0.0197, -0.0786, 1.0979]])  # CSS Color 4
 SRGB_TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
 
 def patches(levels=255):
     """Four flat patches of 16 x 16, of colours within sRGB: encoded integers (32, 32, 3)."""
     colors = np.array([[[0.8, 0.3, 0.2], [0.2, 0.6, 0.3]], [[0.25, 0.3, 0.7], [0.5, 0.5, 0.5]]])
-    return np.rint(colors.repeat(16, 0).repeat(16, 1) * levels).astype(
-        np.uint8 if levels == 255 else np.uint16
-    )
+    dtype = np.uint8 if levels == 255 else np.uint16
+    return np.rint(colors.repeat(16, 0).repeat(16, 1) * levels).astype(dtype)
 
 
 def centres(image):
@@ -191,7 +187,7 @@ def test_display_p3_becomes_srgb(tmp_path, suffix):
     found = centres(read_ldr(path)[0])
     code = {"deep": 1e-3, "png": 2e-3, "webp": 2e-3, "tif": 2e-3}.get(
         suffix, 0.03
-    )  # lossy ones: a few codes of 255
+    )  # lossy: a few codes of 255
     np.testing.assert_allclose(found, expected, atol=code)
     assert found[0, 0] > 1.15
     assert foreign_encoding(path) == "ICC profile Wide Thing"
@@ -313,7 +309,7 @@ def test_exposure_of_tiff_and_heic(tmp_path):
         assert read_exif_ev100(tmp_path / name) == pytest.approx(np.log2(2.8**2 * 60) - 2, abs=1e-3)
 
 
-KINDS = ("heic", "avif", "deep.tif", "tif", "dng", "exr", "hdr")
+KINDS = ("jpg", "png", "deep.png", "webp", "heic", "avif", "deep.tif", "tif", "dng", "exr", "hdr")
 
 
 def any_photo(path):
@@ -324,6 +320,8 @@ def any_photo(path):
         return dng(path)
     if path.suffix in (".exr", ".hdr"):
         {".exr": write_exr, ".hdr": write_radiance}[path.suffix](path, patches() / 255)
+    elif path.name.endswith("deep.png"):
+        write_png(path, RNG.random((40, 50, 3)), bits=16)
     elif path.name.endswith("deep.tif"):
         tifffile.imwrite(path, RNG.integers(0, 65536, (40, 50, 3), dtype=np.uint16), photometric="rgb")
     else:
@@ -336,7 +334,7 @@ def any_photo(path):
 def test_damage_is_one_sentence(tmp_path, kind):
     path = any_photo(tmp_path / f"a.{kind}")
     data = path.read_bytes()
-    for length in (5, 20, 70, len(data) // 3, len(data) // 2):
+    for length in (0, 5, 20, 70, len(data) // 3, len(data) // 2):
         path.write_bytes(data[:length])
         with pytest.raises(InputError, match=r"a\..*\.$") as caught:
             read_ldr(path)
@@ -365,19 +363,6 @@ def test_damaged_tiff_prints_nothing_of_its_own(tmp_path):
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
     assert "invalid page offset" not in done.stderr
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")  # Pillow's, of odd tags
-@pytest.mark.parametrize("kind", KINDS)
-def test_flipped_bytes_are_pixels_or_one_sentence(tmp_path, kind):
-    path = any_photo(tmp_path / f"a.{kind}")
-    data = path.read_bytes()
-    for place in RNG.integers(0, min(len(data), 400), 25):
-        spoilt = bytearray(data)
-        spoilt[place] ^= int(RNG.integers(1, 256))
-        path.write_bytes(spoilt)
-        with contextlib.suppress(InputError):
-            assert np.isfinite(read_ldr(path)[0]).all()
 
 
 def test_a_tiff_whose_rows_lie_beyond_its_end_takes_no_memory_for_what_is_between(tmp_path):

@@ -1,32 +1,26 @@
-"""Disturb commands at many moments, and see that the same command then ends with the bits of an undisturbed
-one.
+"""Disturb commands at many moments: the same command must then end with the bits of an undisturbed one.
 
     python -m tests.kills --moments 50 --seed 0 [--commands predict export] [--page benchmarks/KILLS.md]
 
 Kills come at changes of the file system and after random times, half and half; `--moments` of them over all
 commands. A fifth as many times, once at least, the disk is full from a change on, or files end at a size.
-Once each the folder is read-only, two processes run the same command at once, and the clock is set back
-between a kill and the second run. After each the same command is run undisturbed. Needs Linux and one thread.
-Ends with 1 when anything differs.
+Once each the folder is read-only, and two processes run the same command at once. After each the same command
+is run undisturbed. Needs Linux and one thread. Ends with 1 when anything differs.
 """
 
 import argparse
-import os
-import platform
 import random
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from tests.kills.commands import COMMANDS, Command, contents, lay_out, leftovers, write_inputs
 from tests.kills.program import Ended, Fault, Moment, in_child, start
 
-ROOT = Path(__file__).parents[2]
-_DAY = 86_400.0  # seconds
 _RESOURCE = 4  # exit status of a `ResourceError`
 
 
@@ -66,13 +60,10 @@ class Bench:
         """Yield the moments at which a command is disturbed."""
         whole, dice = self.undisturbed(command), self._random
         for index in range(kills):
-            by_change = index % 2 == 0 and whole.changes > 0
-            at = (
-                {"change": dice.randint(1, whole.changes)}
-                if by_change
-                else {"seconds": dice.uniform(0, whole.seconds)}
-            )
-            yield Moment(Fault.KILL, **at)  # type: ignore[arg-type]
+            if index % 2 == 0 and whole.changes > 0:
+                yield Moment(Fault.KILL, change=dice.randint(1, whole.changes))
+            else:
+                yield Moment(Fault.KILL, seconds=dice.uniform(0, whole.seconds))
         sizes = sorted(len(data) for data in self._whole[command.name].values() if isinstance(data, bytes))
         for index in range(full):
             if index % 2 == 0:
@@ -80,7 +71,6 @@ class Bench:
             else:
                 yield Moment(Fault.LIMIT, size=max(1, int(dice.choice(sizes) * dice.random())))
         yield Moment(Fault.READ_ONLY, change=1)
-        yield Moment(Fault.KILL, seconds=dice.uniform(0.3, 0.9) * whole.seconds, clock=-_DAY)
 
     def disturbed(self, command: Command, moment: Moment) -> Result:
         """Disturb a command, run it again, and return what came of it."""
@@ -88,13 +78,11 @@ class Bench:
         ended = start(command.words(self._work), self._work, moment)()
         wrong = _wrongly_ended(ended, moment)
         complete = contents(self._work / command.output) == self._whole[command.name]
-        if moment.clock:
-            self._age()
         if not wrong and not (
             complete and command.name == "export"
-        ):  # which refuses a folder that it has filled
+        ):  # it refuses a folder that it has filled
             wrong = self._again(command)
-        return Result(command.name, str(moment), "clock" if moment.clock else moment.fault.value, wrong)
+        return Result(command.name, str(moment), moment.fault.value, wrong)
 
     def together(self, command: Command) -> Result:
         """Run a command twice at once: both end, with 0 or one sentence, and leave what one leaves."""
@@ -120,12 +108,6 @@ class Bench:
         left = leftovers(self._work)
         return f"left over: {', '.join(left)}" if left else ""
 
-    def _age(self) -> None:
-        """Give all files times of tomorrow or of long ago."""
-        for path in self._work.rglob("*"):
-            moment = self._random.choice((2e9, 1e9, 4e8))
-            os.utime(path, (moment, moment), follow_symlinks=False)
-
 
 def _wrongly_ended(ended: Ended, moment: Moment) -> str:
     """Return why the way a command ended is wrong for what happened to it, or nothing."""
@@ -137,27 +119,19 @@ def _wrongly_ended(ended: Ended, moment: Moment) -> str:
 
 
 def _no_sentence(ended: Ended) -> str:
-    lines = [
-        line for line in ended.said.splitlines() if line.startswith("lightprobe: ") and "warning" not in line
-    ]
+    said = [line for line in ended.said.splitlines() if line.startswith("lightprobe: ")]
+    lines = [line for line in said if "warning" not in line]
     sound = len(lines) == 1 and lines[0].endswith(".") and "Traceback" not in ended.said
     return "" if sound else f"no sentence: {ended.said[-300:]}"
 
 
-def page(results: Sequence[Result], command: str, commit: str) -> str:
+def page(results: Sequence[Result], command: str) -> str:
     """Return the record as Markdown."""
     kinds = list(dict.fromkeys(result.kind for result in results))
     lines = [
-        "# Killed, and out of disk",
-        "",
-        f"Written by `{command}`, commit {commit}, {platform.machine()}, {platform.system()}, Python "
-        f"{platform.python_version()}, {os.cpu_count()} cores of which one is used.",
-        "",
-        "Each time the command was disturbed at a random moment and run once more: the cells say how often it then "
-        "left the bits of an undisturbed run and nothing unfinished, of how many times.",
-        "",
-        f"| command | {' | '.join(kinds)} |",
-        f"|---|{'--:|' * len(kinds)}",
+        f"# Killed, and out of disk\n\nWritten by `{command}`. Each time the command was disturbed at a random moment "
+        "and run once more: the cells say how often it then left the bits of an undisturbed run and nothing "
+        f"unfinished, of how many times.\n\n| command | {' | '.join(kinds)} |\n|---|{'--:|' * len(kinds)}"
     ]
     for name in dict.fromkeys(result.command for result in results):
         cells = []
@@ -180,21 +154,18 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="where the record is written as Markdown")
     given = parser.parse_args(words)
     chosen = [command for command in COMMANDS if given.commands is None or command.name in given.commands]
-    results, commit = [], _commit()
+    results: list[Result] = []
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), given.seed, chosen)
         for place, command in enumerate(chosen):
             kills, full = (_share(n, place, len(chosen)) for n in (given.moments, max(1, given.moments // 5)))
-            for moment in bench.moments(command, kills, full):
-                results.append(bench.disturbed(command, moment))
-                print(
-                    f"{results[-1].command}, {results[-1].moment}: {results[-1].fault or 'well'}", flush=True
-                )
-            results.append(bench.together(command))
-            print(f"{command.name}, two at once: {results[-1].fault or 'well'}", flush=True)
+            disturbed = (bench.disturbed(command, moment) for moment in bench.moments(command, kills, full))
+            for result in chain(disturbed, map(bench.together, [command])):
+                results.append(result)
+                print(f"{result.command}, {result.moment}: {result.fault or 'well'}", flush=True)
     line = f"python -m tests.kills --moments {given.moments} --seed {given.seed}"
     line += f" --commands {' '.join(given.commands)}" if given.commands else ""
-    text = page(results, line, commit)
+    text = page(results, line)
     if given.page is not None:
         given.page.write_text(text)
     print(text)
@@ -203,11 +174,6 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _share(total: int, place: int, count: int) -> int:
     return total // count + (place < total % count)
-
-
-def _commit() -> str:
-    words = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
-    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True).stdout.strip() or "unknown"
 
 
 if __name__ == "__main__":

@@ -26,29 +26,20 @@ class Command:
     output: str  # in that folder
     inputs: tuple[
         str, ...
-    ]  # of the bench, copied into that folder; those that are the output as well are changed
+    ]  # of the bench, copied into that folder; those that are the output too are changed
 
 
-# As few steps as have two checkpoints in every stage: what a kill may meet, not what is learned, is the
-# question.
-_STEPS = changed(
-    [*TINY_WITHOUT_TRIALS, *TINY_DISTILL],
-    pass1_iterations=5,
-    pass2_iterations=5,
-    pass3_iterations=5,
-    lattice_cells=8,
-    hull_voxels=16,
-    pass1_side=24,
-    pass2_side=24,
-    pass3_texture_size=64,
-    hash_levels=2,
-    hash_finest=16,
-    steps=5,
-    sphere_steps=3,
-    synthetic_lessons=2,
-    checkpoint_every=2,
-    simulated_photos=2,
-)
+# As few steps as have two checkpoints in every stage: the question is what a kill may meet, not what is learned.
+_FIRST = dict.fromkeys(("pass1_iterations", "pass2_iterations", "pass3_iterations", "steps"), 5)
+_SIZES = {"lattice_cells": 8, "hull_voxels": 16, "pass1_side": 24, "pass2_side": 24, "pass3_texture_size": 64}
+_REST = {
+    "hash_levels": 2,
+    "hash_finest": 16,
+    "sphere_steps": 3,
+    "synthetic_lessons": 2,
+    "checkpoint_every": 2,
+}
+_STEPS = changed([*TINY_WITHOUT_TRIALS, *TINY_DISTILL], simulated_photos=2, **_FIRST, **_SIZES, **_REST)
 
 
 def _train(folder: Path) -> list[str]:
@@ -105,10 +96,8 @@ def _contents(folder: Path) -> Iterator[tuple[str, Any]]:
     for path in sorted(folder.rglob("*")) if folder.is_dir() else []:
         if path.is_file() and path.name not in _UNCOMPARED and PARTIAL not in str(path):
             name = path.relative_to(folder).as_posix()
-            yield (
-                name,
-                _untimed(json.loads(path.read_text())) if path.suffix == ".json" else path.read_bytes(),
-            )
+            is_json = path.suffix == ".json"
+            yield name, _untimed(json.loads(path.read_text())) if is_json else path.read_bytes()
 
 
 def _untimed(value: Any) -> Any:

@@ -32,21 +32,18 @@ class Fault(Enum):
 
 @dataclass(frozen=True)
 class Moment:
-    """When and how a command is disturbed: at a change of the file system from 1 on, after seconds, or by a
-    size.
-    """
+    """When and how a command is disturbed: at a change of the file system from 1 on, after seconds, or by size."""
 
     fault: Fault = Fault.NONE
     change: int = 0
     seconds: float = 0.0
     size: int = 0  # bytes
-    clock: float = 0.0  # seconds by which the time of day is off
 
     def __str__(self) -> str:
         """Return it in words."""
         at = f"change {self.change}" if self.change else f"{self.seconds:.2f} s" if self.seconds else ""
         at = f"{self.size} bytes" if self.size else at
-        return f"{self.fault.value}{f' at {at}' if at else ''}{f', clock {self.clock:+.0f} s' if self.clock else ''}"
+        return f"{self.fault.value}{f' at {at}' if at else ''}"
 
 
 @dataclass(frozen=True)
@@ -60,8 +57,7 @@ class Ended:
 
 
 def start(words: Sequence[str], folder: Path, moment: Moment) -> Callable[[], Ended]:
-    """Run `lightprobe` in a child of this process, which has loaded it already; return what waits for its
-    end.
+    """Run `lightprobe` in a child of this process, which has loaded it; return what waits for its end.
 
     folder: where changes count. Nothing must run in other threads of this process.
     """
@@ -98,9 +94,7 @@ def in_child(work: Callable[[], None]) -> None:
 
 
 def _drained(reader: int, writer: int) -> bytes:
-    """Return what was written into a pipe, and close it; a process that lives on may still hold its other
-    end.
-    """
+    """Return what was written into a pipe, and close it; a process that lives on may hold its other end."""
     os.close(writer)
     os.set_blocking(reader, False)
     parts = []
@@ -129,7 +123,6 @@ def _child(words: Sequence[str], folder: Path, moment: Moment, noted: int, count
         os.dup2(noted, 2)
         from lightprobe.cli.main import main
 
-        _set_clock(moment.clock)
         if moment.size:
             resource.setrlimit(resource.RLIMIT_FSIZE, (moment.size, moment.size))
         sys.addaudithook(_Disturbance(folder, moment, counted))
@@ -142,16 +135,8 @@ def _child(words: Sequence[str], folder: Path, moment: Moment, noted: int, count
         os._exit(code)
 
 
-def _set_clock(seconds: float) -> None:
-    """Put the time of day off, as after the clock was set."""
-    right = time.time
-    time.time = lambda: right() + seconds  # type: ignore[assignment]
-
-
 class _Disturbance:
-    """Counts changes of the file system in a folder, and does at one of them, or from it on, what the moment
-    asks.
-    """
+    """Counts changes of the file system in a folder, and does what the moment asks at one of them, or from it on."""
 
     def __init__(self, folder: Path, moment: Moment, counter: int):
         self._folder, self._moment, self._counter, self._count = str(folder.resolve()), moment, counter, 0

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.long
-@pytest.mark.skipif(
-    not sys.platform.startswith("linux"), reason="children are forked, as Linux does it safely"
-)
+@pytest.mark.skipif(sys.platform != "linux", reason="children are forked, as Linux does it safely")
 def test_export_ends_with_the_same_bits_after_every_fault(tmp_path):
     words = [sys.executable, "-m", "tests.kills", "--moments", "2", "--commands", "export"]
     threads = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -27,15 +26,14 @@ def test_export_ends_with_the_same_bits_after_every_fault(tmp_path):
         [*words, "--page", str(written)], cwd=ROOT, env={**os.environ, **threads}, capture_output=True
     )
     assert done.returncode == 0, (done.stdout + done.stderr).decode()
-    assert "| export | 2 of 2 | 1 of 1 | 1 of 1 | 1 of 1 | 1 of 1 |" in written.read_text()
+    assert "| export | 2 of 2 | 1 of 1 | 1 of 1 | 1 of 1 |" in written.read_text()
 
 
 def test_what_was_timed_is_left_out_of_what_is_compared(tmp_path):
     for name, seconds in (("a", 1.5), ("b", 2.5)):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "metrics.json").write_text(
-            json.dumps({"photos": [{"psnr": 30.0, "seconds": seconds}]})
-        )
+        numbers = json.dumps({"photos": [{"psnr": 30.0, "seconds": seconds}]})
+        (tmp_path / name / "metrics.json").write_text(numbers)
         (tmp_path / name / "log.txt").write_text(name)
         (tmp_path / name / "map.exr").write_bytes(b"map")
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
@@ -47,16 +45,10 @@ def test_what_was_timed_is_left_out_of_what_is_compared(tmp_path):
 
 
 def test_the_record_counts_and_names_what_went_wrong():
-    moments = [
-        str(Moment(Fault.KILL, change=3)),
-        str(Moment(Fault.KILL, seconds=0.5)),
-        str(Moment(Fault.LIMIT, size=9)),
-    ]
+    kinds = (Moment(Fault.KILL, change=3), Moment(Fault.KILL, seconds=0.5), Moment(Fault.LIMIT, size=9))
+    moments = [str(moment) for moment in kinds]
     assert moments == ["kill -9 at change 3", "kill -9 at 0.50 s", "writes end at 9 bytes"]
-    results = [
-        Result("predict", moments[0], "kill -9"),
-        Result("predict", moments[1], "kill -9", "other bits"),
-    ]
-    text = page(results, "command", "abc")
+    first, second = (Result("predict", moment, "kill -9") for moment in moments[:2])
+    text = page([first, replace(second, fault="other bits")], "command")
     assert "| predict | 1 of 2 |" in text
     assert "- predict, kill -9 at 0.50 s: other bits" in text

@@ -12,7 +12,7 @@ from lightprobe.core.checkpoint import Checkpoints
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.training import ParameterGroup, Progress, Stage, Training
 from lightprobe.training.descent import cosine, exponential
-from lightprobe.training.loop import visited
+from lightprobe.training.loop import LossReader, visited
 
 FIRST = Stage("first", 0, 7, exponential(7))
 SECOND = Stage("second", 7, 5, cosine(5), largest_gradient=0.5)
@@ -116,16 +116,8 @@ def test_a_checkpoint_names_its_tensors_and_its_configuration(tmp_path):
     step, tensors, state = Checkpoints(tmp_path).latest()
     moments = {f"{kind}.x" for kind in ("parameter", "adam_mean", "adam_square", "adam_updates", "start")}
     assert tensors.keys() == moments | {"buffer.count", "start.count"}
-    assert (step, state) == (
-        12,
-        {
-            "phase": "Phase I",
-            "stage": "second",
-            "iteration": 5,
-            "config": {"size": 3, "pair": [1, 2]},
-            "seed": 5,
-        },
-    )
+    place = {"phase": "Phase I", "stage": "second", "iteration": 5}
+    assert (step, state) == (12, {**place, "config": {"size": 3, "pair": [1, 2]}, "seed": 5})
 
 
 @pytest.mark.parametrize("change", [{"config": {"size": 4}}, {"seed": 6}])
@@ -167,3 +159,25 @@ def test_every_photo_is_visited_once_an_epoch_in_an_order_of_its_own():
     assert all(sorted(order) == list(range(9)) for order in orders)
     assert orders[0] != orders[1]
     assert orders == [[visited(1, "order", 9, 9 * epoch + k) for k in range(9)] for epoch in range(3)]
+
+
+def test_on_a_cpu_every_loss_is_known_at_once():
+    heard = []
+    losses = LossReader(torch.device("cpu"))
+    losses.add(torch.tensor(1.0), heard.append)
+    assert heard == [1.0]
+    losses.read()
+    assert heard == [1.0]
+
+
+def test_on_a_gpu_losses_come_in_bunches_in_their_order_and_none_is_lost():
+    heard = []
+    losses = LossReader(torch.device("cuda", 0))
+    for step in range(60):
+        losses.add(
+            torch.tensor(float(step), requires_grad=True),
+            lambda value, step=step: heard.append((step, value)),
+        )
+        assert len(heard) == 25 * ((step + 1) // 25)
+    losses.read()
+    assert heard == [(step, float(step)) for step in range(60)]

@@ -9,14 +9,16 @@ import dataclasses
 import json
 import math
 import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
+from lightprobe.core.errors import LightprobeWarning
 from lightprobe.core.failures import reporting_errors
 
 OPTION = "--json"
@@ -85,10 +87,37 @@ def answering(*, as_object: bool) -> Iterator[None]:
         raise
     finally:
         _collected.reset(token)
-        if "error" in kept or not isinstance(
-            sys.exception(), SystemExit
-        ):  # of --help, whose answer is a text
+        if "error" in kept or not isinstance(sys.exception(), SystemExit):  # --help answers with a text
             print(_json(plain_values(kept)))
+
+
+@contextlib.contextmanager
+def own_warnings() -> Iterator[None]:
+    """Let only warnings of our own through, one sentence each: those of libraries are about code.
+
+    Filters given to Python itself (`-W`, PYTHONWARNINGS) stand.
+    """
+    with warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", LightprobeWarning)
+        warnings.showwarning = _say_warning
+        yield
+
+
+def _say_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning of ours as one sentence, and any other as Python does."""
+    words = warnings.formatwarning(message, category, filename, lineno, line)
+    if issubclass(category, LightprobeWarning):
+        words = f"lightprobe: warning: {message}\n"
+    print(words, end="", file=file or sys.stderr)
 
 
 def _json(value: Any) -> str:

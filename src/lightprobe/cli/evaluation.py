@@ -12,19 +12,13 @@ from lightprobe.cli.answer import is_for_programs, keep, say
 from lightprobe.cli.options import Device, MovedScene, Prediction, RunArg, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.config.prediction import UNCHANGED, Method
-from lightprobe.runs.evaluation import (
-    EvaluatedRun,
-    Evaluation,
-    EvaluationOptions,
-    Protocols,
-    evaluate_run,
-    summary_lines,
-    summary_tables,
-)
+from lightprobe.evaluation import Evaluation, Protocols
+from lightprobe.report.summary import summary_lines, summary_tables
+from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
 
 _METHODS = (
-    "Methods to compare. Where the run has numbers of its default method, those of methods without it go to "
-    "RUN/report/comparison and replace nothing."
+    f"Methods to compare, of {', '.join(Method.offered())}. Where the run has numbers of its default method, those of "
+    "methods without it go to RUN/report/comparison and replace nothing."
 )
 _NumbersArg = Annotated[
     Path | None, option(aliases=["-o"], metavar="metrics.json", help="Numbers; also in the run.")
@@ -38,7 +32,7 @@ _OracleArg = Annotated[
 def eval(  # the name of the command
     run: RunArg,
     *,
-    methods: Annotated[tuple[Method, ...], option(help=_METHODS)] = (),
+    methods: Annotated[tuple[Method, ...], option(metavar="METHOD ...", help=_METHODS)] = (),
     output: _NumbersArg = None,
     scene: MovedScene = None,
     unseen: Annotated[
@@ -69,9 +63,7 @@ def eval(  # the name of the command
 
 
 def show_evaluation(found: EvaluatedRun) -> None:
-    """Print what an evaluation found and where it is; photos that are not scored or doubtful go to standard
-    error.
-    """
+    """Print what an evaluation found and where; photos not scored or doubtful go to standard error."""
     result = found.evaluation
     for photo, why in result.skipped.items():
         print(f"lightprobe: warning: test photo {photo} is not scored. {why}", file=sys.stderr)
@@ -88,9 +80,7 @@ def show_evaluation(found: EvaluatedRun) -> None:
 
 
 def print_tables(evaluation: Evaluation) -> None:
-    """Print the means of every method, the scores of the asset and the check of the confidence to standard
-    output.
-    """
+    """Print the means of every method, the scores of the asset and the check of the confidence."""
     for summary in summary_tables(evaluation.to_json()):
         method = Column("method", no_wrap=True)
         table = Table(method, *summary.columns, title=summary.title, title_justify="left", title_style="")

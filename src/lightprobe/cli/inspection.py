@@ -38,9 +38,7 @@ def inspect(scene: SceneArg, *, output: _SheetArg = None) -> None:
                 f"{scene} is a run and no folder of photos; inspect the scene that it learnt from."
             )
         if output is not None:
-            raise ConfigError(
-                f"{scene} has no cameras to draw an overlay sheet of; leave out the option --output."
-            )
+            raise ConfigError(f"{scene} has no cameras to draw an overlay sheet of; leave out --output.")
         plain = inspect_plain(scene)
         say("\n".join(plain.lines()), **_values(plain), advice=plain.advice)
         _stop_at(scene, plain.problems)

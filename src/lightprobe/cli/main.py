@@ -51,7 +51,17 @@ _RESUMED = (
 )  # go on where they stopped
 _WITH_PRESETS = ("training", "fleet")  # modules of commands that train
 
-_EXAMPLES = """\
+_USAGE = """\
+usage: lightprobe COMMAND ...   (lightprobe COMMAND --help explains one)
+
+Turn one photo of a known object into the HDR environment map around it.
+
+Commands:
+{commands}
+
+Every command takes --json: its answer is then one JSON object on standard output. With --tyro-print-completion bash
+(or zsh, fish) it prints a script that completes its options.
+
 Examples:
   lightprobe demo
   lightprobe prepare photos/cup -o scenes/cup
@@ -69,10 +79,8 @@ def program() -> int:
     imported, then and once more at the end; none of it ever is.
     """
     gc.disable()  # `_run` goes on with it
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(
-            errors="backslashreplace"
-        )  # names of files need not be of the terminal's characters
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files need not be of the terminal's characters
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         return main(sys.argv[1:])
     except KeyboardInterrupt:  # while libraries are imported; later `_guarded` tells
@@ -105,26 +113,16 @@ def main(given: Sequence[str]) -> int:
 
 def usage(group: str = "") -> str:
     """Return the help of the program as a whole, or of the commands that begin with the word `group`."""
-    shown = {
-        name: summary for name, (_, summary) in COMMANDS.items() if not group or name.startswith(f"{group} ")
-    }
-    lines = [f"  {name:<13} {summary}" for name, summary in shown.items()]
-    if group:
-        return "\n".join([f"usage: lightprobe {group} COMMAND ...\n", f"{GROUPS[group][0]}:", *lines])
-    return "\n".join(
-        [
-            "usage: lightprobe COMMAND ...   (lightprobe COMMAND --help explains one)\n",
-            "Turn one photo of a known object into the HDR environment map around it.\n",
-            "Commands:",
-            *lines,
-            "\nEvery command takes --json: its answer is then one JSON object on standard output.\n",
-            _EXAMPLES,
-        ]
+    lines = "\n".join(
+        f"  {name:<13} {does}" for name, (_, does) in COMMANDS.items() if name.startswith(group)
     )
+    if group:
+        return f"usage: lightprobe {group} COMMAND ...\n\n{GROUPS[group][0]}:\n{lines}"
+    return _USAGE.format(commands=lines)
 
 
 def _guarded(name: str, arguments: list[str]) -> int:
-    from lightprobe.cli.failures import own_warnings
+    from lightprobe.cli.answer import own_warnings
     from lightprobe.core.failures import reporting_errors
 
     try:

@@ -61,7 +61,7 @@ _MethodArg = Annotated[
     Method | None,
     option(
         metavar="METHOD",
-        help=f"One of {', '.join(Method)}; by default the run's own, or the best it has a model for.",
+        help=f"One of {', '.join(Method.offered())}; by default the run's own, or the best it has a model for.",
     ),
 ]
 _ConfidenceArg = Annotated[

@@ -173,9 +173,7 @@ def demo(*, output: RunOut = Path("runs/demo"), device: Device = "auto", seed: S
 
 
 def _require_preset(run: Path, given: Preset | None) -> None:
-    """Raise `ConfigError` where Phase I had another preset than the one whose settings Phase II would
-    silently get.
-    """
+    """Raise `ConfigError` where Phase I had another preset than the one that Phase II would silently get."""
     fitted = fitted_preset(RunFolder.open(run))
     if given is None and fitted is not Preset.QUICK:
         raise ConfigError(
@@ -210,14 +208,7 @@ def with_preset(command: Callable[..., None], name: str) -> Callable[..., None]:
     preset itself has no default.
     """
     preset = Preset(name) if name in list(Preset) else Preset.QUICK
-    values = {
-        "preset": preset,
-        **vars(settings(preset)),
-    }
-    known = inspect.signature(command).parameters
-    return functools.partial(
-        command,
-        **{
-            name: value for name, value in values.items() if name in known and known[name].default is not None
-        },
-    )
+    values = {"preset": preset, **vars(settings(preset))}
+    parameters = inspect.signature(command).parameters
+    known = {key for key, parameter in parameters.items() if parameter.default is not None}
+    return functools.partial(command, **{key: value for key, value in values.items() if key in known})

@@ -31,8 +31,7 @@ _STEP_FOLDER = re.compile(r"step-(\d{9,})")
 def save_tensors(
     path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, Any] | None = None
 ) -> None:
-    """Write named tensors (any device, any shape) and a small JSON object `metadata` to a safetensors file,
-    atomically.
+    """Write named tensors (any device, any shape) and a small JSON object to a safetensors file, atomically.
 
     Raises `ResourceError` when the disk refuses.
     """
@@ -83,9 +82,7 @@ class Checkpoints:
         self.prune()
 
     def prune(self) -> None:
-        """Remove all but the last `keep`; who goes on with a training calls it, as the last save may have
-        been cut.
-        """
+        """Remove all but the last `keep`, for a training that goes on after a cut last save."""
         for _, old in list(self._newest_first())[self.keep :]:
             self._remove(old)
 
@@ -107,30 +104,20 @@ class Checkpoints:
 
     @contextlib.contextmanager
     def restoring(self, step: int) -> Iterator[None]:
-        """Turn what goes wrong while the checkpoint of `step` is put to use into an `InputError` with the
-        remedy.
-
-        Its tensors and state can be sound and yet not those of this training.
-        """
+        """Turn what goes wrong while the checkpoint of `step` is used into an `InputError` with the remedy."""
         try:
             yield
         except (InputError, ConfigError, KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-            detail = (
-                f"there is no {error}"
-                if isinstance(error, KeyError)
-                else str(error).split("\n")[0].rstrip(".")
-            )
+            detail = f"there is no {error}" if isinstance(error, KeyError) else str(error).split("\n")[0]
             raise InputError(
-                f"The checkpoint {self.folder / _name(step)} does not fit this training ({detail}); remove it to go on "
-                "from the one before it, or start over with --restart."
+                f"The checkpoint {self.folder / _name(step)} does not fit this training ({detail.rstrip('.')}); remove it "
+                "to go on from the one before it, or start over with --restart."
             ) from error
 
     def _newest_first(self) -> Iterator[tuple[int, Path]]:
         names = os.listdir(self.folder) if self.folder.is_dir() else []
-        found = [
-            (int(match[1]), self.folder / name) for name in names if (match := _STEP_FOLDER.fullmatch(name))
-        ]
-        return iter(sorted(found, reverse=True))
+        steps = (int(match[1]) for name in names if (match := _STEP_FOLDER.fullmatch(name)))
+        return ((step, self.folder / _name(step)) for step in sorted(steps, reverse=True))
 
     def _remove(self, folder: Path) -> None:
         """Delete under another name first: a half-deleted folder must not look like a checkpoint."""
@@ -142,10 +129,9 @@ class Checkpoints:
 
 
 def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tensor) -> torch.Tensor:
-    """Return a checkpoint's tensor on the device of `like`, of any shape; raise `ValueError` unless it and
-    type agree.
+    """Return a checkpoint's tensor (any shape) on the device of `like`; `ValueError` for another shape or type.
 
-    Without it a tensor of another shape would be spread over the parameter that it is copied to.
+    A tensor of another shape would be spread over the parameter that it is copied to.
     """
     found = tensors[name]
     if found.shape != like.shape or found.dtype != like.dtype:
@@ -156,9 +142,7 @@ def stored_like(tensors: Mapping[str, torch.Tensor], name: str, like: torch.Tens
 
 @torch.no_grad()
 def copy_stored(tensors: Mapping[str, torch.Tensor], into: Mapping[str, torch.Tensor]) -> None:
-    """Copy a checkpoint's tensors into those `into` of the same names; raise `KeyError` or `ValueError` for
-    misfits.
-    """
+    """Copy a checkpoint's tensors into those of the same names; raise `KeyError` or `ValueError` else."""
     for name, tensor in into.items():
         tensor.copy_(stored_like(tensors, name, tensor))
 
@@ -168,9 +152,7 @@ def _name(step: int) -> str:
 
 
 def _read(folder: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Return (tensors, state) of a checkpoint; raise `InputError` when a file is missing, damaged or holds
-    NaN.
-    """
+    """Return (tensors, state); raise `InputError` when a file is missing, damaged or holds NaN."""
     tensors, path = load_tensors(folder / "tensors.safetensors"), folder / STATE
     check_tensors(tensors, rules_like(tensors), folder, _PASS_OVER)
     return tensors, checked_object(read_object(path, _PASS_OVER).get("state"), path, _PASS_OVER, "state")

@@ -8,8 +8,7 @@ from lightprobe.core.errors import ConfigError
 
 
 def resolve_device(name: str | torch.device) -> torch.device:
-    """Return the torch device for its name: `auto`, `cpu`, `cuda` or `cuda:N`; `auto` takes a GPU when there
-    is one.
+    """Return the torch device of a name: `cpu`, `cuda`, `cuda:N`, or `auto`, which takes a GPU when there is one.
 
     A device stands for its own name. A GPU is made to compute in `full_precision`.
     """
@@ -28,8 +27,7 @@ def resolve_device(name: str | torch.device) -> torch.device:
         raise ConfigError(
             f"Device '{name}' was asked for, but PyTorch sees no CUDA device: use --device cpu or auto."
         )
-    # With its number, because tensors name theirs, and `cuda` and `cuda:0` would each get tables of their
-    # own.
+    # With its number, as tensors have it: `cuda` and `cuda:0` would each get tables of their own.
     number = torch.cuda.current_device() if device.index is None else device.index
     if number >= torch.cuda.device_count():
         raise ConfigError(
@@ -47,9 +45,7 @@ def full_precision(device: torch.device) -> torch.device:
     """
     if device.type == "cuda":
         torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = False
-        torch.backends.cudnn.fp32_precision = (
-            "ieee"  # the newer name of the same, which may have been set before
-        )
+        torch.backends.cudnn.fp32_precision = "ieee"  # the newer name, which may have been set before
     return device
 
 

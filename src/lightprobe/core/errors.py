@@ -14,9 +14,7 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxlong, _SHORT.maxother = 3, 60, 40, 
 
 
 def printable(text: str) -> str:
-    """Return `text` as one line for any terminal: what cannot be printed, line breaks too, stands there
-    escaped.
-    """
+    """Return `text` as one line for any terminal: what cannot be printed is escaped."""
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 

@@ -8,9 +8,7 @@ from lightprobe.core.errors import ConfigError, InputError
 
 
 def extra_library(name: str, purpose: str, extra: str = "photos") -> Any:
-    """Return the module `name` of an extra; raise `ConfigError` saying that `purpose` needs it and how to get
-    it.
-    """
+    """Return the module `name` of an extra; raise `ConfigError` saying that `purpose` needs it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -18,9 +16,7 @@ def extra_library(name: str, purpose: str, extra: str = "photos") -> Any:
 
 
 def photo_library(name: str, path: Path) -> Any:
-    """Return the module `name` of the extra `photos`; raise `InputError` naming `path`, the file that needs
-    it.
-    """
+    """Return the module `name` of the extra `photos`; raise `InputError` saying that `path` needs it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

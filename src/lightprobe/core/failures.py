@@ -1,6 +1,4 @@
-"""Whatever goes wrong becomes one of our errors, a sentence with an exit code; unexpected tracebacks go to a
-file.
-"""
+"""Whatever goes wrong becomes an error of ours, one sentence; unexpected tracebacks go to a file."""
 
 import contextlib
 import errno
@@ -82,15 +80,13 @@ def _unexpected(error: Exception, log: Path | None, keep: Callable[[str], None] 
             append_text(log, text)
     except OSError:
         return UnexpectedError(
-            f"Unexpected error, please report it ({message}); its traceback could not be written."
+            f"Unexpected error, please report it ({message}); no traceback could be written."
         )
     return UnexpectedError(f"Unexpected error, please report it with the traceback in {path} ({message}).")
 
 
 def _written(text: str) -> Path:
-    """Write a new file in the temporary folder that only its user can read, whatever lies there, and return
-    it.
-    """
+    """Return a new file with `text` in the temporary folder that only its user can read."""
     handle, name = tempfile.mkstemp(prefix="lightprobe-error-", suffix=".txt")
     with open(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
         file.write(text)

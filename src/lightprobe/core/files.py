@@ -27,9 +27,7 @@ def disk_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise ResourceError(
-                f"The disk is full: could not write {path}; free some space and run again."
-            ) from error
+            raise ResourceError(f"The disk is full: could not write {path}; free some space.") from error
         raise ResourceError(f"Could not write {path}: {error.strerror or error}.") from error
 
 
@@ -62,9 +60,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; on success rename it into place, replacing an old one, else
-    delete it.
-    """
+    """Yield a temporary folder; on success it takes the place of `path`, else it is deleted."""
     path = Path(path)
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -78,11 +74,10 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def filled_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder in `path`, whose contents move up into `path` on success and are deleted
-    otherwise.
+    """Yield a temporary folder in `path`, whose contents move up into `path` on success or are deleted.
 
-    So `path` fills at once, and what a killed process leaves in it is a hidden folder that the next call
-    clears away. What `path` already holds stays, hidden files for example.
+    What a killed process leaves is a hidden folder that the next call clears away. What `path` already holds
+    stays.
     """
     path = Path(path)
     there = path.exists()
@@ -102,7 +97,7 @@ def filled_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def locked_file(path: Path, busy: str) -> Iterator[None]:
-    """Hold the file at `path` locked, made when there is none; raise `LockedError` saying `busy` if another does.
+    """Hold the file at `path` locked, made when there is none; raise `LockedError` if another does.
 
     The lock dies with its process.
     """
@@ -137,9 +132,7 @@ def append_text(path: Path, text: str) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Return the value of a JSON file; raise `InputError` naming the file and line when it is missing or
-    malformed.
-    """
+    """Return the value of a JSON file; raise `InputError` naming file and line where it is damaged."""
     check_file(path, LARGEST_TEXT)
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
@@ -168,9 +161,7 @@ def holds_files(folder: Path) -> bool:
 
 
 def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]) -> None:
-    """Raise `ConfigError` where a file that is to be written is one that is read, or one of the other written
-    ones.
-    """
+    """Raise `ConfigError` where a file to be written is one that is read or is written twice."""
     sources = {path.resolve() for path in read if path is not None}
     taken: set[Path] = set()
     for path in written:
@@ -179,7 +170,7 @@ def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]
         place = path.resolve()
         if place in sources:
             raise ConfigError(
-                f"{path} would be replaced, and it is one of the files that are read; choose another name."
+                f"{path} would be replaced, and is one of the files that are read; name another."
             )
         if place in taken:
             raise ConfigError(f"Two of the files would be {path}; give them different names.")
@@ -187,9 +178,7 @@ def refuse_replacing(written: Iterable[Path | None], read: Iterable[Path | None]
 
 
 def shell_word(value: object) -> str:
-    """Return a path or another value as a shell takes it for one word, for commands that are printed to be
-    copied.
-    """
+    """Return a value as one word of a shell, for commands that are printed to be copied."""
     return shlex.quote(str(value))
 
 
@@ -217,11 +206,7 @@ def resolved(path: Path) -> Path | None:
     try:
         whole = path.resolve()
         whole.is_file()
-    except (
-        OSError,
-        ValueError,
-        RuntimeError,
-    ):  # too long or forbidden; a zero byte or half a character; a link loop
+    except (OSError, ValueError, RuntimeError):  # too long, forbidden, a zero byte, a loop of links
         return None
     return whole
 
@@ -233,16 +218,12 @@ def named_file(folder: Path, name: str, suffix: str = "") -> Path:
     else.
     """
     if not is_file_name(name) or not is_file_name(f"{name}{suffix}"):
-        raise InputError(
-            f"{name[:200]!a} cannot be the name of a file in {folder}: it must be a plain name, no path."
-        )
+        raise InputError(f"{name[:200]!a} cannot name a file in {folder}: it must be a plain name, no path.")
     return Path(folder) / f"{name}{suffix}"
 
 
 def is_file_name(name: str) -> bool:
-    """Return whether `name` is the plain name of a file here: no path, no link upwards, nothing a path cannot
-    hold.
-    """
+    """Return whether `name` is the plain name of a file: no path, and nothing that a path cannot hold."""
     try:
         encoded = os.fsencode(name)
     except UnicodeEncodeError:

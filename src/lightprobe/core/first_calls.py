@@ -1,5 +1,4 @@
-"""A process computes the same from its first call on: PyTorch's vector functions are called once, on one
-thread.
+"""PyTorch's vector functions are called once on one thread, so that they compute the same from then on.
 
 PyTorch hands square roots, exponentials and their like on the CPU to Intel's vector mathematics, which looks
 for the fitting code of each function when it is first called. Two threads that call at the same time can meet
@@ -12,34 +11,8 @@ Importing this module is enough; the lowest packages that compute do.
 
 import torch
 
-_VECTOR_FUNCTIONS = (
-    torch.acos,
-    torch.asin,
-    torch.atan,
-    torch.cos,
-    torch.cosh,
-    torch.erf,
-    torch.erfc,
-    torch.erfinv,
-    torch.exp,
-    torch.expm1,
-    torch.log,
-    torch.log10,
-    torch.log1p,
-    torch.log2,
-    torch.sin,
-    torch.sinh,
-    torch.sqrt,
-    torch.tan,
-    torch.tanh,
-)
+_FUNCTIONS = "acos asin atan cos cosh erf erfc erfinv exp expm1 log log10 log1p log2 sin sinh sqrt tan tanh"
 
-
-def _call_once() -> None:
-    for precision in (torch.float32, torch.float64):
-        value = torch.full((1,), 0.5, dtype=precision)
-        for function in _VECTOR_FUNCTIONS:
-            function(value)
-
-
-_call_once()
+for _precision in (torch.float32, torch.float64):
+    for _name in _FUNCTIONS.split():
+        getattr(torch, _name)(torch.full((1,), 0.5, dtype=_precision))

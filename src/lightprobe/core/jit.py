@@ -38,9 +38,7 @@ def threads(work: int) -> int:
     count = min(allowed, int(numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     count = max(1, min(count, work // STEPS_PER_THREAD))
     numba.set_num_threads(count)
-    if (
-        torch.get_num_threads() != allowed
-    ):  # starting its pool, Numba gives OpenMP all cores, PyTorch's loops with it
+    if torch.get_num_threads() != allowed:  # starting its pool, Numba gives OpenMP all cores, PyTorch with it
         torch.set_num_threads(allowed)
     return count
 

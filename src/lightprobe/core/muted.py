@@ -19,30 +19,18 @@ def muted() -> Iterator[None]:
         for stream in (sys.stdout, sys.stderr):  # what was printed before must still come out
             with contextlib.suppress(OSError, ValueError, AttributeError):
                 stream.flush()
-        with _nowhere(), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            yield
-
-
-@contextlib.contextmanager
-def _nowhere() -> Iterator[None]:
-    """Lead both streams to the null device and back; a closed one stays closed."""
-    saved = []
-    null = os.open(os.devnull, os.O_WRONLY)
-    try:
-        for stream in _STREAMS:
-            with contextlib.suppress(OSError):
-                saved.append((stream, os.dup(stream)))
-                os.dup2(null, stream)
-        yield
-    finally:
-        _flush_c()
-        for stream, copy in saved:
-            os.dup2(copy, stream)
-            os.close(copy)
-        os.close(null)
-
-
-def _flush_c() -> None:
-    """Write out what C's own buffers hold, or it would come out after the streams are led back."""
-    if os.name != "nt":
-        ctypes.CDLL(None).fflush(None)
+        saved, null = [], os.open(os.devnull, os.O_WRONLY)
+        try:
+            for number in _STREAMS:
+                with contextlib.suppress(OSError):  # a closed one stays closed
+                    saved.append((number, os.dup(number)))
+                    os.dup2(null, number)
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                yield
+        finally:
+            if os.name != "nt":  # what C's own buffers hold would come out after the streams are led back
+                ctypes.CDLL(None).fflush(None)
+            for number, copy in saved:
+                os.dup2(copy, number)
+                os.close(copy)
+            os.close(null)

@@ -43,9 +43,7 @@ class BoundedFile(io.BufferedReader):
 
 
 def check_file(path: Path, largest: int) -> None:
-    """Raise `InputError` naming `path` unless it is a regular file of at most `largest` bytes; it is not
-    opened.
-    """
+    """Raise `InputError` unless `path` is a regular file of at most `largest` bytes; it is not opened."""
     try:
         found = os.stat(path)
     except FileNotFoundError as error:

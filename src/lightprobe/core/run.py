@@ -43,12 +43,27 @@ RETRAIN = "train this phase anew with: lightprobe distill RUN --restart"
 
 
 class RunFolder:
-    """Paths, records and logs of one run. Making the object touches no file; `create` and `open` check the
-    folder.
-    """
+    """Paths, records and logs of one run. Making it touches no file; `create` and `open` check the folder."""
 
     def __init__(self, path: Path):
         self.path = Path(path)
+        self.config_file = self.path / "config.json"  # the configuration of every phase that ran
+        self.scene_file = self.path / "scene.json"  # cameras, similarity and input checksums
+        self.metrics_log = self.path / "metrics.jsonl"  # one JSON object per line, written while training
+        self.log_file = self.path / "log.txt"  # what happened, with the time of day; unexpected tracebacks
+        self.checkpoints = Checkpoints(self.path / "checkpoints")  # of Phase I
+        self.model_folder = self.path / "model"  # weights and configuration of Phase II
+        self.model_checkpoints = Checkpoints(self.model_folder / "checkpoints")  # of Phase II
+        self.mesh_folder = self.path / "mesh"  # in other programs' formats, and `asset_file`
+        self.asset_file = self.mesh_folder / "asset.safetensors"  # normalised frame, full precision
+        self.views_file = self.mesh_folder / "views.safetensors"  # what new photos are located by
+        self.environment_folder = self.path / "env"  # Phase I environments, one EXR per training photo
+        self.verdict_file = self.mesh_folder / "verdict.json"  # how far the object can be trusted
+        self.calibration_file = self.path / "calibration.json"  # factor to true brightness, if it is known
+        self.metrics_file = self.path / "metrics.json"  # the numbers of the evaluation
+        self.timings_file = self.path / "timings.json"  # what the training of each phase took
+        self.report_file = self.path / "report" / "index.html"  # the evaluation as one web page
+        self._lock_file = self.path / ".lock"
 
     @staticmethod
     def create(path: Path) -> "RunFolder":
@@ -69,9 +84,7 @@ class RunFolder:
         return run
 
     def _begin(self) -> None:
-        """Write config.json under the lock, and only where there is none: another process may have been
-        faster.
-        """
+        """Write config.json under the lock, unless another process has been faster."""
         with self.writing():
             try:
                 if not self.config_file.exists():
@@ -93,86 +106,6 @@ class RunFolder:
     # ---- paths
 
     @property
-    def config_file(self) -> Path:
-        """The configuration of every phase that ran."""
-        return self.path / "config.json"
-
-    @property
-    def scene_file(self) -> Path:
-        """Cameras, similarity and input checksums."""
-        return self.path / "scene.json"
-
-    @property
-    def metrics_log(self) -> Path:
-        """One JSON object per line, written while training."""
-        return self.path / "metrics.jsonl"
-
-    @property
-    def log_file(self) -> Path:
-        """What happened, with the time of day; the traceback of an unexpected error."""
-        return self.path / "log.txt"
-
-    @property
-    def checkpoints(self) -> Checkpoints:
-        """Checkpoints of Phase I."""
-        return Checkpoints(self.path / "checkpoints")
-
-    @property
-    def model_folder(self) -> Path:
-        """Weights and configuration of Phase II."""
-        return self.path / "model"
-
-    @property
-    def model_checkpoints(self) -> Checkpoints:
-        """Checkpoints of Phase II."""
-        return Checkpoints(self.model_folder / "checkpoints")
-
-    @property
-    def mesh_folder(self) -> Path:
-        """The mesh and its textures in other programs' formats, and `asset_file`."""
-        return self.path / "mesh"
-
-    @property
-    def asset_file(self) -> Path:
-        """The textured mesh in the normalised frame, at full precision."""
-        return self.mesh_folder / "asset.safetensors"
-
-    @property
-    def views_file(self) -> Path:
-        """How the object looks from many sides: what new photos are located by."""
-        return self.mesh_folder / "views.safetensors"
-
-    @property
-    def environment_folder(self) -> Path:
-        """Phase I environments, one EXR per training photo."""
-        return self.path / "env"
-
-    @property
-    def verdict_file(self) -> Path:
-        """How far the object can be trusted; runs of older versions without held-out photos have none."""
-        return self.mesh_folder / "verdict.json"
-
-    @property
-    def calibration_file(self) -> Path:
-        """The factor between the run's own brightness and the true one, if it is known."""
-        return self.path / "calibration.json"
-
-    @property
-    def metrics_file(self) -> Path:
-        """The numbers of the evaluation."""
-        return self.path / "metrics.json"
-
-    @property
-    def timings_file(self) -> Path:
-        """What the training of each phase took."""
-        return self.path / "timings.json"
-
-    @property
-    def report_file(self) -> Path:
-        """The evaluation as one self-contained web page."""
-        return self.path / "report" / "index.html"
-
-    @property
     def oracle(self) -> "RunFolder":
         """The evaluation with a synthetic scene's true object in place of the reconstructed one."""
         return RunFolder(self.path / "oracle")
@@ -182,17 +115,14 @@ class RunFolder:
         return named_file(self.environment_folder, photo, ".exr")
 
     def prediction_file(self, photo: str, suffix: str, method: str | None = None) -> Path:
-        """A prediction's file; `suffix` is `.exr`, `.png` or `.confidence.exr`; no method means the default
-        one.
-        """
+        """A prediction's file; `suffix` is `.exr`, `.png` or `.confidence.exr`; no method: the default one's."""
         folder = self.path / "predictions"
         return named_file(folder / method if method else folder, photo, suffix)
 
     # ---- what the run was started with
 
     def record_scene(self, scene: dict[str, Any]) -> None:
-        """Write scene.json, or check that the run was started with this very scene; raise `ConfigError` if
-        not.
+        """Write scene.json, or raise `ConfigError` unless the run was started with this very scene.
 
         The scene's folder, `root`, may have moved in between; everything else must be the same.
         """
@@ -203,9 +133,7 @@ class RunFolder:
             write_json(self.scene_file, scene)
 
     def record_config(self, phase: str, config: dict[str, Any]) -> None:
-        """Write a phase's configuration into config.json, or check that it is the same; raise `ConfigError`
-        if not.
-        """
+        """Write a phase's configuration into config.json, or raise `ConfigError` unless it is the same."""
         stored = self.sections()
         if phase in stored:
             alone = setting_of_one(stored[phase], config)
@@ -237,18 +165,14 @@ class RunFolder:
         return record
 
     def restart(self, phase: str, *, outputs: tuple[Path, ...]) -> None:
-        """Forget a phase: its configuration, timing, lines in metrics.jsonl, and the given outputs (files,
-        folders).
-        """
+        """Forget a phase: its configuration, timing, lines in metrics.jsonl, and the files and folders given."""
         remove(*outputs)
         write_json(self.config_file, {k: v for k, v in self.sections().items() if k != phase})
         self.rewind_metrics(phase, -1)
         forget_timing(self.timings_file, phase)
 
     def empty(self, *, outputs: tuple[Path, ...]) -> None:
-        """Forget all phases, their timings and metrics.jsonl and the given outputs, whatever state the files
-        are in.
-        """
+        """Forget all phases, timings, metrics.jsonl and the given outputs, whatever state the files are in."""
         remove(*outputs, self.metrics_log, self.timings_file)
         write_json(self.config_file, {})
 
@@ -272,18 +196,13 @@ class RunFolder:
         """
         line = json.dumps({"phase": phase, "step": step, **values}, allow_nan=False)
         with disk_errors(self.metrics_log):
-            if (
-                once
-                and self.metrics_log.exists()
-                and line.encode() in self.metrics_log.read_bytes().splitlines()
-            ):
+            written = self.metrics_log.read_bytes() if once and self.metrics_log.exists() else b""
+            if line.encode() in written.splitlines():
                 return
             append_text(self.metrics_log, line + "\n")
 
     def rewind_metrics(self, phase: str, step: int) -> None:
-        """Drop the lines of `phase` beyond `step` and all that follows them, as well as a half-written last
-        line.
-        """
+        """Drop the lines of `phase` beyond `step`, all that follows them, and a half-written last line."""
         if not self.metrics_log.exists():
             return
         kept = []
@@ -297,9 +216,8 @@ class RunFolder:
     def log(self, message: str) -> None:
         """Append a message with the time of day to log.txt."""
         with disk_errors(self.log_file):
-            append_text(
-                self.log_file, f"{datetime.now().isoformat(sep=' ', timespec='seconds')}  {message}\n"
-            )
+            stamp = datetime.now().isoformat(sep=" ", timespec="seconds")
+            append_text(self.log_file, f"{stamp}  {message}\n")
 
     # ---- one writer at a time
 
@@ -314,10 +232,6 @@ class RunFolder:
             with disk_errors(self.path):
                 clear_run(self.path)
             yield
-
-    @property
-    def _lock_file(self) -> Path:
-        return self.path / ".lock"
 
 
 def _place(line: bytes) -> tuple[str, int] | None:

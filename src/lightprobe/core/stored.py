@@ -1,5 +1,4 @@
-"""What a run's files must hold, checked where they are read: nothing after it guards against keys, shapes or
-values.
+"""What a run's files must hold, checked where they are read, so that nothing later guards against it.
 
 A run may come from elsewhere, or from a disk that failed. Every error names the file, what is wrong, and the
 remedy.
@@ -22,23 +21,17 @@ from lightprobe.core.files import read_json
 
 @dataclass(frozen=True)
 class TensorRule:
-    """What a tensor must be. A letter in `shape` stands for any size above zero, the same for all rules of a
-    file.
-    """
+    """What a tensor must be; a letter in `shape` is any size above zero, the same for all rules of a file."""
 
     shape: tuple[int | str, ...]
     dtype: torch.dtype = torch.float32
     low: float = -math.inf
     high: float = math.inf
-    below: str | None = (
-        None  # of an index: the letter of the size that it must stay under, given by an earlier rule
-    )
+    below: str | None = None  # of an index: the letter of the size that it stays under, of an earlier rule
 
 
 def read_object(path: Path, remedy: str) -> dict[str, Any]:
-    """Return the JSON object in a file; raise `InputError` naming the file and the `remedy` when there is
-    none.
-    """
+    """Return the JSON object in a file; raise `InputError` with the `remedy` when there is none."""
     with remedied(remedy):
         return checked_object(read_json(path), path, remedy)
 
@@ -64,9 +57,7 @@ def checked_object(value: Any, path: Path, remedy: str, key: str = "") -> dict[s
 def check_tensors(
     tensors: Mapping[str, Tensor], rules: Mapping[str, TensorRule], path: Path, remedy: str
 ) -> None:
-    """Raise `InputError` unless every tensor of `rules` is there with its type and shape, finite and in
-    range.
-    """
+    """Raise `InputError` unless every tensor of `rules` is there, of its type and shape and in range."""
     sizes: dict[str, int] = {}
     for name, rule in rules.items():
         if name not in tensors:
@@ -99,10 +90,8 @@ def _fault(tensor: Tensor, rule: TensorRule, sizes: dict[str, int]) -> str | Non
         known = sizes.setdefault(wanted, size) if isinstance(wanted, str) else wanted
         fits = fits and size == known and (size > 0 or not isinstance(wanted, str))
     if not fits or tensor.dtype != rule.dtype:
-        words = (
-            " x ".join(str((sizes[w] or w) if isinstance(w, str) else w) for w in rule.shape) or "one number"
-        )
-        given = " x ".join(map(str, shape)) or "one number"
+        wanted_shape = (str((sizes[w] or w) if isinstance(w, str) else w) for w in rule.shape)
+        words, given = (" x ".join(each) or "one number" for each in (wanted_shape, map(str, shape)))
         return f"is {given} of {_short(tensor.dtype)}, not {words} of {_short(rule.dtype)}"
     if not tensor.numel():
         return None

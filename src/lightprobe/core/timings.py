@@ -63,12 +63,12 @@ def _entry(timing: PhaseTiming) -> dict[str, Any]:
 
 def _timing(entry: Any) -> PhaseTiming | None:
     """Return the timing of a JSON value, or None where it is none."""
-    if not isinstance(entry, dict):
-        return None
-    seconds, memory = _amount(entry.get("seconds")), _amount(entry.get("memory"))
-    return None if seconds is None else PhaseTiming(seconds, memory, entry.get("finished") is True)
 
+    def amount(value: Any) -> float | None:
+        usable = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _MOST
+        return float(value) if usable else None
 
-def _amount(value: Any) -> float | None:
-    usable = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _MOST
-    return float(value) if usable else None
+    entry = entry if isinstance(entry, dict) else {}
+    seconds = amount(entry.get("seconds"))
+    finished = entry.get("finished") is True
+    return None if seconds is None else PhaseTiming(seconds, amount(entry.get("memory")), finished)

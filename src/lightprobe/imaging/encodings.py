@@ -41,9 +41,7 @@ class Encoding:
     name: str | None = None  # None: sRGB, declared or not
     curves: tuple[Curve, ...] = (srgb_decode,)  # of all channels, or one for each
     matrix: np.ndarray | None = field(default=None, compare=False)  # (3, 3) float64 M; None: sRGB's primaries
-    profile: bytes | None = (
-        None  # ICC profile of look-up tables, which only a colour management module applies
-    )
+    profile: bytes | None = None  # ICC profile of look-up tables, for a colour management module
 
 
 def linear(encoded: np.ndarray) -> np.ndarray:
@@ -84,7 +82,7 @@ _TRANSFER_NAMES = {4: "gamma 2.2", 5: "gamma 2.8", 8: "linear", 16: "PQ", 18: "H
 
 
 def coded(primaries: int, transfer: int) -> Encoding:
-    """Return the encoding of two code points of H.273; unknown ones (2) and those of no camera count as sRGB's."""
+    """Return the encoding of two code points of H.273; unknown ones and those of no camera count as sRGB's."""
     names = [_PRIMARY_NAMES.get(primaries), _TRANSFER_NAMES.get(transfer)]
     if not any(names):
         return SRGB

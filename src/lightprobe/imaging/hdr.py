@@ -140,9 +140,7 @@ def _check_header(path: Path, header: dict) -> str:
     check_pixels(path, *_extent(header))
     windows = zip(header["dataWindow"], header["displayWindow"], strict=True)
     if any((np.asarray(a) != np.asarray(b)).any() for a, b in windows):
-        raise InputError(
-            f"{path} is a cropped EXR (data window and display window differ); save the whole image."
-        )
+        raise InputError(f"{path} is a cropped EXR (data and display window differ); save the whole image.")
     if header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage):
         raise InputError(f"{path} is a deep EXR; save a flat image.")
     full = {channel.name for channel in header["channels"] if channel.xSampling == channel.ySampling == 1}
@@ -150,6 +148,5 @@ def _check_header(path: Path, header: dict) -> str:
     for names in _CHANNEL_SETS:
         if full.issuperset(names) and (names != "Y" or len(found) == 1):
             return names
-    raise InputError(
-        f"{path} has the channels {', '.join(found)[:200]}; save one layer with R, G, B (and A) or X, Y, Z."
-    )
+    named = ", ".join(found)[:200]
+    raise InputError(f"{path} has the channels {named}; save one layer with R, G, B (and A) or X, Y, Z.")

@@ -46,44 +46,19 @@ def read_photo(
     any source pixel at white counts.
     """
     image = PhotoFile(path)
-    color, alpha = _colors(image, size)
-    clipped = np.empty(color.shape, bool)
-    if clipped.shape[:2] == (image.height, image.width):
-        for first, last in image.strips():
-            clipped[first:last] = image.clipped_rows(first, last)
-    else:
-
-        def rows(first: int, last: int) -> np.ndarray:
-            return image.clipped_rows(first, last).astype(np.float32)
-
-        clipped = resize_rows(rows, (image.height, image.width, 3), *color.shape[:2]) > 0
-    return color, alpha, clipped
+    return *_colors(image, size), _gathered(image, image.clipped_rows, size, 3) > 0
 
 
 def _colors(image: PhotoFile, size: tuple[int, int] | None) -> tuple[np.ndarray, np.ndarray | None]:
     """Return colour (H, W, 3) and alpha (H, W) or None of a file, as `read_ldr`."""
-    if size is not None and size != (image.height, image.width):
-        count = 4 if image.has_alpha else 3
-
-        def planes(first: int, last: int) -> np.ndarray:
-            color, alpha = image.rows(first, last)
-            return color if alpha is None else np.dstack([color, alpha])
-
-        small = resize_rows(planes, (image.height, image.width, count), *size)
-        return np.ascontiguousarray(small[..., :3]), small[..., 3].copy() if count == 4 else None
-    color = np.empty((image.height, image.width, 3), np.float32)
-    alpha = np.empty((image.height, image.width), np.float32) if image.has_alpha else None
-    for first, last in image.strips():
-        color[first:last], part = image.rows(first, last)
-        if alpha is not None:
-            alpha[first:last] = part
-    return color, alpha
+    color = _gathered(image, lambda *rows: image.rows(*rows)[0], size, 3)
+    return color, _gathered(image, image.alpha_rows, size) if image.has_alpha else None
 
 
 def read_alpha(path: Path, *, orient: bool = True, size: tuple[int, int] | None = None) -> np.ndarray | None:
     """Return the alpha channel (H, W) float32 in [0, 1] of an image, or None; `size` as in `read_ldr`."""
     image = PhotoFile(path, turn=None if orient else 1)
-    return _gathered(image.alpha_rows, image, size) if image.has_alpha else None
+    return _gathered(image, image.alpha_rows, size) if image.has_alpha else None
 
 
 def alpha_range(path: Path) -> tuple[float, float]:
@@ -91,11 +66,10 @@ def alpha_range(path: Path) -> tuple[float, float]:
     image = PhotoFile(path, turn=1)
     if not image.has_alpha:
         return 1.0, 1.0
-    lowest, highest = 1.0, 0.0
-    for strip in image.strips():
-        alpha = image.alpha_rows(*strip)
-        lowest, highest = min(lowest, float(alpha.min())), max(highest, float(alpha.max()))
-    return lowest, highest
+    ranges = [
+        (float(alpha.min()), float(alpha.max())) for alpha in (image.alpha_rows(*s) for s in image.strips())
+    ]
+    return min(low for low, _ in ranges), max(high for _, high in ranges)
 
 
 def read_mask(path: Path, *, turn: int | None = None, size: tuple[int, int] | None = None) -> np.ndarray:
@@ -105,16 +79,17 @@ def read_mask(path: Path, *, turn: int | None = None, size: tuple[int, int] | No
     EXIF orientation 1..8 it is turned by, by default its own. `size` as in `read_ldr`.
     """
     image = PhotoFile(path, turn=turn)
-    return _gathered(image.mask_rows, image, size)
+    return _gathered(image, image.mask_rows, size)
 
 
 def _gathered(
-    rows: Callable[[int, int], np.ndarray], image: PhotoFile, size: tuple[int, int] | None
+    image: PhotoFile, rows: Callable[[int, int], np.ndarray], size: tuple[int, int] | None, *channels: int
 ) -> np.ndarray:
-    """Return all rows (H, W) float32 of what `rows` returns strips of, area-averaged to `size` if given."""
-    if size is not None and size != (image.height, image.width):
-        return resize_rows(rows, (image.height, image.width), *size)
-    whole = np.empty((image.height, image.width), np.float32)
+    """Return all rows (H, W, *channels) of what `rows` returns strips of, area-averaged to `size` if given."""
+    shape = (image.height, image.width, *channels)
+    if size is not None and size != shape[:2]:
+        return resize_rows(rows, shape, *size)
+    whole = np.empty(shape, rows(0, 1).dtype)
     for first, last in image.strips():
         whole[first:last] = rows(first, last)
     return whole
@@ -144,8 +119,8 @@ def write_png(
 def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
     """Write coverage (H, W) in [0, 1] as PNG, white object on black, atomically.
 
-    size: (height, width) that it is enlarged to, bilinearly. The file says that it is upright: a mask that does not is turned along with its
-    photo.
+    size: (height, width) that it is enlarged to, bilinearly. The file says that it is upright: a mask that
+    does not is turned along with its photo.
     """
     grey = np.empty(mask.shape, np.uint8)
     step = max(1, STRIP // max(mask.shape[1], 1))

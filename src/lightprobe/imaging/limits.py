@@ -9,9 +9,7 @@ from lightprobe.core.memory import available_bytes
 
 MAX_PIXELS = 134_217_728  # 2^27, a 16384 x 8192 environment: 1.6 GB as float32 RGB
 
-WORKED_PIXELS = (
-    2**24
-)  # of a new photo that are held as floats at once: larger ones are area-averaged while read
+WORKED_PIXELS = 2**24  # of a new photo that are held as floats: larger ones are area-averaged while read
 _WORKED_BYTES = 96  # for each of these, at most, that locating and predicting take
 _BESIDE = 128 * 2**20  # bytes: the strips of rows that are worked on beside a photo
 _LATER = 300 * 10**6  # bytes that locating and predicting take by themselves, once the photo is read
@@ -45,12 +43,13 @@ def check_memory(path: Path, size: tuple[int, int], pixel_bytes: float) -> None:
     left, needed = memory_left(), size[0] * size[1] * pixel_bytes
     if left is not None and needed > left:
         raise InputError(
-            f"{path} has {size[0]} x {size[1]} pixels: {_estimate(needed, left)}; scale it down or close other programs."
+            f"{path} has {size[0]} x {size[1]} pixels: {_estimate(needed, left)}; scale it down or close other "
+            "programs."
         )
 
 
 def worked_size(path: Path, size: tuple[int, int], wanted: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Return the (height, width) that a new photo of `size` is worked on at: `wanted`, by default `size`, or less.
+    """Return the (height, width) that a new photo is worked on at: `wanted`, by default its `size`, or less.
 
     Less is `WORKED_PIXELS`, or what fits into the memory that is free; a warning says the latter, once for
     each photo. Raises `InputError` where too little fits.

@@ -1,4 +1,4 @@
-"""What kind of image a file is, told by its content, and what every decoder tells of it before and after decoding."""
+"""What kind of image a file is, told by its content, and what every decoder tells of it."""
 
 import contextlib
 import enum
@@ -17,35 +17,12 @@ from lightprobe.imaging.encodings import SRGB, Encoding
 from lightprobe.imaging.limits import check_pixels
 
 # Endings of files that folders are looked through for; what a file is, its content says.
-RAW_SUFFIXES = frozenset(
-    [
-        ".3fr",
-        ".arw",
-        ".cr2",
-        ".cr3",
-        ".crw",
-        ".dng",
-        ".erf",
-        ".fff",
-        ".iiq",
-        ".mrw",
-        ".nef",
-        ".nrw",
-        ".orf",
-        ".pef",
-        ".raf",
-        ".rw2",
-        ".rwl",
-        ".srw",
-        ".x3f",
-    ]
-)
-IMAGE_SUFFIXES = RAW_SUFFIXES | frozenset(
-    [".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".heic", ".heif", ".hif", ".avif", ".exr", ".hdr"]
-)
-VIDEO_SUFFIXES = frozenset(
-    [".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"]
-)
+_RAW = "3fr arw cr2 cr3 crw dng erf fff iiq mrw nef nrw orf pef raf rw2 rwl srw x3f"
+_IMAGE = "png jpg jpeg webp tif tiff heic heif hif avif exr hdr"
+_VIDEO = "mp4 mov m4v avi mkv webm mts m2ts 3gp mpg mpeg"
+RAW_SUFFIXES = frozenset(f".{ending}" for ending in _RAW.split())
+IMAGE_SUFFIXES = RAW_SUFFIXES | frozenset(f".{ending}" for ending in _IMAGE.split())
+VIDEO_SUFFIXES = frozenset(f".{ending}" for ending in _VIDEO.split())
 
 # Decoders report damage with whatever their parsers run into.
 _DAMAGE = (
@@ -138,7 +115,7 @@ def decode_errors(path: Path) -> Iterator[None]:
 
 
 def signature(path: Path) -> bytes:
-    """Return the first 64 bytes of a picture; raise `InputError` when it is missing, unreadable, no file or empty."""
+    """Return the first 64 bytes of a picture; raise `InputError` when it is missing, unreadable or empty."""
     check_file(path, LARGEST_PICTURE)
     try:
         with open(path, "rb") as file:

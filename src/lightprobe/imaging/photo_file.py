@@ -16,9 +16,7 @@ from lightprobe.imaging.encodings import LINEAR, Curve, Encoding, linear
 from lightprobe.imaging.exif import read_orientation, upright
 from lightprobe.imaging.resize import STRIP
 
-CLIPPED = (
-    0.98  # linear value from which a photo is taken as saturated; half a code below 255 of 8 bits is .989
-)
+CLIPPED = 0.98  # linear value from which a photo is saturated; half a code below 255 of 8 bits is .989
 _ABOVE = 1.001  # linear, of a greatest code that stands for more than white
 _BRIGHTEST = 1e9  # of floats, which may be infinite: sums over a photo stay numbers
 
@@ -136,9 +134,7 @@ def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarr
 
     Integers from 0 to `levels`, of which each has one value; floats are linear already.
     """
-    if (
-        colors.shape[2] == 1 and len(encoding.curves) == 3
-    ):  # a grey picture with the profile of its colour one
+    if colors.shape[2] == 1 and len(encoding.curves) == 3:  # grey, with the profile of a colour picture
         colors = np.repeat(colors, 3, axis=2)
     if colors.dtype.kind == "f":
         rgb = np.clip(np.nan_to_num(colors), 0, _BRIGHTEST).astype(np.float32, copy=False)

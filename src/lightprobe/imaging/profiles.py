@@ -13,16 +13,8 @@ import struct
 import numpy as np
 from PIL import Image, ImageCms
 
-from lightprobe.imaging.encodings import (
-    SRGB,
-    Curve,
-    Encoding,
-    coded,
-    from_d50,
-    linear,
-    power,
-    primaries_matrix,
-)
+from lightprobe.imaging import encodings
+from lightprobe.imaging.encodings import SRGB, Curve, Encoding, coded, linear, power
 from lightprobe.imaging.opening import Samples
 from lightprobe.imaging.resize import STRIP
 
@@ -90,7 +82,7 @@ def _chromaticities(values: tuple | None) -> np.ndarray | None:
         return None
     white, red, green, blue = zip(values[::2], values[1::2], strict=True)
     try:
-        matrix = primaries_matrix(red, green, blue, white)
+        matrix = encodings.primaries_matrix(red, green, blue, white)
     except np.linalg.LinAlgError:
         return None
     return None if np.abs(matrix - np.eye(3)).max() < 0.02 else matrix
@@ -106,7 +98,7 @@ def _patches(*, grey: bool) -> np.ndarray:
 
 
 def samples_to_srgb(values: np.ndarray, levels: int, encoding: Encoding) -> Samples:
-    """Return samples (H, W, 1 | 2 | 3 | 4), converted to sRGB with 8 bits where the profile has look-up tables."""
+    """Return samples (H, W, 1 | 2 | 3 | 4), in sRGB with 8 bits where the profile has look-up tables."""
     colors = values.shape[2] - (values.shape[2] in (2, 4))
     if encoding.profile is None or {b"RGB ": 3, b"GRAY": 1}.get(encoding.profile[16:20]) != colors:
         return Samples(values, encoding, levels)
@@ -137,7 +129,7 @@ def _matrix_encoding(data: bytes, name: str) -> Encoding | None:
     if data[16:20] != b"RGB " or data[20:24] != b"XYZ ":
         return None
     curves = tuple(_curve(tags[key]) for key in (b"rTRC", b"gTRC", b"bTRC"))
-    matrix = from_d50(np.stack([_xyz(tags[key]) for key in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1))
+    matrix = encodings.from_d50(np.stack([_xyz(tags[key]) for key in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1))
     if not np.isfinite(matrix).all():
         raise ValueError("primaries that are no colours")
     return Encoding(name, curves, matrix)

@@ -23,10 +23,7 @@ _HEADER_LIMIT = 1 << 16  # bytes; real headers have hundreds
 
 def read_radiance(path: Path) -> np.ndarray:
     """Read a Radiance file: (H, W, 3) float32 linear RGB, over the file's EXPOSURE; `InputError` when damaged."""
-    try:
-        data = np.fromfile(path, np.uint8)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
+    data = np.fromfile(path, np.uint8)
     width, height, exposure, start = _parse_header(path, data[:_HEADER_LIMIT].tobytes())
     check_pixels(path, width, height)
     pixels = np.zeros((height, width, 4), np.uint8)
@@ -45,11 +42,8 @@ def read_radiance(path: Path) -> np.ndarray:
 
 def radiance_size(path: Path) -> tuple[int, int]:
     """Return (width, height) from the header of a Radiance file; `InputError` when damaged."""
-    try:
-        with open(path, "rb") as file:
-            start = file.read(_HEADER_LIMIT)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
+    with open(path, "rb") as file:
+        start = file.read(_HEADER_LIMIT)
     width, height, _, _ = _parse_header(path, start)
     check_pixels(path, width, height)
     return width, height
@@ -86,7 +80,7 @@ def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
     found = re.search(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n", text)
     if found is None:
         raise InputError(
-            f"{path} is not a Radiance HDR stored from top left, row by row (-Y height +X width)."
+            f"{path} is not a Radiance HDR stored row by row from top left (-Y height +X width)."
         )
     lines = [line.strip() for line in text[: found.start()].split(b"\n")]
     if b"FORMAT=32-bit_rle_xyze" in lines:

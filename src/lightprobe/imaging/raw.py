@@ -15,7 +15,7 @@ from lightprobe.core.muted import muted
 from lightprobe.imaging.encodings import LINEAR, Encoding, camera_matrix, linear
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import FileKind, Header, Samples, decode_errors, file_kind
-from lightprobe.imaging.tags import EXIF_FOLDER, loaded_exif, tiff_exif
+from lightprobe.imaging.tags import EXIF_FOLDER, loaded_exif
 
 _TURNS = {0: 1, 3: 3, 5: 8, 6: 6}  # LibRaw's flip -> EXIF orientation
 _PIXEL_BYTES = 24.0  # memory estimate: the mosaic, four planes to interpolate it in, and colours twice
@@ -77,7 +77,7 @@ def _encoding(raw: Any) -> Encoding:
 def _exif(path: Path, raw: Any) -> Image.Exif:
     """Return the EXIF entries of a file that is a TIFF inside; of others what LibRaw tells."""
     if file_kind(path) is FileKind.TIFF:
-        return tiff_exif(path)
+        return loaded_exif(path)
     exif, other = loaded_exif(None), raw.other
     told = (other.shutter_speed, other.aperture, other.iso_speed, other.focal_length)
     tags = zip((_EXPOSURE_TIME, _F_NUMBER, _ISO, _FOCAL_LENGTH), told, strict=True)

@@ -12,26 +12,21 @@ _ADOBE_RGB = "R03"  # that of files with Adobe RGB (DCF 2.0)
 _BROKEN = (SyntaxError, ValueError, KeyError, TypeError, OSError, OverflowError, IndexError, struct.error)
 
 
-def loaded_exif(data: bytes | None) -> Image.Exif:
-    """Return the entries of an EXIF block, with or without its `Exif` prefix."""
+def loaded_exif(source: bytes | Path | None) -> Image.Exif:
+    """Return the entries of an EXIF block, with or without its `Exif` prefix, or of a TIFF file.
+
+    Camera raw often is a TIFF inside, and EXIF is a TIFF without pixels.
+    """
     exif = Image.Exif()
     try:
-        if data:
-            exif.load(data)
+        if isinstance(source, Path):
+            with open(source, "rb") as file:
+                exif.load_from_fp(file)
+                dict(exif)  # read while the file is open
+                exif.get_ifd(EXIF_FOLDER)
+        elif source:
+            exif.load(source)
         exif.get_ifd(EXIF_FOLDER)
-    except _BROKEN:
-        return Image.Exif()
-    return exif
-
-
-def tiff_exif(path: Path) -> Image.Exif:
-    """Return the entries of a TIFF file, or of camera raw that is one inside: EXIF is a TIFF without pixels."""
-    exif = Image.Exif()
-    try:
-        with open(path, "rb") as file:
-            exif.load_from_fp(file)
-            dict(exif)  # read while the file is open
-            exif.get_ifd(EXIF_FOLDER)
     except _BROKEN:
         return Image.Exif()
     return exif

@@ -18,7 +18,7 @@ from lightprobe.imaging.encodings import LINEAR, SRGB, Encoding
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import Header, Samples, decode_errors
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
-from lightprobe.imaging.tags import orientation, tiff_exif
+from lightprobe.imaging.tags import loaded_exif, orientation
 
 # Numbers of TIFF's tags
 _PHOTOMETRIC, _PROFILE, _DNG_VERSION = 262, 34675, 50706
@@ -51,12 +51,12 @@ def is_raw(path: Path) -> bool:
 
 def read_header(path: Path) -> Header:
     """Return what stands beside the pixels of the first page."""
-    exif = tiff_exif(path)
+    exif = loaded_exif(path)
     with _opened(path) as tiff, decode_errors(path):
         page = tiff.pages[0]
         _check(path, page)
         channels, stored = int(page.samplesperpixel), int(page.bitspersample) / 8
-        # Memory estimate: strips as they are unpacked, all together, and a copy in order; divided by alpha in doubles
+        # Memory estimate: strips as unpacked, all together, and a copy in order; division by alpha in doubles
         estimate = channels * (3 * max(stored, 1.0) + (16.0 if _ASSOCIATED in _extra(page) else 0.0))
         return Header(_size(page), exif, orientation(exif), _encoding(page), estimate)
 

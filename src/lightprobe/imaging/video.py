@@ -28,9 +28,7 @@ from lightprobe.imaging.photo_file import linear_srgb
 
 _START = 16  # bytes of a file that tell its container
 _PACKET = 188  # bytes of a packet of an MPEG transport stream
-_SHARPNESS_SIDE = (
-    640  # pixels of the longer side that sharpness is measured on; finer noise would pass for it
-)
+_SHARPNESS_SIDE = 640  # pixels of the longer side that sharpness is measured on, coarser than noise
 _THUMBNAIL_SIDE = 48  # pixels of the longer side that frames are compared on
 _SAME = 0.04  # mean difference of two frames that show the same, in the standard deviation of one
 _BLURRED = 0.4  # of the median sharpness of the chosen frames around: below, a frame is blurred

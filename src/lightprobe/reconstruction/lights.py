@@ -18,7 +18,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast
 from lightprobe.render.transport import Transport, solve_light
 from lightprobe.training import ParameterGroup
-from lightprobe.training.recording import RecordedStep, Recorder, recorder_for
+from lightprobe.training.recording import CudaRecorder, RecordedStep, recorder_for
 
 # Of solved lights while the asset changes, as too smooth a light asks for too glossy a surface; and of held-out
 # photos' lights and those that are kept.
@@ -81,7 +81,7 @@ class LightSolver:
         """Solve lights on `device`, each `times` times."""
         self._config, self._device, self._pixels, self._times = config, device, pixels, times
         self._vertices = -1  # of the surface seen last
-        self._recorder: Recorder | None = None
+        self._recorder: CudaRecorder | None = None
         self._solve: RecordedStep | None = None
 
     @torch.no_grad()

@@ -9,7 +9,7 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.report.run_info import fitted_preset, read_phases
-from lightprobe.runs.stages import is_learnt
+from lightprobe.runs.phases import is_learnt
 
 
 def is_finished(run: RunFolder) -> bool:

@@ -18,7 +18,7 @@ from lightprobe.report.bench_scenes import BENCH_SCENES
 from lightprobe.report.provenance import commit, machine, threads, training_costs, without_places
 from lightprobe.report.records import Kind, Record
 from lightprobe.runs.bench_runs import check_trained, is_finished, paper_options, share_phase_one
-from lightprobe.runs.stages import TRAINED
+from lightprobe.runs.phases import TRAINED
 
 LOSSES_SCENE = "chair"
 PAPER = (

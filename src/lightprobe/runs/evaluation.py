@@ -30,24 +30,9 @@ from lightprobe.prediction import Method, methods_for, recorded_config
 from lightprobe.report import Report, evenly_spaced, view_pictures, write_report
 from lightprobe.report.run_info import read_phases, training_commands, training_facts
 from lightprobe.report.stored import store_report
-from lightprobe.report.summary import SummaryTable, summary_lines, summary_tables
+from lightprobe.runs.phases import open_scene
 from lightprobe.runs.progress import OnProgress, silent
-from lightprobe.runs.stages import open_scene
 from lightprobe.scene.photo import Scene
-
-__all__ = [
-    "EvaluatedRun",
-    "Evaluation",
-    "EvaluationOptions",
-    "Protocols",
-    "SummaryTable",
-    "default_first",
-    "destination",
-    "eval_command",
-    "evaluate_run",
-    "summary_lines",
-    "summary_tables",
-]
 
 _REMEDY = "remove it and evaluate again"
 
@@ -60,7 +45,7 @@ class EvaluationOptions:
     """Methods to compare; by default all that the run is trained for."""
     protocols: Protocols = field(default_factory=Protocols)
     oracle: bool = False
-    """Put the scene's true object in place of the reconstructed one; results go to the run's folder `oracle`."""
+    """Put the scene's true object in place of the reconstructed one; results go to the run's `oracle`."""
     slow: bool = False
     """Also score `optimize`."""
     settings: PredictionOptions = UNCHANGED
@@ -94,15 +79,11 @@ def evaluate_run(
     used or has no usable test photo, `ResourceError` when another process writes the run or disk or memory
     run out.
     """
-    if output is not None and (
-        output.suffix.lower() != ".json" or output.is_dir()
-    ):  # told now, not when all is done
+    # What cannot be written is told now, not when all is done.
+    if output is not None and (output.suffix.lower() != ".json" or output.is_dir()):
         raise ConfigError(f"Cannot write the numbers as '{output}': name a file that ends in .json.")
-    run, where, given = (
-        RunFolder.open(Path(run_folder)),
-        resolve_device(device),
-        options or EvaluationOptions(),
-    )
+    run, where = RunFolder.open(Path(run_folder)), resolve_device(device)
+    given = options or EvaluationOptions()
     if output is not None:
         _refuse_replacing(output, run.path)
     with writing(run):
@@ -114,13 +95,16 @@ def evaluate_run(
         metrics = result.to_json()
         write_json(numbers, metrics)
         phases = read_phases(run)
-        again = eval_command(given)
+        made = {
+            "evaluated": datetime.now().strftime("%Y-%m-%d %H:%M"),
+            "by lightprobe": version("lightprobe"),
+        }
         report = Report(
             title=f"lightprobe: {subject.scene.root.name}{', true object' if given.oracle else ''}",
             metrics=metrics,
             pictures=pictures,
-            facts=subject.facts() | training_facts(phases) | _made(),
-            commands=[*training_commands(phases, subject.scene.root), again] if phases else [],
+            facts=subject.facts() | training_facts(phases) | made,
+            commands=[*training_commands(phases, subject.scene.root), eval_command(given)] if phases else [],
             files=({} if given.oracle else {"object.glb": run.mesh_folder / "object.glb"})
             | {"metrics.json": numbers},
             photo_files={name: _photo_files(subject.out, name, subject.methods[0]) for name in pictures},
@@ -133,9 +117,7 @@ def evaluate_run(
 
 
 def _refuse_replacing(numbers: Path, folder: Path) -> None:
-    """Raise `ConfigError` where numbers would replace a file of a folder, but for numbers that were sent
-    there.
-    """
+    """Raise `ConfigError` where numbers would replace a file of a folder that holds no numbers of before."""
     if not numbers.is_file() or folder.resolve() not in numbers.resolve().parents:
         return
     with contextlib.suppress(InputError):
@@ -169,16 +151,19 @@ class _Subject:
         scene = open_scene(run, scene_folder)
         true_object = _true_object(run, decomposition, scene, needed=given.oracle)
         every = methods_for(model, prediction)
-        methods = default_first(
-            (*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ())), every[0]
-        )
-        out = run.oracle if given.oracle else run
-        accuracy = (
-            None if given.oracle else LightAccuracy.load(run.model_folder)
-        )  # it is of the run's own object
+        asked = (*(given.methods or every), *((Method.OPTIMIZE,) if given.slow else ()))
         evaluated = true_object if given.oracle and true_object is not None else decomposition
         return _Subject(
-            evaluated, true_object, model, scene, out, prediction, every[0], methods, device, accuracy
+            evaluated,
+            true_object,
+            model,
+            scene,
+            run.oracle if given.oracle else run,
+            prediction,
+            every[0],
+            default_first(asked, every[0]),
+            device,
+            None if given.oracle else LightAccuracy.load(run.model_folder),  # of the run's own object
         )
 
     def evaluate(
@@ -228,8 +213,7 @@ def default_first(methods: Sequence[Method], default: Method) -> tuple[Method, .
 
 
 def destination(out: RunFolder, methods: Sequence[Method], default: Method) -> tuple[Path, Path]:
-    """Return where the numbers and the page of `methods` go: never over those of the run's default method
-    without it.
+    """Return where numbers and page of `methods` go: never over those of the default method without it.
 
     The place beside them lies in the report's folder, which goes with the rest when a phase is restarted.
     """
@@ -259,8 +243,7 @@ def eval_command(given: EvaluationOptions) -> str:
 def _true_object(
     run: RunFolder, decomposition: Decomposition, scene: Scene, *, needed: bool
 ) -> Decomposition | None:
-    """Return the scene's true object, made once and kept in the run, or None where the scene does not bring
-    it.
+    """Return the scene's true object, made once and kept in the run, or None where the scene has none.
 
     One that cannot be used costs a warning, unless it is `needed`.
     """
@@ -273,10 +256,6 @@ def _true_object(
             raise
         warnings.warn(f"The scene's true object is not used. {error}", LightprobeWarning, stacklevel=2)
         return None
-
-
-def _made() -> dict[str, str]:
-    return {"evaluated": datetime.now().strftime("%Y-%m-%d %H:%M"), "by lightprobe": version("lightprobe")}
 
 
 def _photo_files(out: RunFolder, photo: str, method: Method) -> dict[str, Path]:

@@ -22,18 +22,15 @@ def prepare_scene(
     *,
     on_progress: OnProgress = silent,
 ) -> Prepared:
-    """Make a scene folder of plain photos or a video: cameras, masks, upright frame, prepare.json and
-    contact.png.
+    """Make a scene folder of plain photos or a video: cameras, masks, upright frame, prepare.json, contact.png.
 
     photos: a folder, or a video, of which sharp, well-spread frames are taken.
-
     The same call goes on where an interrupted one stopped, and with masks that were corrected in
     `output`/masks. Warns of what may be wrong. Raises `InputError` for photos from which no scene can be
     made, `ConfigError` for options that cannot be used or without the libraries of lightprobe[photos].
     """
-    folder = (
-        _frames_of(video, Path(output)) if (video := only_video(Path(photos))) is not None else Path(photos)
-    )
+    video = only_video(Path(photos))
+    folder = Path(photos) if video is None else _frames_of(video, Path(output))
     prepared = prepare(folder, Path(output), options or PrepareOptions(), on_progress)
     for sentence in prepared.warnings:
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)

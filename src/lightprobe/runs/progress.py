@@ -7,9 +7,7 @@ class OnProgress(Protocol):
     """Hears how far a stage of the work is."""
 
     def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
-        """Take note that `done` of `total` steps of `stage` are finished; `note` says what the last one came
-        to.
-        """
+        """Take note that `done` of `total` steps of `stage` are finished; `note` is the last one's result."""
 
 
 def silent(stage: str, done: int, total: int, note: str = "") -> None:

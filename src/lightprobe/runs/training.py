@@ -1,8 +1,8 @@
-"""Training into a run folder: both phases, or one of them. Every call goes on where an interrupted one
-stopped.
-"""
+"""Training into a run folder: both phases, or one; every call goes on where an interrupted one stopped."""
 
+import contextlib
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 
 import torch
@@ -14,9 +14,7 @@ from lightprobe.core.failures import writing
 from lightprobe.core.run import RunFolder
 from lightprobe.models import Decomposition
 from lightprobe.report.run_info import fitted_preset
-from lightprobe.runs.preparing import prepared_in
-from lightprobe.runs.progress import OnProgress, silent
-from lightprobe.runs.stages import (
+from lightprobe.runs.phases import (
     UserMaps,
     keep_accuracy,
     keep_views,
@@ -26,7 +24,10 @@ from lightprobe.runs.stages import (
     run_decompose,
     run_distill,
 )
+from lightprobe.runs.preparing import prepared_in
+from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import load_scene
+from lightprobe.scene.photo import Scene
 from lightprobe.scene.plain_inspection import is_plain
 
 
@@ -55,17 +56,15 @@ def train_run(
     not those that the run was started with, `ResourceError` when another process writes the run or disk or
     memory run out, `ConvergenceError` when nothing usable comes out.
     """
-    second = distill or settings(preset).distill
+    usual = settings(preset)
+    first, second, prediction = (
+        decompose or usual.decompose,
+        distill or usual.distill,
+        predict or usual.predict,
+    )
     where, maps = resolve_device(device), UserMaps.read(None if hdri is None else Path(hdri), second)
-    scene = None if is_plain(Path(scene_folder)) else load_scene(Path(scene_folder))
-    run = RunFolder.create(Path(output))
-    with writing(run):
-        if restart:
-            restart_decompose(run)
-        scene = scene or load_scene(prepared_in(run, Path(scene_folder), on_progress))
-        first = decompose or settings(preset).decompose
+    with _written(Path(scene_folder), Path(output), restart, on_progress) as (run, scene):
         found = run_decompose(run, scene, first, where, seed, on_progress)
-        prediction = predict or settings(preset).predict
         model = run_distill(run, found, lambda: scene, second, where, seed, on_progress, maps, prediction)
         keep_accuracy(run, found, model, prediction, where, seed, on_progress)
         keep_views(run, found, scene, on_progress)
@@ -84,17 +83,23 @@ def fit_run(
     on_progress: OnProgress = silent,
 ) -> RunFolder:
     """Train Phase I alone; the rest as in `train_run`."""
-    where, scene = (
-        resolve_device(device),
-        None if is_plain(Path(scene_folder)) else load_scene(Path(scene_folder)),
-    )
-    run = RunFolder.create(Path(output))
+    where, first = resolve_device(device), decompose or settings(preset).decompose
+    with _written(Path(scene_folder), Path(output), restart, on_progress) as (run, scene):
+        run_decompose(run, scene, first, where, seed, on_progress)
+    return run
+
+
+@contextlib.contextmanager
+def _written(
+    folder: Path, output: Path, restart: bool, on_progress: OnProgress
+) -> Iterator[tuple[RunFolder, Scene]]:
+    """Hold the run at `output` for writing; yield it and the scene in `folder`, or that made of its plain photos."""
+    scene = None if is_plain(folder) else load_scene(folder)
+    run = RunFolder.create(output)
     with writing(run):
         if restart:
             restart_decompose(run)
-        scene = scene or load_scene(prepared_in(run, Path(scene_folder), on_progress))
-        run_decompose(run, scene, decompose or settings(preset).decompose, where, seed, on_progress)
-    return run
+        yield run, scene or load_scene(prepared_in(run, folder, on_progress))
 
 
 def distill_run(

@@ -134,9 +134,7 @@ class Adam:
         return self._moments[name]
 
     def state(self) -> dict[str, Tensor]:
-        """Return what a checkpoint holds: `parameter.<name>`, and once it has moved `adam_mean.<name>` and so
-        on.
-        """
+        """Return what a checkpoint holds: `parameter.<name>`, and `adam_mean.<name>` and so on once moved."""
         tensors = {_parameter(name): p.detach() for name, p in self.parameters.items()}
         for name, moments in self._moments.items():
             tensors |= {f"{_MEAN}.{name}": moments.mean, f"{_SQUARE}.{name}": moments.square}

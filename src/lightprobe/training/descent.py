@@ -19,9 +19,7 @@ def constant(rate: float, step: int) -> float:
 
 
 def exponential(steps: int, warm_up: int = 0) -> Schedule:
-    """Return the schedule whose rate falls to a tenth over `steps` (paper, section 4.2), after a linear
-    warm-up.
-    """
+    """Return the schedule that falls to a tenth over `steps` (paper, section 4.2), after a linear warm-up."""
 
     def rate_at(rate: float, step: int) -> float:
         warm = 1.0 if warm_up == 0 else min(1.0, (step + 1) / warm_up)

@@ -27,10 +27,10 @@ from lightprobe.core.device import generator
 from lightprobe.core.errors import ConfigError, ConvergenceError
 from lightprobe.training.adam import ParameterGroup
 from lightprobe.training.descent import Descent, Schedule, constant
-from lightprobe.training.losses import LossReader
 
 OnStep = Callable[[str, int, int, float], None]  # stage, step, steps, loss
 _BUFFER, _START = "buffer.", "start."
+_ON_GPU = 25  # steps; few enough that a training gone wrong is noticed within seconds
 
 
 class Task(Protocol):
@@ -67,9 +67,7 @@ class Task(Protocol):
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of a phase: its name, its length, where it lies in the phase's count of steps, and how it
-    descends.
-    """
+    """A part of a phase: its name and length, its first step in the phase's count, and how it descends."""
 
     name: str
     first_step: int
@@ -89,7 +87,7 @@ class Progress:
     on_message: Callable[[str], None] | None = None
     on_checkpoint: Callable[[], None] | None = None  # after each one that is saved
     on_score: Callable[[str, float, float], None] | None = (
-        None  # stage, dB on held-out photos before and after it
+        None  # stage, dB on held-out photos before and after
     )
 
     def step(self, stage: str, step: int, steps: int, loss: float) -> None:
@@ -142,20 +140,18 @@ class Training:
         return found
 
     def restoring(self, step: int) -> AbstractContextManager[None]:
-        """Return what names the checkpoint of `step` when it turns out not to fit; nothing where there are
-        none.
-        """
+        """Return what names the checkpoint of `step` when it does not fit; nothing without checkpoints."""
         checkpoints = self.progress.checkpoints
         return checkpoints.restoring(step) if checkpoints else nullcontext()
 
     def latest(self) -> Resumed | None:
         """Return the newest checkpoint, None without one.
 
-        Raises `ConfigError` for one of another configuration or seed, `InputError` for one of another
-        training.
+        Raises `ConfigError` for one of another configuration or seed, `InputError` for one of another training.
         """
-        latest = self.progress.checkpoints.latest() if self.progress.checkpoints else None
-        if latest is None:
+        checkpoints = self.progress.checkpoints
+        latest = checkpoints.latest() if checkpoints else None
+        if checkpoints is None or latest is None:
             return None
         step, tensors, state = latest
         with self.restoring(step):
@@ -171,8 +167,7 @@ class Training:
                 f"The checkpoints of this run come from another {self.phase} configuration or seed; "
                 "use the same options, or remove the run's checkpoints to start anew."
             )
-        if self.progress.checkpoints:
-            self.progress.checkpoints.prune()
+        checkpoints.prune()
         return Resumed(name, done, step, tensors)
 
     def save(self, stage: Stage, done: int, tensors: dict[str, Tensor]) -> None:
@@ -227,9 +222,8 @@ class Training:
             now[0] = iteration
             if iteration % self.checkpoint_every == 0:
                 task.refresh(iteration, iteration / max(stage.iterations, 1))
-            losses.add(
-                descent.step(iteration, *task.given(iteration)), partial(self._note, task, stage, iteration)
-            )
+            loss_of_step = descent.step(iteration, *task.given(iteration))
+            losses.add(loss_of_step, partial(self._note, task, stage, iteration))
             if (iteration + 1) % self.checkpoint_every and iteration + 1 < stage.iterations:
                 continue
             losses.read()  # before a checkpoint, which must not keep what has gone wrong
@@ -246,10 +240,34 @@ class Training:
         self.progress.step(stage.name, iteration + 1, stage.iterations, value)
 
 
-def visited(seed: int, stream: str, count: int, step: int) -> int:
-    """Return which of `count` photos `step` visits: each once an epoch, in an order of (seed, stream, epoch)
-    alone.
+class LossReader:
+    """Hands each step's loss, as a number, to a listener.
+
+    Reading a number from a GPU waits for all its work and leaves it idle until the next step is prepared, so
+    there the losses of some steps are read at once.
     """
+
+    def __init__(self, device: torch.device):
+        self._bunch = 1 if device.type == "cpu" else _ON_GPU
+        self._unread: list[tuple[Tensor, Callable[[float], None]]] = []
+
+    def add(self, loss: Tensor, then: Callable[[float], None]) -> None:
+        """Call `then` with the value of the loss (), now or within the next steps, in order."""
+        self._unread.append((loss.detach(), then))
+        if len(self._unread) >= self._bunch:
+            self.read()
+
+    def read(self) -> None:
+        """Hand out what has not been read; to be called before anything that depends on the steps is kept."""
+        unread, self._unread = self._unread, []
+        if unread:
+            values = torch.stack([loss for loss, _ in unread]).tolist()
+            for value, (_, then) in zip(values, unread, strict=True):
+                then(value)
+
+
+def visited(seed: int, stream: str, count: int, step: int) -> int:
+    """Return which of `count` photos `step` visits: each once an epoch, in the epoch's own order."""
     epoch, place = divmod(step, count)
     return int(torch.randperm(count, generator=generator(seed, stream, epoch))[place])
 

@@ -9,7 +9,6 @@ import functools
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -23,29 +22,15 @@ Call = Callable[[], Tensor]
 Shapes = tuple[tuple[torch.Size, torch.dtype], ...]
 
 
-class Recorder(Protocol):
-    """What records on a device."""
-
-    def warm_up(self, call: Call) -> Tensor:
-        """Make the call in the way that a recording of it will need, and return its result ()."""
-
-    def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return where the result () of the call will be and what fills it; nothing is computed yet.
-
-        Raises `RuntimeError` when the call cannot be recorded.
-        """
-
-
 class RecordedStep:
     """A step that is made as it is on a CPU, and from a recording on a GPU.
 
-    The step takes tensors and returns its loss (), or another tensor, which is no part of a gradient any
-    more. What changes from one call to the next it finds in those tensors or in others that are changed in
-    place, never in Python's numbers; and it copies nothing from or to the CPU. The first shapes that come up
-    often are recorded; others are stepped singly.
+    The step takes tensors and returns its loss () without a gradient. What changes between calls it finds in
+    those tensors or in others that are changed in place, never in Python's numbers; and it copies nothing
+    from or to the CPU. The first shapes that come up often are recorded; others are stepped singly.
     """
 
-    def __init__(self, step: Callable[..., Tensor], recorder: Recorder | None):
+    def __init__(self, step: Callable[..., Tensor], recorder: "CudaRecorder | None"):
         """Make `step` recordable; without a recorder it is called every time."""
         self._step, self._recorder = step, recorder
         self._seen: Counter[Shapes] = Counter()
@@ -70,7 +55,7 @@ class RecordedStep:
         self._replay()
         return self._loss.clone()
 
-    def _record(self, recorder: Recorder, inputs: tuple[Tensor, ...]) -> None:
+    def _record(self, recorder: "CudaRecorder", inputs: tuple[Tensor, ...]) -> None:
         self._inputs = tuple(value.clone() for value in inputs)
         try:
             self._loss, self._replay = recorder.record(lambda: self._step(*self._inputs))
@@ -82,7 +67,10 @@ class RecordedStep:
 
 
 class CudaRecorder:
-    """Recordings as CUDA graphs, all on one stream, as memory that was used on a stream stays with it."""
+    """Recordings as CUDA graphs, all on one stream, as memory that was used on a stream stays with it.
+
+    A test's recorder on the CPU has the same two methods.
+    """
 
     def __init__(self, device: torch.device):
         """Record on `device`, whether or not it is the current one."""
@@ -100,11 +88,11 @@ class CudaRecorder:
         return result
 
     def record(self, call: Call) -> tuple[Tensor, Callable[[], None]]:
-        """Return the place of the call's result () and the replay of its graph.
+        """Return the place of the call's result () and what fills it; nothing is computed yet.
 
-        Ending a capture that was broken fails in turn, before PyTorch has left the stream it recorded on and
-        before its allocator knows of the end; both are made good here, so that whoever catches the error can
-        go on.
+        Raises `RuntimeError` when the call cannot be recorded. Ending a broken capture fails in turn, before
+        PyTorch has left its stream and told its allocator; both are made good here, so that a caller that
+        catches the error can go on.
         """
         graph, pool = torch.cuda.CUDAGraph(), torch.cuda.graph_pool_handle()
         try:
@@ -116,10 +104,7 @@ class CudaRecorder:
                 result = call()
         except RuntimeError:
             _refused.append(graph)
-            with (
-                torch.cuda.device(self._device),
-                contextlib.suppress(RuntimeError),
-            ):  # where the capture did end
+            with torch.cuda.device(self._device), contextlib.suppress(RuntimeError):  # it may have ended
                 torch._C._cuda_endAllocateToPool(torch.cuda.current_device(), pool)
                 torch._C._cuda_releasePool(torch.cuda.current_device(), pool)
             graph.reset()
@@ -127,7 +112,7 @@ class CudaRecorder:
         return result, graph.replay
 
 
-def recorder_for(device: torch.device) -> Recorder | None:
+def recorder_for(device: torch.device) -> CudaRecorder | None:
     """Return what records on a device; None where nothing is gained by it, or where it has failed before."""
     return _cuda_recorder(device) if device.type == "cuda" and not _refused else None
 

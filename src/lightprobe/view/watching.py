@@ -14,7 +14,7 @@ from lightprobe.core.timings import read_timings
 from lightprobe.distillation.training import stages as distill_stages
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.reconstruction.phase1 import stages as decompose_stages
-from lightprobe.runs.stages import is_learnt
+from lightprobe.runs.phases import is_learnt
 from lightprobe.view.sources import evaluation_of
 
 _CHUNK = 2**20  # bytes of metrics.jsonl that are sent at once

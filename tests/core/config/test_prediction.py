@@ -4,6 +4,7 @@ import pytest
 
 from lightprobe.core.config import Preset, settings
 from lightprobe.core.config.prediction import Method, PredictConfig, PredictionOptions
+from lightprobe.core.config.rendering import RenderConfig, Renderer
 from lightprobe.core.errors import ConfigError
 
 
@@ -20,14 +21,7 @@ def test_the_paper_s_preset_takes_the_paper_s_single_step():
 
 @pytest.mark.parametrize(
     "values",
-    [
-        {"light_resolution": 24},
-        {"max_pixels": 0},
-        {"sampled_share": 0.0},
-        {"sampled_share": 1.5},
-        {"unseen_share": -0.1},
-        {"unseen_share": float("nan")},
-    ],
+    [{"light_resolution": 24}, {"max_pixels": 0}, {"sampled_share": 1.5}, {"unseen_share": float("nan")}],
 )
 def test_unusable_values_are_refused_by_name(values):
     with pytest.raises(ConfigError, match=next(iter(values))):
@@ -48,3 +42,9 @@ def test_the_command_line_changes_what_it_names_alone():
     assert {field.name for field in fields(PredictionOptions)} | {"method"} == {
         f.name for f in fields(PredictConfig)
     }
+
+
+@pytest.mark.parametrize("samples", [0, -1, 65_537])
+def test_a_number_of_rays_that_makes_no_picture_is_refused(samples):
+    with pytest.raises(ConfigError, match="--samples"):
+        RenderConfig(Renderer.PATH, samples)

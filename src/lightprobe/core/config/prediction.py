@@ -1,6 +1,4 @@
-"""Configuration of predictions and its presets; a run keeps it with its model, the command line can change
-it.
-"""
+"""Configuration of predictions and its presets; kept with a run, changed by options."""
 
 import math
 from dataclasses import dataclass, fields, replace
@@ -30,6 +28,11 @@ class Method(StrEnum):
     """Least squares against the photo, towards the paper's map."""
     PROBE_NET_SOLVE = "probe-net+solve"
     """Least squares against the photo, towards the sphere network's map."""
+
+    @classmethod
+    def offered(cls) -> list["Method"]:
+        """Return the methods that --help names; the others are for comparisons, and work when typed."""
+        return [method for method in cls if method not in (cls.PROBE_MLP_SOLVE, cls.PROBE_NET_SOLVE)]
 
 
 class Sun(StrEnum):
@@ -140,9 +143,7 @@ def refinement() -> OptimizeConfig:
 
 @dataclass(frozen=True)
 class PredictionOptions:
-    """What a command changes of how its run predicts (`PredictConfig`); what is not given stays as the run
-    has it.
-    """
+    """What a command changes of a run's `PredictConfig`; None stays as the run has it."""
 
     light_resolution: int | None = None
     """Texels along each cubemap edge of the maps, a power of two; by default what the run was trained with."""
@@ -154,9 +155,7 @@ class PredictionOptions:
     """Weight of the usual light where hardly a pixel looks; by default what the run was trained with."""
 
     def over(self, config: PredictConfig) -> PredictConfig:
-        """Return a run's configuration with what was given in its place; raise `ConfigError` for unusable
-        values.
-        """
+        """Return a configuration with what was given in its place; raise `ConfigError` if unusable."""
         return replace(config, **self.given())
 
     def given(self) -> dict[str, Any]:

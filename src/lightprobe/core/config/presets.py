@@ -20,9 +20,7 @@ class Preset(StrEnum):
 
 @dataclass(frozen=True)
 class Settings:
-    """What a run is made with; the fields are named as the command line's options and as sections of
-    config.json.
-    """
+    """What a run is made with; fields are the names of option groups and of sections of config.json."""
 
     decompose: DecomposeConfig  # Phase I
     distill: DistillConfig  # Phase II

@@ -10,9 +10,7 @@ class Renderer(StrEnum):
     """What makes a picture."""
 
     FAST = "fast"
-    """The project's own renderer: prefiltered light, shadows in 384 directions and of up to eight suns, one
-    bounce.
-    """
+    """The project's own: prefiltered light, shadows in 384 directions and of eight suns, one bounce."""
     PATH = "path"
     """A path tracer: sharp shadows and up to five bounces, some seconds a picture; needs the extra `path`."""
 

@@ -63,7 +63,7 @@ def plain(value: Any) -> Any:
 
 
 def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] | None:
-    """Return (path of keys from `key` on, stored value, given value) where two JSON values first differ."""
+    """Return (path of keys from `key`, stored value, given value) of the first difference, or None."""
     if isinstance(stored, dict) and isinstance(given, dict):
         for name in [*given, *(k for k in stored if k not in given)]:
             found = first_difference(stored.get(name), given.get(name), f"{key}.{name}")
@@ -74,7 +74,7 @@ def first_difference(stored: Any, given: Any, key: str) -> tuple[str, str, str] 
 
 
 def setting_of_one(stored: Any, given: Mapping[str, Any]) -> str | None:
-    """Return the first setting that only one of two configurations has: no option makes these the same."""
+    """Return the first setting that only one of two configurations has, None where both have the same."""
     return min(set(stored) ^ set(given), default=None) if isinstance(stored, dict) else None
 
 

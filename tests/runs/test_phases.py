@@ -16,8 +16,7 @@ from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
 from lightprobe.models.calibration import Calibration
 from lightprobe.models.probe_model import new_network, new_sphere
-from lightprobe.runs.progress import silent
-from lightprobe.runs.stages import (
+from lightprobe.runs.phases import (
     TRAINED,
     is_learnt,
     keep_accuracy,
@@ -25,6 +24,7 @@ from lightprobe.runs.stages import (
     restart_decompose,
     restart_distill,
 )
+from lightprobe.runs.progress import silent
 from lightprobe.scene import load_scene
 from lightprobe.scene.record import scene_record
 from tests.painted_object import SIMILARITY, painted_asset, painted_scene
@@ -133,7 +133,7 @@ def no_memory(*_, **__):
 def test_photos_that_cannot_be_simulated_fail_no_training(
     learnt, small_model, tmp_path, monkeypatch, simulate, told, finished
 ):
-    monkeypatch.setattr("lightprobe.runs.stages.light_accuracy", simulate)
+    monkeypatch.setattr("lightprobe.runs.phases.light_accuracy", simulate)
     run = begun(learnt, small_model, tmp_path / "run")
     keep(run, learnt, small_model)
     assert LightAccuracy.load(run.model_folder) is None

@@ -19,7 +19,7 @@ from lightprobe.export import write_run_outputs
 from lightprobe.light.environment import Environment, load_environments
 from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
-from lightprobe.reconstruction import OnStep, decompose
+from lightprobe.reconstruction import decompose
 from lightprobe.runs.progress import OnProgress, clock
 from lightprobe.runs.recorder import PhaseRecorder
 from lightprobe.scene import load_scene
@@ -40,17 +40,14 @@ class UserMaps:
 
     @staticmethod
     def read(folder: Path | None, config: DistillConfig | None) -> "UserMaps":
-        """Return the maps of a folder, none without one; called before Phase I, so that a mistake costs no
-        time.
+        """Return the maps of a folder, none without one; called before Phase I, so that mistakes cost no time.
 
         Raises `InputError` for a folder without usable maps, `ConfigError` when Phase II would not use them.
         """
         if folder is None:
             return UserMaps(None, [])
         if config is not None and config.lessons is ExampleSource.TEACHER:
-            raise ConfigError(
-                "--hdri changes nothing where no photos are re-rendered (lessons teacher); leave it out."
-            )
+            raise ConfigError("--hdri changes nothing where no photos are re-rendered (lessons teacher).")
         return UserMaps(str(folder.resolve()), load_environments(folder, MAP_RESOLUTION))
 
 
@@ -113,13 +110,18 @@ def run_distill(
     if ProbeModel.exists(run.model_folder):
         return ProbeModel.load(run.model_folder).to(device)
     recorder = PhaseRecorder(run, "distill", run.model_checkpoints, on_progress)
+    first_step = {stage.name: stage.first_step for stage in stages(config)}
+
+    def on_step(stage: str, step: int, steps: int, loss: float) -> None:
+        recorder.step("distill", first_step[stage] + step, config.total_steps, loss)  # both stages as one
+
     model = distill(
         decomposition,
         scene(),
         config,
         device,
         seed,
-        recorder.progress(_distill_steps(recorder, config)),
+        recorder.progress(on_step),
         environments=user_maps.environments,
         on_example=lambda done, total: on_progress("lessons", done, total),
     )
@@ -128,20 +130,8 @@ def run_distill(
     return model
 
 
-def _distill_steps(recorder: PhaseRecorder, config: DistillConfig) -> OnStep:
-    """Return what takes note of the steps of both stages of Phase II as steps of one."""
-    first_step = {stage.name: stage.first_step for stage in stages(config)}
-
-    def on_step(stage: str, step: int, steps: int, loss: float) -> None:
-        recorder.step("distill", first_step[stage] + step, config.total_steps, loss)
-
-    return on_step
-
-
 def is_learnt(run: RunFolder) -> bool:
-    """Return whether Phase II is finished, with what simulated photos say of it; runs of older versions have
-    none.
-    """
+    """Return whether Phase II is finished, and what simulated photos say of it, where they were asked for."""
     if not ProbeModel.exists(run.model_folder):
         return False
     wanted = run.sections().get("distill", {}).get("simulated_photos", 0)
@@ -157,11 +147,10 @@ def keep_accuracy(
     seed: int,
     on_progress: OnProgress,
 ) -> None:
-    """Keep how well the object tells of its light, from simulated photos of it, for people and for the
-    confidence.
+    """Keep how well the object tells of its light, from simulated photos, for people and for the confidence.
 
-    A training must not fail for it: what goes wrong is logged, and the confidence is that of an average
-    object. It is kept as well, unless it may go better the next time, as after a lack of memory.
+    A training must not fail for it: what goes wrong is logged and kept, and the confidence is that of an
+    average object. What a lack of memory prevents is tried again the next time.
     """
     if LightAccuracy.is_decided(run.model_folder) or model.config.simulated_photos == 0:
         return
@@ -207,15 +196,8 @@ def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_pr
 
 def restart_decompose(run: RunFolder) -> None:
     """Forget Phase I, and Phase II and the evaluation with it, as they build on it."""
-    # A calibration is a factor of the object that goes.
-    outputs = (
-        run.checkpoints.folder,
-        run.mesh_folder,
-        run.environment_folder,
-        run.scene_file,
-        run.calibration_file,
-    )
-    run.empty(outputs=(*outputs, *_second_outputs(run)))
+    folders = (run.checkpoints.folder, run.mesh_folder, run.environment_folder)
+    run.empty(outputs=(*folders, run.scene_file, run.calibration_file, *_second_outputs(run)))
 
 
 def restart_distill(run: RunFolder) -> None:
