@@ -8,7 +8,7 @@ import torch
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
-from lightprobe.localization.landmarks import Landmarks, find_landmarks
+from lightprobe.localization.matching import Landmarks, find_landmarks
 from lightprobe.localization.templates import LIGHTS, SIDE, Templates, make_templates, surrounding_views
 from lightprobe.models import Decomposition
 from lightprobe.scene.photo import Scene
@@ -44,8 +44,7 @@ class KnownViews:
         scene: Scene,
         on_photo: Callable[[int, int], None] = lambda done, total: None,
     ) -> "KnownViews":
-        """Return the views of an object, from its training photos; `on_photo` hears how many are done, and of
-        all.
+        """Return the views of an object, from its training photos; `on_photo` is that of `find_landmarks`.
 
         Raises `ConfigError` without OpenCV.
         """
