@@ -10,9 +10,9 @@ from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import light_file
 from lightprobe.light.sources import SplitLight
-from lightprobe.prediction import Prediction, Verdict
+from lightprobe.prediction import Prediction, PhotoVerdict
 
-GOOD = Verdict(0.01, 0.95, 0.95, 0.0, 0.2, 0.99, 0.001)
+GOOD = PhotoVerdict(0.01, 0.95, 0.95, 0.0, 0.2, 0.99, 0.001)
 
 
 def prediction() -> Prediction:

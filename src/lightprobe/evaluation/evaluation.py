@@ -23,7 +23,7 @@ from lightprobe.evaluation.stand_in import StandIn
 from lightprobe.evaluation.true_light import ConfidenceBins, TrueLight, falls
 from lightprobe.evaluation.views import TestView, halves
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
-from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, Status, Verdict, methods_for
+from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, PhotoStatus, PhotoVerdict, methods_for
 from lightprobe.scene.photo import Photo, Scene
 
 OnPhoto = Callable[[int, int], None]  # (photos done, photos in all)
@@ -51,7 +51,7 @@ class Evaluation:
     truth: Scores = field(default_factory=dict)
     confidence: dict[Method, list[Scores]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)  # photo that could not be scored -> why
-    verdicts: dict[str, Verdict] = field(default_factory=dict)  # of the photos that are scored
+    verdicts: dict[str, PhotoVerdict] = field(default_factory=dict)  # of the photos that are scored
     lights: dict[str, str] = field(default_factory=dict)  # photo -> name of its light, where the scene tells
 
     def values(self, method: Method) -> dict[str, dict[str, float]]:
@@ -100,7 +100,7 @@ class Evaluation:
             },
             "photos": photos,
             "verdicts": {
-                "doubtful": sum(verdict.status is Status.DOUBTFUL for verdict in self.verdicts.values()),
+                "doubtful": sum(verdict.status is PhotoStatus.DOUBTFUL for verdict in self.verdicts.values()),
                 "photos": {name: verdict.to_json() for name, verdict in self.verdicts.items()},
             },
             **({"skipped": self.skipped} if self.skipped else {}),

@@ -1,4 +1,5 @@
-"""What of a photo's colours outlasts a change of light: logarithms, in which light adds instead of multiplying.
+"""What of a photo's colours outlasts a change of light: logarithms, in which light adds instead of
+multiplying.
 
 Notation: an appearance has three channels: logarithm of the luma, and the logarithms of red over green and of
 blue over green. A light twice as bright adds a constant to the first, a tinted one constants to the others.
@@ -29,7 +30,8 @@ def appearance(linear: Tensor) -> Tensor:
 
 
 def edge_field(picture: np.ndarray, softness: float = 0.1) -> np.ndarray:
-    """Return the edges of an appearance (H, W, 3), (H, W, 2) float32: cosine and sine of twice their direction.
+    """Return the edges of an appearance (H, W, 3), (H, W, 2) float32: cosine and sine of twice their
+    direction.
 
     The length is |g| / (|g| + softness), below 1, g being the strongest channel's gradient per pixel: how
     strong an edge is depends on what happens to stand behind the object, where the edge runs does not.
@@ -68,7 +70,7 @@ class PhotoPyramid:
         self._at = functools.cache(self._made)
 
     def near(self, scale: float) -> ScaledPhoto:
-        """Return the photo scaled by about `scale`, at most 1: sizes come in steps of a fifth, and are kept."""
+        """Return the photo scaled by about `scale`, at most 1, in steps of a fifth; sizes are kept."""
         step = 0 if scale >= 1 else int(np.ceil(np.log(scale) / np.log(1.2)))
         return self._at(min(step, 0))  # a larger photo has nothing more to show
 

@@ -1,4 +1,5 @@
-"""What stands in front of the object: where its silhouette is, but the photo does not look like it in any light.
+"""What stands in front of the object: where its silhouette is, but the photo does not look like it in any
+light.
 
 Each of the object's pixels is either the object's or something else's. The labels minimise
 

@@ -1,4 +1,4 @@
-"""The object as poses are tried on it: its asset, with all that does not depend on the view made beforehand."""
+"""The object as poses are tried on it: its asset, with all that does not depend on the view made before."""
 
 import numpy as np
 import torch
@@ -31,7 +31,7 @@ class KnownObject:
 
     @torch.no_grad()
     def transport(self, surface: Surface, view: View) -> Tensor:
-        """Return the matrices (3, P, 96) from each channel of a light of 6 x 4 x 4 texels to visible points."""
+        """Return the matrices (3, P, 96) from channels of a light of 6 x 4 x 4 texels to visible points."""
         mesh, visibility = self.mesh, self.asset.visibility
         material = sample(self._flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
         normal = shading_normals(surface, mesh, self._normals, self._tangents, material[:, 5:])

@@ -181,7 +181,7 @@ class Locator:
         return Located(camera, given, verdict, color, clipped, time.perf_counter() - begin)
 
     def _is_inverted(self, mask: np.ndarray, camera: Camera) -> bool:
-        """Tell whether a mask (H, W) that fills the photo's rim leaves out the object where `camera` sees it."""
+        """Tell whether a mask (H, W) that fills the photo's rim leaves out the object."""
         if not look_inverted([mask]):
             return False
         shape = self._known.silhouette(camera.resized(mask.shape[1], mask.shape[0])) >= 0.5

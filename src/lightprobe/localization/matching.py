@@ -1,9 +1,10 @@
-"""Poses from matches: features of a photo, the landmarks that look like them, and the cameras that many agree on.
+"""Poses from matches: features of a photo, the landmarks that look like them, and the cameras that many agree
+on.
 
-Features are SIFT (Lowe 2004) of the photo's log luma, in which a shadow's edge is as strong on dark parts as on
-bright ones; descriptors are square roots of their shares (Arandjelovic & Zisserman 2012). They outlast smooth
-changes of light; reflections they do not. Landmarks are features of the training photos with the points of the
-mesh that they show.
+Features are SIFT (Lowe 2004) of the photo's log luma, in which a shadow's edge is as strong on dark parts as
+on bright ones; descriptors are square roots of their shares (Arandjelovic & Zisserman 2012). They outlast
+smooth changes of light; reflections they do not. Landmarks are features of the training photos with the
+points of the mesh that they show.
 
 A feature matches a landmark of a training photo when each is the other's most alike and the next most alike
 is clearly less so; the training photos, each under another light, are matched one by one. Those with the most

@@ -2,7 +2,8 @@
 
 Notation: a step has seven numbers: a turn w (3) about the object's origin and a shift s (3), both in camera
 axes, the shift in distances from camera to origin; and p, the change of the logarithm of the focal length. A
-longer focal length comes with a proportionally larger distance, so that the object keeps its size in the photo:
+longer focal length comes with a proportionally larger distance, so that the object keeps its size in the
+photo:
 
     x' = o + exp(w) (x - o) + |o| (s_x, s_y, s_z - p),   f' = f exp(p)
 

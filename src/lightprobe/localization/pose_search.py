@@ -5,8 +5,8 @@
           -> the best ones moved a little at random, and refined again
     the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit as well
 
-Every pose is judged by the same two things: how much of the photo light explains on the object at that pose, and
-whether the photo's edges run where the object's outline does (`refinement.Fit`).
+Every pose is judged by the same two things: how much of the photo light explains on the object at that pose,
+and whether the photo's edges run where the object's outline does (`refinement.Fit`).
 """
 
 import itertools

@@ -1,13 +1,14 @@
-"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought together.
+"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought
+together.
 
 At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W
 weights, d_k the distance from point k of the rendered outline to an edge of the photo:
 
     minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k d_k^2
 
-The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a ridge
-regression, and a step of the pose is judged by what the light cannot make up for,
-J - A (A^T W A + R)^-1 A^T W J, with J how the photo's colours change as points of the object move over them.
+The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a
+ridge regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A +
+R)^-1 A^T W J, with J how the photo's colours change as points of the object move over them.
 
 Edges: k pixels out along the outward normal, the photo's appearance a (`localization.appearance`) steps by
 h(k) = | mean a(k + 1, k + 2) - mean a(k - 1, k - 2) |. An edge is the object's if its inside looks as the
@@ -112,7 +113,7 @@ def nearest_edges(support: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a photo shows at a pose: how much of it light explains, and how well its edges meet the outline."""
+    """How much of a photo light explains at a pose, and how well the photo's edges meet the outline."""
 
     explained: float  # 1 - unexplained over spread, of the object's pixels; at most 1
     edges: float  # mean support of the outline by edges within a pixel, 0 to 1
@@ -132,7 +133,8 @@ def refine(
     steps: int,
     focal: bool = False,
 ) -> tuple[Camera, Fit]:
-    """Return the best of the poses met in `steps` steps from a normalised-frame `camera` in the photo's pixels.
+    """Return the best of the poses met in `steps` steps from a normalised-frame `camera` in the photo's
+    pixels.
 
     diameter: pixels of the object's sphere at the size that the photo is scaled to. focal: whether the focal
     length is free.
@@ -219,7 +221,7 @@ class _Seen:
         return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
 
     def system(self, focal: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return matrix (K, K) and right side (K,) of the Gauss-Newton step; K = 7 with `focal` free, else 6."""
+        """Return matrix (K, K) and right side (K,) of the Gauss-Newton step, K = 7 or, without `focal`, 6."""
         matrix, right = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
         channels = (self.transport, self.weight, self.residual, self.change, self.ridge)
         for a, w, r, j, pull in zip(*channels, strict=True):

@@ -1,12 +1,13 @@
-"""Small pictures of the object from many sides, and where in a photo they fit: at every place and size, in any light.
+"""Small pictures of the object from many sides, and where in a photo they fit: at every place and size, in
+any light.
 
 For a view of P object pixels, and the appearance of `localization.appearance`:
 
     l(E) ~ t + U e + c     t: log luma under a constant light, U (P, K): orthonormal changes of log luma by light
 
-K directions span most of what lights of 6 x 2 x 2 texels do, to first order about the constant light. What of a
-photo's log luma lies outside of U and of a constant, no light explains. At a place and size, with N template
-pixels on the object and y the photo's appearance less the template's:
+K directions span most of what lights of 6 x 2 x 2 texels do, to first order about the constant light. What of
+a photo's log luma lies outside of U and of a constant, no light explains. At a place and size, with N
+template pixels on the object and y the photo's appearance less the template's:
 
     left   = |y - mean(y) - U U^T y|^2 / N       what no light explains; for the tints U is empty
     spread = |l - mean(l)|^2 / N                 what the photo shows there at all

@@ -1,10 +1,10 @@
 """Whether a pose found in a photo can be relied on: what was measured, and what follows from it.
 
-A photo without the object has a best pose, too. It shows in the two things that poses are chosen by: how much of
-what the photo shows there light can explain on the object, and whether the photo's edges follow its outline.
-Both may fit well and say little about how a smooth object of one material is turned: the pose's uncertainty is
-measured, too. The limits come from right and wrong poses in photos with the object and from photos without it
-(docs/decisions/locating.md).
+A photo without the object has a best pose, too. It shows in the two things that poses are chosen by: how much
+of what the photo shows there light can explain on the object, and whether the photo's edges follow its
+outline. Both may fit well and say little about how a smooth object of one material is turned: the pose's
+uncertainty is measured, too. The limits come from right and wrong poses in photos with the object and from
+photos without it (docs/decisions/locating.md).
 """
 
 from collections.abc import Iterator
@@ -39,4 +39,69 @@ class PoseVerdict:
     inside: float  # share of the object within the photo
     inliers: int  # matched features that agree about the pose
     rivals: int  # other poses that score about as well
-    pose_uncertainty: float  # root mean square motion of the object's points, in the object's size
+    pose_uncertainty: float  # root mean square motion of the object's points, in its size
+
+    @property
+    def status(self) -> PoseStatus:
+        """The worst finding's status."""
+        found = {status for status, _ in self._findings()}
+        order = (PoseStatus.REFUSED, PoseStatus.DOUBTFUL, PoseStatus.AMBIGUOUS)
+        return next((status for status in order if status in found), PoseStatus.GOOD)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The findings of that status, and what to do about each; none for a good pose."""
+        return tuple(sentence for status, sentence in self._findings() if status is self.status)
+
+    @property
+    def doubt(self) -> float:
+        """What the pose adds to the error to expect of ln radiance: 0 for a good one."""
+        return 0.0 if self.status is PoseStatus.GOOD else _DOUBT
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON value: the measures, the status and the sentences."""
+        measures = dict(vars(self))
+        measures["leeway"] = measures.pop("pose_uncertainty")  # its stored name
+        return {**measures, "status": self.status.value, "sentences": list(self.sentences)}
+
+    def _findings(self) -> Iterator[tuple[PoseStatus, str]]:
+        measured = f"light explains {100 * max(self.explained, 0):.0f} % of it there, and "
+        measured += f"{100 * self.edges:.0f} % of the object's outline lies on edges"
+        if self.score < _NOTHING:
+            yield (
+                PoseStatus.REFUSED,
+                f"The object was not found in this photo (at the best place {measured}); give its camera, or take a "
+                "photo that shows the object whole and sharp, from a side that the training photos show.",
+            )
+        elif self.score < GOOD_SCORE:
+            yield (
+                PoseStatus.DOUBTFUL,
+                f"The object may not stand where it was found in this photo ({measured}); look at the overlay before "
+                "using the map.",
+            )
+        if self.inside < _INSIDE:
+            yield (
+                PoseStatus.DOUBTFUL,
+                f"Only {100 * self.inside:.0f} % of the object lie within this photo where it was found; look at the "
+                "overlay before using the map.",
+            )
+        if self.rivals:
+            others = "another pose explains" if self.rivals == 1 else f"{self.rivals} other poses explain"
+            yield (
+                PoseStatus.AMBIGUOUS,
+                f"The object looks alike from several sides, and {others} this photo about as well: the map may be "
+                "turned about the object; look at the overlay, or give the photo's camera.",
+            )
+
+        elif self.pose_uncertainty > _UNCERTAIN:
+            yield (
+                PoseStatus.AMBIGUOUS,
+                "The photo hardly tells how the object is turned: its points could lie "
+                f"{200 * self.pose_uncertainty:.0f} % of its size elsewhere and it would look about the same; the map may be "
+                "turned as much. Look at the overlay, or give the photo's camera.",
+            )
+
+
+def rival_scores(scores: list[float]) -> int:
+    """Return how many of the scores after the first, the best, are about as good."""
+    return sum(score >= scores[0] - RIVAL for score in scores[1:])

@@ -24,7 +24,7 @@ from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import plane
 from lightprobe.localization.locator import write_overlay
 from lightprobe.prediction import Prediction
-from lightprobe.prediction.color_scale import confidence_colors
+from lightprobe.prediction.confidence import confidence_colors
 from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.runs.locations import LocationFiles
 from lightprobe.runs.new_photos import NewPhoto, PhotoFiles
