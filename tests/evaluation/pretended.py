@@ -10,7 +10,7 @@ from torch import Tensor
 from lightprobe.core.errors import InputError
 from lightprobe.evaluation.metrics import ImageScores
 from lightprobe.light.environment import Environment
-from lightprobe.prediction import Method, Prediction, PhotoVerdict
+from lightprobe.prediction import Method, PhotoVerdict, Prediction
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
 from tests.shapes import camera_at

@@ -12,7 +12,7 @@ from torch.nn.functional import normalize
 
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.evaluation.viewpoints import look_at
+from lightprobe.evaluation.relighting import look_at
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.lessons.draw import Draw
 from lightprobe.lessons.generated_lights import generated_light
