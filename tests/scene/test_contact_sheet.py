@@ -1,6 +1,6 @@
 import numpy as np
 
-from lightprobe.scene.contact_sheet import GAP, PAPER, Cell, contact_sheet, outline
+from lightprobe.scene.overlay import GAP, PAPER, Cell, contact_sheet, outline
 
 
 def test_an_outline_is_as_wide_as_asked_and_leaves_the_border_of_the_picture():

@@ -5,7 +5,7 @@ import pytest
 import scipy
 from PIL import Image
 
-from lightprobe.scene.plain_inspection import inspect_plain, is_plain
+from lightprobe.scene.plain_photos import inspect_plain, is_plain
 from tests.imaging.icc_profiles import P3_PRIMARIES, icc
 from tests.imaging.videos import pan, write_video
 from tests.scene.plain_world import save, take, view
@@ -23,7 +23,7 @@ def test_good_photos(tmp_path):
     for index in range(26):
         save(tmp_path / f"p{index}.jpg", view(index), exposure=1 / (30 * (1 + index)))
     found = inspect_plain(tmp_path)
-    assert found.problems == found.hints == found.advice == ()
+    assert found.problems == found.hints == found.advice == []
     lines = found.lines()
     assert "readable 26, of which 26 differ and 0 are blurred" in lines
     assert "focal    0.75 to 0.75 of the longer side (26 of 26 photos)" in lines
@@ -39,7 +39,7 @@ def test_too_few(tmp_path):
 @pytest.mark.slow
 def test_rather_few(tmp_path):
     found = inspect_plain(take(tmp_path, 12))
-    assert found.problems == ()
+    assert found.problems == []
     said(found, "advice", "13 more photos", "every 15 degrees")
 
 
@@ -120,7 +120,7 @@ def test_a_video(tmp_path):
     for path in (tmp_path / "a.mp4", tmp_path):
         assert is_plain(path)
         found = inspect_plain(path)
-        assert found.problems == ()
+        assert found.problems == []
         said(found, "hints", "one light")
         assert any(line.startswith("frames   100, of which 60 would be used") for line in found.lines())
     write_video(tmp_path / "still.mp4", pan(1) * 40)

@@ -10,7 +10,7 @@ from lightprobe.core.files import refuse_replacing
 from lightprobe.scene.inspect import Inspection, PhotoReport
 from lightprobe.scene.inspect import inspect as examine
 from lightprobe.scene.overlay import write_overlay_sheet
-from lightprobe.scene.plain_inspection import PlainInspection, inspect_plain, is_plain
+from lightprobe.scene.plain_photos import PlainInspection, inspect_plain, is_plain
 
 _SheetArg = Annotated[
     Path | None,

@@ -29,7 +29,7 @@ from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.pose import PARAMETERS, motion, moved
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.contact_sheet import outline
+from lightprobe.scene.overlay import outline
 
 _SOFTNESS = 0.15  # of appearance: a step of this size counts half
 _TOLERANCE = 0.5  # of appearance, between the object under a coarse light and the photo

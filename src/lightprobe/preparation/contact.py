@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lightprobe.scene.contact_sheet import outline
+from lightprobe.scene.overlay import outline
 
 _LINE = (255, 60, 0)  # sRGB of the outline
 GOOD, DOUBTFUL, LOST = (220, 220, 220), (255, 200, 0), (255, 90, 90)  # sRGB of captions

@@ -25,7 +25,7 @@ from lightprobe.preparation.libraries import opencv_library
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.solution import bent
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.contact_sheet import Cell, contact_sheet
+from lightprobe.scene.overlay import Cell, contact_sheet
 
 _SMALL_BEND = 0.5  # pixels up to which a photo is taken as it is
 _REACH = 2  # rows beside a place that interpolation looks at

@@ -28,7 +28,7 @@ from lightprobe.runs.stages import (
     run_distill,
 )
 from lightprobe.scene import load_scene
-from lightprobe.scene.plain_inspection import is_plain
+from lightprobe.scene.plain_photos import is_plain
 
 
 def train_run(
