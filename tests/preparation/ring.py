@@ -5,7 +5,7 @@ picture.
 import numpy as np
 
 from lightprobe.preparation.features import Features
-from lightprobe.preparation.solution import Solution
+from lightprobe.preparation.mapping import Solution
 from lightprobe.scene.camera import Camera
 from tests.shapes import camera_at
 

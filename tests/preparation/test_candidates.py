@@ -8,8 +8,7 @@ import pytest
 from lightprobe.core.errors import InputError
 from lightprobe.preparation import candidates
 from lightprobe.preparation.cache import Cache
-from lightprobe.preparation.candidates import SECOND, WHOLE, choose
-from lightprobe.preparation.keeping import kept_choice
+from lightprobe.preparation.candidates import SECOND, WHOLE, choose, kept_choice
 from lightprobe.preparation.mapping import Lenses
 from tests.preparation.ring import ball_points, photographed, ring_cameras
 
@@ -48,7 +47,7 @@ def test_a_background_that_explains_nothing_of_the_object_is_a_trap(turned):
     found = choose(photos, matches, [None] * 10, inside)
     assert found.kept.name == SECOND
     assert np.array_equal(found.kept.solution.pose, right.pose)
-    assert found.kept.verdict.explained > 0.95
+    assert found.kept.fit.explained > 0.95
     assert found.trap.startswith("Trap: the whole photos gave cameras for 10 of 10 photos that explain only")
     assert [candidate.name for candidate in found.tried] == [WHOLE, SECOND]
 

@@ -1,15 +1,43 @@
 """Features of a picture are found again where it is shifted, and which pairs are worth matching."""
 
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d, zoom
 
+from lightprobe.core.errors import ResourceError
 from lightprobe.preparation import features
-from lightprobe.preparation.features import Features, find_features, likely_pairs, match, match_photos, moved
+from lightprobe.preparation.features import (
+    Features,
+    find_features,
+    likely_pairs,
+    match,
+    match_photos,
+    moved,
+    working_folder,
+)
 
 pytest.importorskip("pycolmap")
+
+
+def test_it_is_new_and_goes_away():
+    with working_folder(1000) as folder:
+        assert list(folder.iterdir()) == []
+        (folder / "database.db").write_bytes(b"x")
+    assert not folder.exists()
+
+
+def test_a_disk_that_would_run_full_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=100 << 20))
+    with working_folder(30 << 20):
+        pass
+    with (
+        pytest.raises(ResourceError, match=r"has 100 MB free, finding cameras needs 114 MB there; .* TMPDIR"),
+        working_folder(50 << 20),
+    ):
+        pass
 
 
 @pytest.fixture(scope="module")

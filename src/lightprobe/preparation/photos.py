@@ -1,6 +1,4 @@
-"""The photos of a plain folder: which there are, what their files tell, and small pictures of them to work
-on.
-"""
+"""The photos of a plain folder: which there are, what their files tell, and small pictures to work on."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -108,7 +106,7 @@ def _side_within(photo: SourcePhoto, side: int) -> tuple[int, int]:
 
 
 def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
-    """Return the user's mask of a photo at `size`, (height, width) float32: its file or the photo's alpha, or
+    """Return the user's mask of a photo at `size`, (height, width) float32: its file, the photo's alpha, or
     None.
 
     Raises `InputError` for a mask of another shape.

@@ -1,6 +1,4 @@
-"""Plain photos in, a scene folder out: the steps in their order, each kept, and what they say in
-prepare.json.
-"""
+"""Plain photos in, a scene folder out: the steps in their order, each kept."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -14,12 +12,10 @@ from lightprobe.core.errors import ConfigError
 from lightprobe.core.file_lock import locked_file
 from lightprobe.core.files import checksum, disk_errors, holds_files
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
-from lightprobe.preparation.candidates import choose, within_masks
-from lightprobe.preparation.hints import all_hints, find_photo
+from lightprobe.preparation.candidates import Choice, choose, kept_choice, within_masks
 from lightprobe.preparation.judging import inside_masks, moving_features, spread
-from lightprobe.preparation.keeping import kept_choice
 from lightprobe.preparation.looking import Seen, look_at_all, match_all, refuse_copies
-from lightprobe.preparation.options import PrepareOptions
+from lightprobe.preparation.options import PrepareOptions, all_hints, find_photo
 from lightprobe.preparation.output import finished, write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, source_photos
 from lightprobe.preparation.rounds import Cutting, cut_rounds, features_inside, own_masks
@@ -100,9 +96,8 @@ def _work(
     seen = look_at_all(photos, cache, lambda done, total: on_progress("features", done, total))
     matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
     cutting = _solve(photos, seen, matches, hints, options, key, cache, output, on_progress)
-    return write_scene(
-        output, photos, seen, matches, cutting, options, key_of(key, asdict(options)), on_progress
-    )
+    whole = key_of(key, asdict(options))
+    return write_scene(output, photos, seen, matches, cutting, options, whole, on_progress)
 
 
 def check_output(output: Path) -> None:
@@ -127,42 +122,34 @@ def _solve(
     output: Path,
     on_progress: OnProgress,
 ) -> Cutting:
-    """Return cameras and masks: a reconstruction, masks by it, and a second one within masks where the first
-    failed.
-    """
+    """Return cameras and masks: by a reconstruction, and a second one within masks where that failed."""
     features = [each.features for each in seen]
     given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
     known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
     inside = _region(features, matches, known)
     focal = [photo.focal_ratio for photo in photos]
-    choice = kept_choice(
-        cache,
-        "cameras",
-        key,
-        lambda: choose(
-            features,
-            matches,
-            focal,
-            inside,
-            seed=options.seed,
-            on_model=lambda name: on_progress(f"cameras: {name}", 0, 1),
-        ),
-    )
+
+    def on_model(name: str) -> None:
+        on_progress(f"cameras: {name}", 0, 1)
+
+    def first() -> Choice:
+        return choose(features, matches, focal, inside, seed=options.seed, on_model=on_model)
+
+    choice = kept_choice(cache, "cameras", key, first)
     own = own_masks(photos, output)
     cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
     if all(photo.cutout for photo in photos):
         return cutting  # nothing but the object was matched
-    otherwise = (
-        moving_features(features, matches)
-        if choice.moving
-        else [np.ones(len(f.points), bool) for f in features]
+    everywhere = [np.ones(len(each.points), bool) for each in features]
+    masked = features_inside(
+        cutting, features, moving_features(features, matches) if choice.moving else everywhere
     )
-    inside = features_inside(cutting, features, otherwise)
+    masked_key = key_of(key, [key_of(flags.tolist()) for flags in masked])
     second = kept_choice(
         cache,
         "cameras-within-masks",
-        key_of(key, [key_of(flags.tolist()) for flags in inside]),
-        lambda: within_masks(features, focal, inside, choice, seed=options.seed),
+        masked_key,
+        lambda: within_masks(features, focal, masked, choice, seed=options.seed),
     )
     if second.kept.name == choice.kept.name:
         return replace(cutting, choice=second)
@@ -170,9 +157,7 @@ def _solve(
 
 
 def _region(features, matches, known):
-    """Return the features that are thought to lie on the object before there are masks, None where nothing
-    tells.
-    """
+    """Return the features thought to lie on the object before there are masks, None where nothing tells."""
     if not known:
         return None
     inside = inside_masks(features, known)

@@ -4,7 +4,6 @@ A row is 15 pose values and two depth bounds (not needed here). The pose is 3x5 
 [down, right, backwards, position, (height, width, focal)], camera to world.
 """
 
-import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +14,6 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.frame import Frame, list_images
 
 POSES = "poses_bounds.npy"
-# What NumPy's parser of a header and the mapping of a file run into.
-_NO_ARRAY = (
-    OSError,
-    ValueError,
-    TypeError,
-    OverflowError,
-    EOFError,
-    SyntaxError,
-    RecursionError,
-    MemoryError,
-)
 
 
 def read_nerd(root: Path) -> list[Frame]:
@@ -45,7 +33,7 @@ def _rows(path: Path) -> np.ndarray:
     try:
         # Unlike `np.load` this opens nothing but an array, and reserves no memory for a broken header.
         rows = np.lib.format.open_memmap(path, mode="r")
-    except (*_NO_ARRAY, tokenize.TokenError) as error:
+    except Exception as error:  # whatever NumPy's parser of a header runs into
         reason = shown(str(error) or type(error).__name__).rstrip(".")
         raise InputError(f"{path} cannot be read as a NumPy array: {reason}.") from error
     if rows.ndim != 2 or rows.shape[1] not in (15, 17) or rows.dtype.kind not in "fiu":
