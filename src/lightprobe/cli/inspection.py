@@ -1,5 +1,6 @@
 """inspect: what is in a folder of photos, before an hour is spent on it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,7 +69,7 @@ def _values(found: Inspection | PlainInspection) -> dict[str, Any]:
     return {"folder": found.root, "photos": photos, "problems": found.problems, "hints": found.hints}
 
 
-def _stop_at(scene: Path, problems: tuple[str, ...]) -> None:
+def _stop_at(scene: Path, problems: Sequence[str]) -> None:
     """Raise `InputError` when there are problems, so that the command fails."""
     if problems:
         raise InputError(f"{scene} cannot be used as it is: {len(problems)} problem(s), listed above.")

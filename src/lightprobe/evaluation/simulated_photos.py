@@ -12,6 +12,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -62,7 +63,7 @@ def simulated_photos(
         camera = cameras[number * len(cameras) // count].within(_LARGEST_SIDE)
         # Turned with the camera, every light comes from where it comes from in the photo of any other object.
         turn = _azimuth(camera, up)
-        fixed = {"seed": _SEED, "up": up, "tumbled": 0.0, "device": device}
+        fixed: dict[str, Any] = {"seed": _SEED, "up": up, "tumbled": 0.0, "device": device}
         light = generated_light(resolution, step=number, turn=turn, **fixed)
         yield _photo(decomposition, camera, light, Draw(generator(_SEED, "simulated-photo", number)))
 

@@ -85,8 +85,8 @@ def edge_support(
     at = outline.place[:, None] + steps[None, :, None] * outline.normal[:, None] - 0.5
     where = [at[..., 1].ravel(), at[..., 0].ravel()]
     planes = np.moveaxis(photo.appearance, 2, 0)
-    seen = [scipy.ndimage.map_coordinates(plane, where, order=1, mode="nearest") for plane in planes]
-    seen = np.stack(seen, -1).reshape(*at.shape[:2], 3)
+    each = [scipy.ndimage.map_coordinates(plane, where, order=1, mode="nearest") for plane in planes]
+    seen = np.stack(each, -1).reshape(*at.shape[:2], 3)
     inside = 0.5 * (seen[:, :-4] + seen[:, 1:-3])
     outside = 0.5 * (seen[:, 3:-1] + seen[:, 4:])
     jump = np.linalg.norm(outside - inside, axis=2)

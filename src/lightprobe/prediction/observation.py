@@ -105,8 +105,9 @@ def _offset(mask: Tensor, pixel: Tensor, camera: Camera) -> float:
     centers = []
     for at in (mask.nonzero()[:, 0], pixel):  # on the image plane at distance 1
         column, row = at % camera.width, torch.div(at, camera.width, rounding_mode="floor")
-        centers.append([float(column.double().mean()) / camera.fx, float(row.double().mean()) / camera.fy])
-    return float(np.linalg.norm(np.subtract(*centers)) * np.linalg.norm(camera.position))
+        x, y = float(column.double().mean()) / camera.fx, float(row.double().mean()) / camera.fy
+        centers.append(np.array([x, y]))
+    return float(np.linalg.norm(centers[0] - centers[1]) * np.linalg.norm(camera.position))
 
 
 def exposed(observation: Observation, exposure: Tensor) -> Observation:

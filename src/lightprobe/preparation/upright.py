@@ -37,11 +37,11 @@ def up_of_level_cameras(poses: np.ndarray) -> Up:
     source = "the cameras' horizons: photos are taken to be held level"
     if values[1] < _ARC:  # nearly parallel x axes: only their mean y axis is left
         mean = mean / max(float(np.linalg.norm(mean)), 1e-12)
-        doubt = (
+        one_side = (
             "All photos are taken from nearly one side, so that up is only the mean of their vertical axes; give it "
             "with --up x,y,z or --up-photo."
         )
-        return Up(mean, "the mean of the photos' vertical axes", doubt)
+        return Up(mean, "the mean of the photos' vertical axes", one_side)
     doubt = None
     if np.sqrt(max(values[0], 0) / values[1]) > _SURE:
         doubt = (

@@ -84,7 +84,12 @@ class Camera:
     def resized(self, width: int, height: int) -> "Camera":
         """Return the camera of the same view in an image of another size."""
         sx, sy = width / self.width, height / self.height
-        scaled = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
+        scaled: dict[str, Any] = {
+            "fx": self.fx * sx,
+            "fy": self.fy * sy,
+            "cx": self.cx * sx,
+            "cy": self.cy * sy,
+        }
         return replace(self, **scaled, width=width, height=height)
 
     def scaled(self, factor: float) -> "Camera":

@@ -125,7 +125,7 @@ class Lens:
             pairs = all(len(lists[key]) == 2 for key in ("tangential", "prism", "prism_fourth"))
             if not pairs or not isinstance(value["radial_first"], bool):
                 raise ValueError(value)
-            single = {"fov": float(value["fov"]), "zoom": float(value["zoom"])}
+            single: dict[str, Any] = {"fov": float(value["fov"]), "zoom": float(value["zoom"])}
             lens = Lens(**lists, **single, fisheye=bool(value["fisheye"]), radial_first=value["radial_first"])
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{source}: the lens is not described as lightprobe writes it.") from error
