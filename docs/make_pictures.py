@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
 
-from lightprobe.evaluation.viewpoints import look_at
+from lightprobe.evaluation.relighting import look_at
 from lightprobe.export.gltf_mesh import to_y_up
 from lightprobe.light import cubemap, equirect
 from lightprobe.scene.camera import Camera

@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 from composed_photos import composed
-from lightprobe.evaluation.stand_in import StandIn
+from lightprobe.evaluation.true_light import StandIn
 from lightprobe.evaluation.true_light import TrueLight
 from lightprobe.imaging import CLIPPED, srgb_decode, srgb_encode
 from lightprobe.prediction import Prediction, Predictor

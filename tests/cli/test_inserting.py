@@ -6,7 +6,7 @@ import pytest
 
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_ldr
-from lightprobe.localization.located import Located
+from lightprobe.localization.locator import Located
 from lightprobe.localization.verdict import PoseVerdict
 from lightprobe.runs.insertion import InsertedObject, doubt_about_up
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles
@@ -45,7 +45,7 @@ def test_programs_get_the_camera_that_was_found_and_no_pixels(trained, thing, tm
     scene, run = trained
     photo, given = scene / "test" / "test_00.png", load_scene(scene).test[0]
     color, alpha = read_ldr(photo)
-    verdict = PoseVerdict(score=3.0, explained=0.9, edges=0.9, inside=1.0, inliers=9, rivals=0, leeway=0.01)
+    verdict = PoseVerdict(score=3.0, explained=0.9, edges=0.9, inside=1.0, inliers=9, rivals=0, pose_uncertainty=0.01)
     located = Located(given.camera, alpha, verdict, color, color > 2, 0.1)
     inserted = InsertedObject(
         photo, photo, photo, photo, (1.0, 2.0), 0.5, 0.1, (), LocatedPhoto(photo, LocationFiles(), located)

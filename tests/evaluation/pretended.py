@@ -10,12 +10,12 @@ from torch import Tensor
 from lightprobe.core.errors import InputError
 from lightprobe.evaluation.metrics import ImageScores
 from lightprobe.light.environment import Environment
-from lightprobe.prediction import Method, Prediction, Verdict
+from lightprobe.prediction import Method, PhotoVerdict, Prediction
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Pixels
 from tests.shapes import camera_at
 
-GOOD = Verdict(0.01, 0.95, 0.95, 0.0, 0.2, 0.99, 0.001)
+GOOD = PhotoVerdict(0.01, 0.95, 0.95, 0.0, 0.2, 0.99, 0.001)
 
 
 class Lamp:

@@ -34,7 +34,7 @@ from lightprobe.localization.views import KnownViews
 from lightprobe.models.calibration import Calibration
 from lightprobe.prediction import Predictor
 from lightprobe.preparation.cache import Cache
-from lightprobe.preparation.hints import store_hint, stored_hint
+from lightprobe.preparation.options import store_hint, stored_hint
 from lightprobe.preparation.output import finished
 from lightprobe.report.records import Record
 from lightprobe.report.stored import read_report

@@ -3,8 +3,8 @@
 import pytest
 
 from lightprobe.localization import KnownViews
+from lightprobe.localization.appearance import PhotoPyramid
 from lightprobe.localization.known_object import KnownObject
-from lightprobe.localization.level import Levels
 from tests.painted_object import decomposition, painted_asset, painted_scene, photo_of, view_from
 
 
@@ -40,5 +40,5 @@ def photo(asset, camera):
 
 
 @pytest.fixture(scope="session")
-def levels(photo):
-    return Levels(photo[0])
+def pyramid(photo):
+    return PhotoPyramid(photo[0])

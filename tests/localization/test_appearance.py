@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from lightprobe.localization.appearance import appearance, edge_field
+from lightprobe.localization.appearance import PhotoPyramid, appearance, edge_field
 
 
 def test_a_brighter_or_tinted_light_adds_constants():
@@ -26,3 +26,22 @@ def test_edges_know_their_direction_not_their_sign():
     down = edge_field(picture.transpose(1, 0, 2))[4, 4]
     assert np.allclose(down, -across, atol=1e-6)
     assert np.abs(edge_field(picture)[:, :2]).max() == 0
+
+
+def test_sizes_come_in_steps_and_never_beyond_the_photo():
+    color = np.random.default_rng(0).random((40, 60, 3))
+    pyramid = PhotoPyramid(color)
+    assert pyramid.near(3.0).size == pyramid.near(1.0).size == pyramid.size == (60, 40)
+    assert pyramid.near(0.42) is pyramid.near(0.45)
+    half = pyramid.near(0.5)
+    assert 0.5 * 60 / 1.2 <= half.size[0] <= 0.5 * 60 * 1.2
+    assert np.isclose(half.color.mean(), color.mean(), atol=1e-3)
+
+
+def test_gradients_are_per_pixel_and_clipped_stays_clipped():
+    ramp = np.broadcast_to(np.linspace(0, 0.9, 50)[None, :, None], (30, 50, 3)).copy()
+    ramp[12, 20] = 1.0
+    level = PhotoPyramid(ramp).near(1.0)
+    assert np.allclose(level.gradient[25, 10, 0], [0.9 / 49, 0], atol=1e-6)
+    assert level.clipped.sum() == 3
+    assert PhotoPyramid(ramp).near(0.3).clipped.any()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.localization.landmarks import Landmarks
-from lightprobe.localization.level import Levels
+from lightprobe.localization.appearance import PhotoPyramid
+from lightprobe.localization.matching import Landmarks
 from lightprobe.localization.pose import mean_distance
 from lightprobe.localization.pose_search import PoseFinder
 from lightprobe.localization.verdict import GOOD_SCORE
@@ -20,7 +20,7 @@ def points(asset):
 
 @pytest.mark.slow
 def test_a_photo_is_located_from_its_matches(known, views, camera, photo, points):
-    found = PoseFinder(known, views).find(Levels(photo[0]), camera.fx)
+    found = PoseFinder(known, views).find(PhotoPyramid(photo[0]), camera.fx)
     assert mean_distance(found[0].camera, camera, points) < 0.5
     assert found[0].fit.score >= GOOD_SCORE
     assert found[0].inliers >= 12
@@ -31,14 +31,16 @@ def test_a_photo_is_located_from_its_matches(known, views, camera, photo, points
 def test_and_without_any_match_from_the_light_alone(known, views, camera, photo, points):
     none = views.landmarks
     blind = Landmarks(torch.zeros(0, 128, dtype=torch.uint8), none.point[:0], none.photo[:0], none.side)
-    found = PoseFinder(known, dataclasses.replace(views, landmarks=blind)).find(Levels(photo[0]), camera.fx)
+    found = PoseFinder(known, dataclasses.replace(views, landmarks=blind)).find(
+        PhotoPyramid(photo[0]), camera.fx
+    )
     assert mean_distance(found[0].camera, camera, points) < 0.5
     assert found[0].inliers == 0
 
 
 @pytest.mark.slow
 def test_the_focal_length_is_found(known, views, camera, photo, points):
-    found = PoseFinder(known, views).find(Levels(photo[0]), None)
+    found = PoseFinder(known, views).find(PhotoPyramid(photo[0]), None)
     assert mean_distance(found[0].camera, camera, points) < 0.7
     assert found[0].camera.fx == pytest.approx(camera.fx, rel=0.15)
 
@@ -47,5 +49,5 @@ def test_the_focal_length_is_found(known, views, camera, photo, points):
 def test_noise_is_never_good(known, views):
     random = np.random.default_rng(0)
     noise = np.kron(random.uniform(size=(16, 16, 3)), np.ones((8, 8, 1)))
-    found = PoseFinder(known, views).find(Levels(noise.astype(np.float32)), 170.0)
+    found = PoseFinder(known, views).find(PhotoPyramid(noise.astype(np.float32)), 170.0)
     assert not found or found[0].fit.score < GOOD_SCORE

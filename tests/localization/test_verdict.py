@@ -6,7 +6,9 @@ import pytest
 
 from lightprobe.localization.verdict import PoseStatus, PoseVerdict, rival_scores
 
-FINE = PoseVerdict(score=2.5, explained=0.9, edges=0.7, inside=1.0, inliers=30, rivals=0, leeway=0.006)
+FINE = PoseVerdict(
+    score=2.5, explained=0.9, edges=0.7, inside=1.0, inliers=30, rivals=0, pose_uncertainty=0.006
+)
 
 
 def test_a_good_pose_needs_no_words():
@@ -21,8 +23,8 @@ def test_a_good_pose_needs_no_words():
         ({"score": 1.9}, PoseStatus.DOUBTFUL, "may not stand where"),
         ({"inside": 0.3}, PoseStatus.DOUBTFUL, "Only 30 % of the object"),
         ({"rivals": 1}, PoseStatus.AMBIGUOUS, "another pose explains this photo about as well"),
-        ({"leeway": 0.05}, PoseStatus.AMBIGUOUS, "could lie 10 % of its size elsewhere"),
-        ({"leeway": 0.05, "rivals": 1}, PoseStatus.AMBIGUOUS, "another pose explains"),
+        ({"pose_uncertainty": 0.05}, PoseStatus.AMBIGUOUS, "could lie 10 % of its size elsewhere"),
+        ({"pose_uncertainty": 0.05, "rivals": 1}, PoseStatus.AMBIGUOUS, "another pose explains"),
         ({"rivals": 3}, PoseStatus.AMBIGUOUS, "3 other poses explain"),
         ({"rivals": 3, "score": 1.2}, PoseStatus.DOUBTFUL, "may not stand where"),
     ],

@@ -17,16 +17,11 @@ from lightprobe.prediction.confidence import confidence
 from lightprobe.prediction.observation import observe
 from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Similarity
-from tests.lit_sphere import CPU, glossy_sphere, patch_light, photograph
+from tests.lit_sphere import CPU, patch_light, photograph
 from tests.shapes import camera_at
 
 CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=60.0)
 LIGHT = patch_light((0.2, 1.0, 0.5)) * (1 + 0.5 * cubemap.directions(16)[..., 2:])
-
-
-@pytest.fixture(scope="module")
-def sphere():
-    return glossy_sphere()
 
 
 @pytest.fixture(scope="module")
@@ -144,10 +139,8 @@ def test_nothing_seen_changes_nothing(observation, background):
 
 
 @pytest.mark.slow
-def test_predictions_follow_it_where_they_are_fitted(sphere, photo, background):
-    predictor = Predictor(
-        Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), config=PredictConfig(light_resolution=16)
-    )
+def test_predictions_follow_it_where_they_are_fitted(decomposition, photo, background):
+    predictor = Predictor(decomposition, config=PredictConfig(light_resolution=16))
     plain, with_it = (
         predictor.predict(photo, CAMERA, Method.SOLVE, background=part) for part in (None, background)
     )

@@ -4,7 +4,18 @@ import torch
 
 from lightprobe.light import cubemap, prefilter
 from lightprobe.light.photometry import relative_tone_weight
-from lightprobe.prediction.confidence import CAUSES, Weights, _evidence, confidence, error_causes
+from lightprobe.prediction.confidence import (
+    CAUSES,
+    RANGE,
+    TICKS,
+    Weights,
+    _evidence,
+    confidence,
+    confidence_colors,
+    css_gradient,
+    error_causes,
+    ticks,
+)
 from lightprobe.prediction.observation import observe
 from lightprobe.render.transport import Transport
 from tests.lit_sphere import CPU, glossy_sphere, patch_light, photograph
@@ -12,6 +23,7 @@ from tests.shapes import camera_at
 
 CAMERA = camera_at((2.6, 1.4, 1.2), size=48, focal=64.0)
 FRONT = torch.nn.functional.normalize(torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32), dim=0)
+LUMA = np.array([0.2126, 0.7152, 0.0722])
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +113,25 @@ def test_evidence_against_the_matrix_itself(observation):
     assert seen.reshape(-1).numpy() == pytest.approx(s, rel=1e-3, abs=1e-6)
     assert np.corrcoef(pinned.reshape(-1).numpy(), d)[0, 1] > 0.8
     assert float(pinned.sum()) == pytest.approx(d.sum(), rel=0.3)
+
+
+def test_colors_brighten_over_the_range_and_stay_at_its_ends():
+    values = np.linspace(0, 1, 101)
+    luma = confidence_colors(values) @ LUMA
+    inside = (values >= RANGE[0]) & (values <= RANGE[1])
+    assert (np.diff(luma[inside]) > 0.005).all()
+    assert (luma[values < RANGE[0]] == luma[inside][0]).all()
+    assert np.ptp(luma) > 0.6
+
+
+def test_the_bar_has_the_pictures_colors():
+    stops = [
+        f"#{''.join(f'{round(255 * c):02x}' for c in color)}" for color in confidence_colors(np.array(TICKS))
+    ]
+    assert css_gradient() == f"linear-gradient(to right, {', '.join(stops)})"
+
+
+def test_ticks_stand_where_their_colors_are_and_name_the_factor():
+    assert [place for place, _, _ in ticks()] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+    words = [*("≤ 0.3", "≥ ×3.3"), *("0.4", "×2.5"), *("0.5", "×2"), *("0.6", "×1.7"), *("0.7", "×1.4")]
+    assert [word for _, *two in ticks() for word in two] == words

@@ -6,19 +6,24 @@ import numpy as np
 import pytest
 import torch
 
-from lightprobe.core.errors import InputError
-from lightprobe.prediction.observation import observe
+from lightprobe.core.errors import ConfigError, InputError
+from lightprobe.evaluation.metrics import environment_log_rmse, log_difference
+from lightprobe.light import prefilter
+from lightprobe.prediction import Method, PredictConfig, Predictor
+from lightprobe.prediction.observation import exposed, joined, observe, relative_exposures
+from lightprobe.render.transport import Transport
 from lightprobe.scene.photo import Pixels
-from tests.lit_sphere import CPU, glossy_sphere, patch_light, photograph
+from tests.lit_sphere import CPU, patch_light, photograph
 from tests.shapes import camera_at
 
 DISTANCE, FOCAL = 3.2, 85.0
 CAMERA = camera_at(DISTANCE * np.array([0.8, 0.48, 0.36]), size=64, focal=FOCAL)
-
-
-@pytest.fixture(scope="module")
-def sphere():
-    return glossy_sphere()
+SIDES = ((2.6, 1.4, 1.2), (-2.0, 2.2, 0.6), (0.4, -2.9, 1.0))
+CAMERAS = [
+    camera_at(place, size=48 + 8 * number, focal=64.0 + 10 * number) for number, place in enumerate(SIDES)
+]
+LIGHT = patch_light((0.2, 1.0, 0.5)) + 0.5 * patch_light((-0.5, -0.8, 0.4))
+FACTORS = (1.0, 2.5, 0.6)
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +79,117 @@ def test_what_shows_nothing_is_refused(sphere, photo):
         observe(sphere, photo, CAMERA.resized(32, 32), CPU, 65_536)
     with pytest.raises(InputError, match="Only 0 pixels of the mask"):
         observe(sphere, Pixels.of(photo.color, np.zeros_like(photo.alpha)), CAMERA, CPU, 65_536)
+
+
+@pytest.fixture(scope="module")
+def photos(sphere):
+    return [photograph(sphere, camera, LIGHT) for camera in CAMERAS]
+
+
+@pytest.fixture(scope="module")
+def seen(sphere, photos):
+    return [
+        observe(sphere, photo, camera, CPU, 65_536) for photo, camera in zip(photos, CAMERAS, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def predictor(decomposition):
+    return Predictor(decomposition, config=PredictConfig(light_resolution=16))
+
+
+def scaled(photo, factor):
+    return Pixels(photo.color * np.float32(factor), photo.alpha, photo.clipped)
+
+
+def test_joined_photos_hold_the_pixels_of_each_and_render_them(seen):
+    joint, operator = joined(seen), prefilter.cached(16, CPU)
+    assert len(joint.rows) == sum(len(one.rows) for one in seen)
+    assert (joint.gbuffer.height, joint.gbuffer.width) == (48 + 56 + 64, 64)
+    apart = torch.cat([Transport(one.gbuffer, operator, one.rows).apply(LIGHT) for one in seen])
+    together = Transport(joint.gbuffer, operator, joint.rows).apply(LIGHT)
+    torch.testing.assert_close(together, apart)
+    torch.testing.assert_close(together, joint.pixels.color, rtol=1e-4, atol=1e-5)
+    assert (joint.overlap, joint.offset) == (min(o.overlap for o in seen), max(o.offset for o in seen))
+
+
+def test_an_exposed_photo_has_its_colours_and_level_divided(seen):
+    half = exposed(seen[0], torch.tensor(2.0))
+    torch.testing.assert_close(half.pixels.color, seen[0].pixels.color / 2)
+    torch.testing.assert_close(half.light_level, seen[0].light_level / 2)
+
+
+@pytest.mark.long
+def test_exposures_are_found_with_the_light(sphere, photos):
+    seen = [
+        observe(sphere, scaled(photo, factor), camera, CPU, 65_536)
+        for photo, factor, camera in zip(photos, FACTORS, CAMERAS, strict=True)
+    ]
+    found = relative_exposures(seen, 0).log().numpy()[1:] / np.log(FACTORS[1:])
+    assert (found > 0.55).all()  # towards 1, as the coarse light cannot draw a glossy sphere's highlights
+    assert (found < 1.05).all()
+    assert torch.equal(relative_exposures(seen, 0), relative_exposures(seen, 0))
+
+
+@pytest.mark.slow
+def test_a_photo_that_is_white_all_over_keeps_the_usual_exposure(sphere, photos, seen):
+    clipped = Pixels(np.ones_like(photos[1].color), photos[1].alpha, np.ones_like(photos[1].clipped))
+    white = observe(sphere, clipped, CAMERAS[1], CPU, 65_536)
+    assert float(relative_exposures([seen[0], white, seen[2]], 0)[1]) == pytest.approx(1, rel=0.1)
+
+
+@pytest.mark.slow
+def test_what_no_light_explains_hardly_tells_its_exposure(sphere, photos):
+    random = np.random.default_rng(0).uniform(0, 6, photos[1].color.shape).astype(np.float32)
+    noise = Pixels(random * photos[1].alpha[..., None], photos[1].alpha, photos[1].clipped)
+    views = ((photos[0], CAMERAS[0]), (noise, CAMERAS[1]))
+    pair = [observe(sphere, photo, camera, CPU, 65_536) for photo, camera in views]
+    plain = float(noise.color[noise.alpha > 0].mean() / photos[1].color[photos[1].alpha > 0].mean())
+    assert plain > 3
+    assert float(relative_exposures(pair, 0)[1]) < plain**0.5
+
+
+@pytest.mark.slow
+def test_three_views_of_one_light_tell_more_than_any_of_them(predictor, photos):
+    views = [
+        (scaled(photo, factor), camera)
+        for photo, factor, camera in zip(photos, FACTORS, CAMERAS, strict=True)
+    ]
+    joint, exposures = predictor.predict_together(views, Method.SOLVE, exposures=FACTORS)
+    error = environment_log_rmse(log_difference(joint.environment.texels, LIGHT))
+    singly = [
+        environment_log_rmse(
+            log_difference(predictor.predict(*view, Method.SOLVE).environment.texels / factor, LIGHT)
+        )
+        for view, factor in zip(views, FACTORS, strict=True)
+    ]
+    assert error < 0.95 * min(singly)
+    assert error < 0.8 * sum(singly) / len(singly)
+    np.testing.assert_allclose(exposures.numpy(), FACTORS)
+
+
+@pytest.mark.slow
+def test_given_exposures_are_taken_as_they_are(predictor, photos):
+    views = list(zip(photos, CAMERAS, strict=True))
+    plain, ones = predictor.predict_together(views, Method.SOLVE, exposures=(2.0, 2.0, 2.0))
+    assert ones.tolist() == [1.0, 1.0, 1.0]
+    error = environment_log_rmse(log_difference(plain.environment.texels, LIGHT))
+    wrong, _ = predictor.predict_together(views, Method.SOLVE, exposures=(1.0, 4.0, 0.25))
+    assert error < 0.7 * environment_log_rmse(log_difference(wrong.environment.texels, LIGHT))
+
+
+@pytest.mark.slow
+def test_one_photo_together_is_the_photo_alone(predictor, photos):
+    together, exposures = predictor.predict_together([(photos[0], CAMERAS[0])], Method.SOLVE)
+    alone = predictor.predict(photos[0], CAMERAS[0], Method.SOLVE)
+    torch.testing.assert_close(together.environment.texels, alone.environment.texels, rtol=0.02, atol=1e-3)
+    assert exposures.tolist() == [1.0]
+
+
+@pytest.mark.slow
+def test_photos_that_no_one_light_explains_are_refused(predictor, photos):
+    other = Pixels.of(photos[1].color.max() - photos[1].color, photos[1].alpha)
+    with pytest.raises(ConfigError, match="No photo"):
+        predictor.predict_together([])
+    with pytest.raises(InputError, match="No light"):
+        predictor.predict_together([(other, CAMERAS[1])], Method.SOLVE)

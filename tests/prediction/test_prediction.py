@@ -12,9 +12,9 @@ from lightprobe.light.environment import Environment
 from lightprobe.light.files import panorama, write_map
 from lightprobe.prediction import Prediction
 from lightprobe.prediction.prediction import check_names
-from lightprobe.prediction.verdict import Verdict
+from lightprobe.prediction.verdict import PhotoVerdict
 
-GOOD = Verdict(0.01, 0.99, 0.99, 0.0, 0.2, 0.99, 0.0)
+GOOD = PhotoVerdict(0.01, 0.99, 0.99, 0.0, 0.2, 0.99, 0.0)
 
 
 def light():
@@ -71,7 +71,7 @@ def test_wrong_names_are_refused_before_anything_is_written(tmp_path, names, wor
 
 
 def test_a_notebook_shows_map_confidence_and_verdict():
-    doubtful = Verdict(0.2, 0.4, 0.99, 0.0, 0.2, 0.99, 0.0)
+    doubtful = PhotoVerdict(0.2, 0.4, 0.99, 0.0, 0.2, 0.99, 0.0)
     prediction = Prediction(Environment(light()), trust(), {"total": 1.5}, doubtful)
     shown = prediction._repr_html_()
     assert shown.count('<img src="data:image/png;base64,') == 2

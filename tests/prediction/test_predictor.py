@@ -16,21 +16,16 @@ from lightprobe.models.probe_distribution import stack_everywhere
 from lightprobe.models.probe_model import new_network, new_sphere
 from lightprobe.prediction import Method, PredictConfig, Predictor, methods_for
 from lightprobe.prediction.observation import observe
-from lightprobe.prediction.prior import sampled_probes
+from lightprobe.prediction.prior import desaturated, sampled_probes
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
-from tests.lit_sphere import glossy_sphere, patch_light, photograph
+from tests.lit_sphere import patch_light, photograph
 from tests.shapes import camera_at
 
 CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=85.0)
 PATCH = (0.2, 1.0, 0.5)
 METHODS = list(Method)
 COARSE = PredictConfig(light_resolution=16)
-
-
-@pytest.fixture(scope="module")
-def sphere():
-    return glossy_sphere()
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +43,7 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def predictor(sphere, model):
-    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+def predictor(decomposition, model):
     return Predictor(
         decomposition, model, config=COARSE, optimize_config=OptimizeConfig(iterations=10, pixels=512)
     )
@@ -69,8 +63,7 @@ def test_a_configured_method_without_a_network_needs_no_model(method):
     assert methods_for(None, PredictConfig(method=method))[0] is method
 
 
-def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo):
-    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
+def test_without_a_fill_in_the_map_is_the_stacked_probes(sphere, model, photo, decomposition):
     filled, plain = (
         Predictor(decomposition, model, config=replace(COARSE, unseen_share=share)) for share in (0.02, 0.0)
     )
@@ -108,15 +101,8 @@ def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, me
     assert float(prediction.environment.texels.min()) >= 0
     assert prediction.confidence.shape == (6, 16, 16)
     assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
-    assert set(prediction.seconds) == {
-        "rasterise",
-        "verdict",
-        "network",
-        "stack",
-        "solve",
-        "confidence",
-        "total",
-    }
+    parts = {"rasterise", "verdict", "network", "stack", "solve", "confidence", "total"}
+    assert set(prediction.seconds) == parts
     parts = sum(seconds for part, seconds in prediction.seconds.items() if part != "total")
     assert parts <= prediction.seconds["total"] * 1.001
 
@@ -149,11 +135,8 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
 
 @pytest.mark.slow
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
-    patient = Predictor(
-        Decomposition(sphere, {}, predictor.decomposition.similarity),
-        config=COARSE,
-        optimize_config=OptimizeConfig(iterations=150, pixels=512),
-    )
+    many = OptimizeConfig(iterations=150, pixels=512)
+    patient = Predictor(predictor.decomposition, config=COARSE, optimize_config=many)
     optimised, solved = (
         patient.predict(photo, CAMERA, m).environment.texels for m in (Method.OPTIMIZE, Method.SOLVE)
     )
@@ -180,11 +163,7 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     mask = np.zeros_like(photo.alpha)
     mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
     usual = replace(model, mean_light=Environment(torch.full((6, 16, 16, 3), 3.0)))
-    asked = Predictor(
-        Decomposition(predictor.decomposition.asset, {}, predictor.decomposition.similarity),
-        usual,
-        config=COARSE,
-    )
+    asked = Predictor(predictor.decomposition, usual, config=COARSE)
     prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
     behind = (cubemap.directions(16) @ camera) > 0.9
@@ -193,10 +172,9 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     assert float(unseen.min()) > 0.3, f"black where nothing was seen (photo level {level})"
 
 
-def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
+def test_large_photos_are_reduced_without_changing_the_light(sphere, model, decomposition):
     camera = camera_at((2.6, 1.4, 1.2), size=160, focal=212.0)
     photo = photograph(sphere, camera, patch_light(PATCH))
-    decomposition = Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0))
     whole, reduced = (
         Predictor(decomposition, model, config=replace(COARSE, max_pixels=count)).predict(
             photo, camera, Method.PROBE_MLP
@@ -209,13 +187,13 @@ def test_large_photos_are_reduced_without_changing_the_light(sphere, model):
     assert float(difference) < 0.1
 
 
-def test_the_input_frame_is_respected(sphere, model, photo):
+def test_the_input_frame_is_respected(sphere, model, photo, decomposition):
     """The same photo described in a shifted and scaled frame gives the same light."""
     similarity = Similarity(np.array([3.0, -2.0, 5.0]), 4.0)
     pose = CAMERA.camera_to_world.copy()
     pose[:3, 3] = similarity.invert(pose[:3, 3])
     moved = Predictor(Decomposition(sphere, {}, similarity), model, config=COARSE)
-    plain = Predictor(Decomposition(sphere, {}, Similarity(np.zeros(3), 1.0)), model, config=COARSE)
+    plain = Predictor(decomposition, model, config=COARSE)
     a = plain.predict(photo, CAMERA, Method.PROBE_MLP).environment.texels
     b = moved.predict(photo, replace(CAMERA, camera_to_world=pose), Method.PROBE_MLP).environment.texels
     torch.testing.assert_close(a, b, rtol=1e-2, atol=1e-2)
@@ -226,12 +204,10 @@ def test_what_cannot_be_predicted_is_said_in_one_sentence(predictor, photo, sphe
         predictor.predict(photo, CAMERA.resized(32, 32))
     with pytest.raises(InputError, match="Only 0 pixels"):
         predictor.predict(Pixels.of(photo.color, np.zeros_like(photo.alpha)), CAMERA)
-    without = Predictor(Decomposition(sphere, {}, predictor.decomposition.similarity), config=COARSE)
+    without = Predictor(predictor.decomposition, config=COARSE)
     with pytest.raises(ConfigError, match="no trained model"):
         without.predict(photo, CAMERA, Method.PROBE_MLP)
-    paper = Predictor(
-        Decomposition(sphere, {}, predictor.decomposition.similarity), replace(predictor.model, sphere=None)
-    )
+    paper = Predictor(predictor.decomposition, replace(predictor.model, sphere=None))
     with pytest.raises(ConfigError, match="without the sphere network"):
         paper.predict(photo, CAMERA, Method.PROBE_NET)
 
@@ -264,3 +240,19 @@ def test_weights_too_large_predict_nothing(predictor, photo, model):
     weak.model = replace(weak.model, mean_light=weak.model.mean_light.scaled(1e38))
     with pytest.raises(ConvergenceError, match="check the photo"):
         weak.predict(photo, CAMERA, Method.PROBE_MLP)
+
+
+def test_calming_keeps_brightness_and_a_quarter_of_the_hues():
+    warm, cold = torch.tensor([2.0, 1.0, 0.5]), torch.tensor([0.5, 1.0, 2.0])
+    light = torch.where(torch.arange(16)[None, :, None, None] < 8, warm, cold).expand(6, 16, 16, 3)
+    calm = desaturated(light.contiguous(), torch.tensor(1e-6))
+    torch.testing.assert_close(calm.log().mean(-1), light.log().mean(-1), rtol=0, atol=1e-4)
+    torch.testing.assert_close(
+        (calm[..., 0] / calm[..., 2]).log(), 0.25 * (light[..., 0] / light[..., 2]).log(), rtol=0, atol=1e-3
+    )
+
+
+def test_the_mean_hue_and_darkness_stay():
+    tinted = torch.tensor([1.3, 1.0, 0.7]).expand(6, 8, 8, 3).clone()
+    torch.testing.assert_close(desaturated(tinted, torch.tensor(1.0)), tinted, rtol=1e-4, atol=1e-5)
+    assert desaturated(torch.zeros(6, 8, 8, 3), torch.tensor(1.0)).abs().max() < 1e-6

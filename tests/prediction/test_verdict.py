@@ -10,13 +10,12 @@ import torch
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import srgb_decode, srgb_encode
-from lightprobe.models import Decomposition, LightAccuracy, ObjectVerdict
-from lightprobe.prediction import Method, PredictConfig, Predictor, Status
+from lightprobe.models import LightAccuracy, ObjectVerdict
+from lightprobe.prediction import Method, PhotoStatus, PredictConfig, Predictor
 from lightprobe.prediction.observation import observe
 from lightprobe.prediction.verdict import _STRENGTH, _fitted, judge
-from lightprobe.scene.camera import Similarity
 from lightprobe.scene.photo import Pixels
-from tests.lit_sphere import CPU, PATCHES, glossy_sphere, patch_light, photograph
+from tests.lit_sphere import CPU, PATCHES, patch_light, photograph
 from tests.shapes import camera_at
 
 PLACE = np.array([2.6, 1.4, 1.2])
@@ -24,11 +23,8 @@ CAMERA = camera_at(tuple(PLACE), size=96, focal=128.0)
 
 
 @pytest.fixture(scope="module")
-def predictor():
-    return Predictor(
-        Decomposition(glossy_sphere(), {}, Similarity(np.zeros(3), 1.0)),
-        config=PredictConfig(light_resolution=16),
-    )
+def predictor(decomposition):
+    return Predictor(decomposition, config=PredictConfig(light_resolution=16))
 
 
 def eight_bit(photo, displayed):
@@ -86,7 +82,7 @@ def test_a_photo_that_no_light_explains_is_refused(predictor, photo, kind):
 def test_good_photos_are_good_and_keep_their_confidence(predictor, direction):
     good = photograph(predictor.decomposition.asset, CAMERA, patch_light(direction))
     prediction = predictor.predict(good, CAMERA)
-    assert prediction.verdict.status is Status.GOOD
+    assert prediction.verdict.status is PhotoStatus.GOOD
     assert prediction.verdict.sentences == ()
     assert prediction.verdict.offset < 0.003
     assert prediction.verdict.doubt == 0
@@ -106,19 +102,15 @@ def turned(angle):
     return replace(CAMERA, camera_to_world=pose)
 
 
+def swapped(photo):
+    return srgb_encode(photo.color)[..., [1, 2, 0]]
+
+
 DOUBTFUL = {
     "moved": (lambda photo: photo, moved([0.05, 0, 0]), "0.05 object radii beside"),
     "turned": (lambda photo: photo, turned(0.2), "of what this photo shows"),
-    "colours swapped": (
-        lambda photo: eight_bit(photo, srgb_encode(photo.color)[..., [1, 2, 0]]),
-        CAMERA,
-        "Light explains only",
-    ),
-    "another object": (
-        lambda photo: eight_bit(photo, other_object(photo)),
-        CAMERA,
-        "of what this photo shows",
-    ),
+    "colours swapped": (lambda photo: eight_bit(photo, swapped(photo)), CAMERA, "Light explains only"),
+    "another object": (lambda photo: eight_bit(photo, other_object(photo)), CAMERA, "of what this photo"),
     "too bright": (lambda photo: eight_bit(photo, srgb_encode(8 * photo.color)), CAMERA, "clipped to white"),
 }
 
@@ -128,15 +120,10 @@ DOUBTFUL = {
 def test_a_doubtful_photo_is_named_so_and_trusted_less(predictor, photo, kind):
     change, camera, sentence = DOUBTFUL[kind]
     good, doubtful = predictor.predict(photo, CAMERA), predictor.predict(change(photo), camera)
-    assert good.verdict.status is Status.GOOD
-    assert doubtful.verdict.status is Status.DOUBTFUL
+    assert good.verdict.status is PhotoStatus.GOOD
+    assert doubtful.verdict.status is PhotoStatus.DOUBTFUL
     assert any(sentence in said for said in doubtful.verdict.sentences)
     assert float(doubtful.confidence.mean()) < 0.85 * float(good.confidence.mean())
-
-
-def test_a_photo_flipped_left_to_right_is_noticed(predictor, photo):
-    flipped = Pixels.of(photo.color[:, ::-1].copy(), photo.alpha[:, ::-1].copy())
-    assert verdict_on(predictor, flipped).status is not Status.GOOD
 
 
 def test_the_verdict_is_the_photos_not_the_methods(predictor, photo):
@@ -152,7 +139,7 @@ def test_exposure_does_not_matter(predictor, photo):
     )
     assert one.explained == pytest.approx(other.explained, abs=1e-3)
     assert one.residual == pytest.approx(other.residual, rel=1e-2)
-    assert one.status is other.status is Status.GOOD
+    assert one.status is other.status is PhotoStatus.GOOD
 
 
 def of_lights(predictor, directions):
@@ -169,15 +156,15 @@ def of_lights(predictor, directions):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("others", "status"), [((0.2, 1.0, 0.5), Status.GOOD), ((-0.6, -1.0, 0.4), Status.DOUBTFUL)]
+    ("others", "status"), [((0.2, 1.0, 0.5), PhotoStatus.GOOD), ((-0.6, -1.0, 0.4), PhotoStatus.DOUBTFUL)]
 )
 def test_photos_of_different_lights_are_not_of_one(predictor, others, status):
     views = of_lights(predictor, [(0.2, 1.0, 0.5), others, others])
     verdict = predictor.predict_together(views, Method.CONSTANT)[0].verdict
     assert verdict.status is status
-    assert (verdict.apart > 0.5) == (status is Status.DOUBTFUL)
+    assert (verdict.apart > 0.5) == (status is PhotoStatus.DOUBTFUL)
     warned = any(sentence.startswith("One light for all misses") for sentence in verdict.sentences)
-    assert warned == (status is Status.DOUBTFUL)
+    assert warned == (status is PhotoStatus.DOUBTFUL)
     assert predictor.predict(*views[0]).verdict.apart is None
 
 

@@ -1,15 +1,43 @@
 """Features of a picture are found again where it is shifted, and which pairs are worth matching."""
 
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d, zoom
 
+from lightprobe.core.errors import ResourceError
 from lightprobe.preparation import features
-from lightprobe.preparation.features import Features, find_features, likely_pairs, match, match_photos, moved
+from lightprobe.preparation.features import (
+    Features,
+    find_features,
+    likely_pairs,
+    match,
+    match_photos,
+    moved,
+    working_folder,
+)
 
 pytest.importorskip("pycolmap")
+
+
+def test_it_is_new_and_goes_away():
+    with working_folder(1000) as folder:
+        assert list(folder.iterdir()) == []
+        (folder / "database.db").write_bytes(b"x")
+    assert not folder.exists()
+
+
+def test_a_disk_that_would_run_full_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=100 << 20))
+    with working_folder(30 << 20):
+        pass
+    with (
+        pytest.raises(ResourceError, match=r"has 100 MB free, finding cameras needs 114 MB there; .* TMPDIR"),
+        working_folder(50 << 20),
+    ):
+        pass
 
 
 @pytest.fixture(scope="module")
@@ -59,15 +87,12 @@ def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):
     monkeypatch.setattr(features, "PARTNERS", 2)
     rng = np.random.default_rng(1)
     kinds = rng.integers(0, 120, (2, 40, 128))
-    photos = [
-        Features(
-            rng.uniform(0, 100, (40, 2)).astype(np.float32),
-            (kinds[i % 2] + rng.integers(0, 3, (40, 128))).astype(np.uint8),
-            100,
-            100,
-        )
-        for i in range(6)
-    ]
+
+    def photo(i):
+        points = rng.uniform(0, 100, (40, 2)).astype(np.float32)
+        return Features(points, (kinds[i % 2] + rng.integers(0, 3, (40, 128))).astype(np.uint8), 100, 100)
+
+    photos = [photo(i) for i in range(6)]
     assert likely_pairs(photos) == [(0, 2), (0, 4), (1, 3), (1, 5), (2, 4), (3, 5)]
     assert len(likely_pairs(photos[:4])) == 6
 

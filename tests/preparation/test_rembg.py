@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lightprobe.core.errors import ConfigError
-from lightprobe.preparation.rembg import rembg_mask
+from lightprobe.preparation.cutting import rembg_mask
 
 COLOR = np.zeros((6, 8, 3), np.uint8)
 

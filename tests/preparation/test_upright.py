@@ -10,7 +10,6 @@ from lightprobe.preparation.upright import (
     rotation_to_z,
     up_of_gravity,
     up_of_level_cameras,
-    up_of_photo,
 )
 from tests.preparation.ring import ring_cameras
 
@@ -48,7 +47,6 @@ def test_photos_from_one_side_leave_only_their_vertical_axis():
     found = up_of_level_cameras(np.stack([pose] * 5))
     assert found.doubt
     assert found.direction @ pose[:3, 1] == pytest.approx(1)
-    assert up_of_photo(pose, "a.jpg").direction @ pose[:3, 1] == pytest.approx(1)
 
 
 @pytest.mark.parametrize("text", ["", "1,2", "a,b,c", "0,0,0", "nan,0,1", "1,2,3,4"])

@@ -21,9 +21,10 @@ from lightprobe.imaging import (
     write_mask,
 )
 from lightprobe.preparation import writing
+from lightprobe.preparation.mapping import bent, straightened
 from lightprobe.preparation.output import enlarged
 from lightprobe.preparation.photos import SourcePhoto
-from lightprobe.preparation.solution import bent
+from lightprobe.preparation.upright import rotation_to_z
 from lightprobe.preparation.writing import (
     bend_map,
     full_size,
@@ -35,9 +36,31 @@ from lightprobe.preparation.writing import (
     write_transforms,
 )
 from lightprobe.scene import load_scene
-from tests.preparation.ring import SIZE, ring_cameras
+from lightprobe.scene.overlay import Cell
+from tests.preparation.ring import SIZE, ball_points, photographed, ring_cameras
 
 pytest.importorskip("cv2")
+
+
+@pytest.mark.parametrize("k", [-0.2, -0.05, 0.0, 0.1])
+def test_straightening_undoes_the_lens(k):
+    camera = ring_cameras(1)[0]
+    points = np.random.default_rng(0).uniform(0, 200, (50, 2))
+    assert np.allclose(straightened(bent(points, camera, k), camera, k), points, atol=1e-6)
+    corner = np.array([[0.0, 0.0]])
+    radius = 100 * np.sqrt(2) / 300
+    shift = 100 * np.sqrt(2) * k * radius**2
+    assert np.linalg.norm(bent(corner, camera, k) - corner) == pytest.approx(abs(shift))
+
+
+def test_a_turned_and_scaled_world_looks_the_same_to_its_cameras():
+    _, _, solution = photographed(ring_cameras(3), ball_points(10))
+    up = np.array([0.6, 0.0, 0.8])
+    moved = solution.mapped(rotation_to_z(up, solution.pose), 2.5)
+    for photo, camera in solution.cameras().items():
+        before, after = camera.project(solution.points), moved.cameras()[photo].project(moved.points)
+        assert np.allclose(before[:, :2], after[:, :2])
+        assert np.allclose(2.5 * before[:, 2], after[:, 2])
 
 
 def source(path: Path) -> SourcePhoto:
@@ -197,7 +220,7 @@ def test_a_small_mask_grows_in_place():
 
 
 def test_the_sheet_has_a_cell_for_each_photo(tmp_path):
-    cells = [(f"p{i}", np.full((50, 80, 3), 200, np.uint8), (255, 255, 255)) for i in range(6)]
+    cells = [Cell(f"p{i}", np.full((50, 80, 3), 200, np.uint8), (255, 255, 255)) for i in range(6)]
     write_sheet(tmp_path / "s.png", cells)
     picture = np.asarray(Image.open(tmp_path / "s.png"))
     assert (picture == 200).all(-1).sum() >= 6 * 50 * 80

@@ -11,7 +11,7 @@ from PIL import Image
 
 from lightprobe.evaluation import evaluate
 from lightprobe.prediction import Method
-from lightprobe.prediction.color_scale import confidence_colors
+from lightprobe.prediction.confidence import confidence_colors
 from lightprobe.report import view_pictures
 from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 from lightprobe.report.pictures import PICTURE_NOTES

@@ -2,8 +2,7 @@
 
 import pytest
 
-from tests.scene.refusal import COUNT
-from tests.scene.worlds import views, write_colmap, write_nerd, write_nerfstudio
+from tests.scene.worlds import COUNT, views, write_colmap, write_nerd, write_nerfstudio
 
 
 @pytest.fixture

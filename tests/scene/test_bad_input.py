@@ -12,10 +12,12 @@ from lightprobe.core.errors import InputError
 from lightprobe.scene import Camera, load_pixels, load_scene
 from lightprobe.scene.inspect import inspect
 from lightprobe.scene.normalise import first_guess
-from tests.scene.refusal import COUNT, edit_json, refused
 from tests.scene.worlds import (
+    COUNT,
+    edit_json,
     names,
     picture,
+    refused,
     views,
     write_blender,
     write_colmap,
@@ -23,62 +25,86 @@ from tests.scene.worlds import (
     write_nerd,
 )
 
-# Folders
+# Folders, poses_bounds.npy, photos and masks
 
 
-def test_missing_folder(tmp_path):
+def png_header(path, width, height):
+    """Write a PNG of which only the header is sound."""
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    path.write_bytes(data + struct.pack(">I", 9) + b"IDAT" + bytes(13))
+
+
+def edit_poses(root, change):
+    rows = np.load(root / "poses_bounds.npy")
+    change(rows)
+    np.save(root / "poses_bounds.npy", rows)
+
+
+def apart(root):
+    """Masks that share no point of space."""
+    for i, name in enumerate(names(COUNT)):
+        mask = np.zeros((60, 72), np.uint8)
+        mask[(0, -1)[i % 2], (0, -1)[i // 2]] = 255
+        Image.fromarray(mask).save(root / "masks" / f"{name}.png")
+
+
+SPOILT = {
+    "pose count": (
+        lambda root: (root / "images" / "view_03.png").unlink(),
+        r"poses_bounds\.npy holds 4 poses, but .*images holds 3 photos",
+    ),
+    "pose shape": (
+        lambda root: np.save(root / "poses_bounds.npy", np.zeros((4, 12))),
+        r"17 numbers per photo, but its shape is \(4, 12\)",
+    ),
+    "NaN pose": (
+        lambda root: edit_poses(root, lambda rows: rows[2].__setitem__(3, np.nan)),
+        r"row 2 \(view_02\.png\) contains NaN",
+    ),
+    "mirrored pose": (
+        lambda root: edit_poses(root, lambda rows: rows[1, 0:15:5].__imul__(-1)),
+        r"row 1 \(view_01\.png\): camera_to_world is not a rotation",
+    ),
+    "huge header": (
+        lambda root: png_header(root / "images" / "view_02.png", 60000, 60000),
+        r"view_02\.png announces 60000 x 60000 pixels",
+    ),
+    "mask of another size": (
+        lambda root: Image.new("L", (30, 40), 255).save(root / "masks" / "view_01.png"),
+        r"masks/view_01\.png has 30 x 40 pixels, but its photo has 72 x 60",
+    ),
+    "mask without object": (
+        lambda root: Image.new("L", (72, 60), 1).save(root / "masks" / "view_03.png"),
+        r"masks/view_03\.png shows no object \(its brightest pixel is 1 of 255\)",
+    ),
+    "missing mask": (
+        lambda root: (root / "masks" / "view_02.png").unlink(),
+        r"images/view_02\.png has no mask: .*masks/view_02\.png",
+    ),
+    "another shape than the camera": (
+        lambda root: Image.new("RGB", (72, 72)).save(root / "images" / "view_01.png"),
+        r"view_01\.png has 72 x 72 pixels, but .*poses_bounds\.npy row 1 .* 72 x 60",
+    ),
+    "masks that share no point": (apart, r"Masks and cameras do not agree|cameras look away"),
+}
+
+
+@pytest.mark.parametrize("kind", SPOILT)
+def test_a_folder_with_one_wrong_thing(nerd, kind):
+    spoil, pattern = SPOILT[kind]
+    spoil(nerd)
+    refused(nerd, pattern)
+
+
+def test_folders_that_are_no_scene(tmp_path):
     refused(tmp_path / "nowhere", r"nowhere does not exist")
-
-
-def test_file_instead_of_folder(tmp_path):
+    refused(tmp_path, r"is empty; a scene folder has poses_bounds\.npy.*transforms\.json.*COLMAP")
     (tmp_path / "a.txt").write_text("x")
     refused(tmp_path / "a.txt", r"a\.txt is not a folder")
-
-
-def test_empty_folder_lists_the_layouts(tmp_path):
-    refused(tmp_path, r"is empty; a scene folder has poses_bounds\.npy.*transforms\.json.*COLMAP")
-
-
-def test_photos_without_cameras(tmp_path):
     Image.new("RGB", (8, 8)).save(tmp_path / "a.png")
     refused(tmp_path, r"holds photos but no cameras; a scene folder has")
-
-
-# poses_bounds.npy
-
-
-def test_pose_count(nerd):
-    (nerd / "images" / "view_03.png").unlink()
-    refused(nerd, r"poses_bounds\.npy holds 4 poses, but .*images holds 3 photos")
-
-
-def test_pose_shape(nerd):
-    np.save(nerd / "poses_bounds.npy", np.zeros((4, 12)))
-    refused(nerd, r"17 numbers per photo, but its shape is \(4, 12\)")
-
-
-def test_poses_that_are_no_array(nerd):
-    (nerd / "poses_bounds.npy").write_bytes(b"\x93NUMPY broken")
-    refused(nerd, r"poses_bounds\.npy cannot be read")
-    np.save(nerd / "poses_bounds.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    refused(nerd, r"poses_bounds\.npy cannot be read")
-
-
-def test_nan_pose(nerd):
-    rows = np.load(nerd / "poses_bounds.npy")
-    rows[2, 3] = np.nan
-    np.save(nerd / "poses_bounds.npy", rows)
-    refused(nerd, r"row 2 \(view_02\.png\) contains NaN")
-
-
-def test_mirrored_pose(nerd):
-    rows = np.load(nerd / "poses_bounds.npy")
-    rows[1, :15].reshape(3, 5)[:, 0] *= -1
-    np.save(nerd / "poses_bounds.npy", rows)
-    refused(nerd, r"row 1 \(view_01\.png\): camera_to_world is not a rotation")
-
-
-# Photos and masks
+    refused(write_nerd(tmp_path / "scene", views(1)), r"holds 1 photos with cameras; two or more")
 
 
 def test_truncated_jpeg(nerfstudio):
@@ -88,46 +114,6 @@ def test_truncated_jpeg(nerfstudio):
     with pytest.raises(InputError, match=r"view_01\.jpg cannot be decoded"):
         load_pixels(photo)
     assert any("view_01.jpg cannot be decoded" in problem for problem in inspect(nerfstudio).problems)
-
-
-def test_huge_png_header(nerd):
-    header = struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
-    chunk = b"IHDR" + header
-    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
-    (nerd / "images" / "view_02.png").write_bytes(data + struct.pack(">I", 9) + b"IDAT" + bytes(13))
-    refused(nerd, r"view_02\.png announces 60000 x 60000 pixels")
-
-
-def test_mask_of_another_size(nerd):
-    Image.new("L", (30, 40), 255).save(nerd / "masks" / "view_01.png")
-    refused(nerd, r"masks/view_01\.png has 30 x 40 pixels, but its photo has 72 x 60")
-
-
-def test_mask_without_object(nerd):
-    Image.new("L", (72, 60), 1).save(nerd / "masks" / "view_03.png")
-    refused(nerd, r"masks/view_03\.png shows no object \(its brightest pixel is 1 of 255\)")
-
-
-def test_missing_mask(nerd):
-    (nerd / "masks" / "view_02.png").unlink()
-    refused(nerd, r"images/view_02\.png has no mask: .*masks/view_02\.png")
-
-
-def test_photo_of_another_shape_than_its_camera(nerd):
-    Image.new("RGB", (72, 72)).save(nerd / "images" / "view_01.png")
-    refused(nerd, r"view_01\.png has 72 x 72 pixels, but .*poses_bounds\.npy row 1 .* 72 x 60")
-
-
-def test_one_photo(tmp_path):
-    refused(write_nerd(tmp_path / "scene", views(1)), r"holds 1 photos with cameras; two or more")
-
-
-def test_masks_that_share_no_point(nerd):
-    for i, name in enumerate(names(COUNT)):
-        mask = np.zeros((60, 72), np.uint8)
-        mask[(0, -1)[i % 2], (0, -1)[i // 2]] = 255
-        Image.fromarray(mask).save(nerd / "masks" / f"{name}.png")
-    refused(nerd, r"Masks and cameras do not agree|cameras look away")
 
 
 # transforms.json
@@ -215,17 +201,22 @@ def test_cut_model(colmap, part):
     refused(colmap, rf"{part}\.bin is cut short")
 
 
-def test_a_folding_lens_in_colmap(tmp_path):
-    root = write_colmap(tmp_path / "scene", views(COUNT), binary=False)
-    write_colmap_model(
-        root / "sparse/0",
-        [f"{n}.jpg" for n in names(COUNT)],
-        views(COUNT),
-        binary=False,
-        lens="RADIAL",
-        extra=(-6, 0),
-    )
-    refused(root, r"images\.txt \(view_00\.jpg\) has lens distortion that folds")
+def colmap_of(root, binary, lens, extra):
+    write_colmap(root, views(COUNT), binary=binary)
+    files = [f"{n}.jpg" for n in names(COUNT)]
+    write_colmap_model(root / "sparse/0", files, views(COUNT), binary=binary, lens=lens, extra=extra)
+    return root
+
+
+@pytest.mark.parametrize(
+    ("lens", "extra", "pattern"),
+    [
+        ("RADIAL", (-6, 0), r"images\.txt \(view_00\.jpg\) has lens distortion that folds"),
+        ("DIVISION", (0.0,), r"camera model DIVISION, which is not read; undistort"),
+    ],
+)
+def test_lenses_that_cannot_be_used(tmp_path, lens, extra, pattern):
+    refused(colmap_of(tmp_path / "scene", False, lens, extra), pattern)
 
 
 @pytest.mark.parametrize(
@@ -233,18 +224,9 @@ def test_a_folding_lens_in_colmap(tmp_path):
 )
 @pytest.mark.parametrize("binary", [False, True])
 def test_lenses_that_are_nearly_pinhole(tmp_path, lens, extra, binary):
-    root = write_colmap(tmp_path / "scene", views(COUNT), binary=binary)
-    files = [f"{n}.jpg" for n in names(COUNT)]
-    write_colmap_model(root / "sparse/0", files, views(COUNT), binary=binary, lens=lens, extra=extra)
+    root = colmap_of(tmp_path / "scene", binary, lens, extra)
     for photo, view in zip(load_scene(root).train, views(COUNT)[1:], strict=True):
         assert (photo.camera.fx, photo.camera.fy) == pytest.approx(view.focal)
-
-
-def test_unknown_lens_in_colmap(tmp_path):
-    root = write_colmap(tmp_path / "scene", views(COUNT), binary=True)
-    files = [f"{n}.jpg" for n in names(COUNT)]
-    write_colmap_model(root / "sparse/0", files, views(COUNT), binary=True, lens="DIVISION", extra=(0.0,))
-    refused(root, r"camera model DIVISION, which is not read; undistort")
 
 
 @pytest.mark.parametrize(

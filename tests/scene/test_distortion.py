@@ -16,8 +16,7 @@ from lightprobe.scene.lens import Lens
 from lightprobe.scene.photo import Photo
 from lightprobe.scene.pixels import load_thumbnail
 from lightprobe.scene.record import scene_record
-from tests.scene.refusal import edit_json
-from tests.scene.worlds import names, picture, views, write_nerfstudio
+from tests.scene.worlds import edit_json, names, picture, views, write_nerfstudio
 
 BARREL = Lens((-0.25, 0.06))
 LENSES = [BARREL, Lens((0.2, 0.0), (0.01, -0.01)), Lens((-0.03, 0.01), fisheye=True)]

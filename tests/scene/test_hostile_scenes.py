@@ -7,7 +7,6 @@ Each of them is one sentence, and an inspection still finds what else is wrong.
 import json
 import os
 import struct
-import zipfile
 
 import numpy as np
 import pytest
@@ -21,8 +20,16 @@ from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.inspect import inspect
 from lightprobe.scene.loading import read_folder, unposed_images
 from lightprobe.scene.normalise import find_similarity
-from tests.scene.refusal import edit_json, refused
-from tests.scene.worlds import expected_camera, picture, views, write_blender, write_colmap, write_nerd
+from tests.scene.worlds import (
+    edit_json,
+    expected_camera,
+    picture,
+    refused,
+    views,
+    write_blender,
+    write_colmap,
+    write_nerd,
+)
 from tests.shapes import camera_at
 
 COUNT = 4
@@ -34,6 +41,10 @@ def others_are_found(root, pattern):
     """Assert that an inspection reports `pattern` and, beside it, that the mask of view_03 shows no object."""
     Image.new("L", (72, 60)).save(root / "masks" / "view_03.png")
     refused(root, pattern, "view_03.png shows no object")
+
+
+def edit_frame(root, change):
+    edit_json(root / "transforms.json", lambda data: data["frames"][1].update(change))
 
 
 @pytest.fixture(autouse=True)
@@ -67,11 +78,7 @@ def test_the_hull_trusts_no_camera(field, value):
 def test_rays_from_afar_come_to_an_end():
     """So far away that the next voxel is nearer than the numbers are apart."""
     pose = np.eye(4)
-    pose[:3] = [
-        [0, 0, 1, 2e15],
-        [1, 0, 0, -62500],
-        [0, 1, 0, -62500],
-    ]  # looking along -x, as far as numbers tell
+    pose[:3] = [[0, 0, 1, 2e15], [1, 0, 0, -62500], [0, 1, 0, -62500]]  # looks along -x
     wall = np.zeros((64, 64, 64), bool)
     wall[:, 36] = True
     hull = Hull(wall, wall.astype(np.float32), -np.ones(3), np.ones(3))
@@ -81,7 +88,7 @@ def test_rays_from_afar_come_to_an_end():
 @pytest.mark.parametrize("value", [*HUGE[:2], LONG])
 @pytest.mark.parametrize("key", ["fl_x", "fl_y", "cx", "cy"])
 def test_intrinsics_beyond_all_bounds(nerfstudio, key, value):
-    edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update({key: value}))
+    edit_frame(nerfstudio, {key: value})
     others_are_found(nerfstudio, r"view_01\.jpg\).*(focal length|principal point|must be a finite number)")
 
 
@@ -102,14 +109,6 @@ def test_colmap_intrinsics_beyond_all_bounds(tmp_path, place, value, binary):
     refused(root, r"view_01\.jpg\).*(focal lengths? |principal point)")
 
 
-def test_cameras_astronomically_far_away(nerfstudio):
-    edit_json(
-        nerfstudio / "transforms.json",
-        lambda data: data["frames"][1]["transform_matrix"][0].__setitem__(3, 1e200),
-    )
-    others_are_found(nerfstudio, r"view_01\.jpg\).*camera stands at")
-
-
 @pytest.mark.parametrize(
     ("change", "pattern"),
     [
@@ -117,6 +116,10 @@ def test_cameras_astronomically_far_away(nerfstudio):
         ({"w": 1e300, "h": 1e300}, r"image size"),
         ({"camera_angle_x": 5e-324, "fl_x": None}, r"focal length"),
         ({"camera_model": ["OPENCV"]}, r"camera model \['OPENCV'\]"),
+        (
+            {"transform_matrix": [[1, 0, 0, 1e200], *np.eye(4)[1:].tolist()]},
+            r"view_01\.jpg\).*camera stands at",
+        ),
         ({"transform_matrix": [[LONG] * 4] * 4}, r"'transform_matrix' must be a 4x4 matrix of numbers"),
         ({"k1": 1e308, "k2": -1e308}, r"lens distortion"),
         ({"file_path": "images/\0.jpg"}, r"names 'images/\\x00\.jpg', which is no file name"),
@@ -129,24 +132,21 @@ def test_cameras_astronomically_far_away(nerfstudio):
     ],
 )
 def test_odd_frames(nerfstudio, change, pattern):
-    edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update(change))
+    edit_frame(nerfstudio, change)
     others_are_found(nerfstudio, pattern)
 
 
 def test_links_in_a_loop(nerfstudio):
     (nerfstudio / "images" / "loop.jpg").symlink_to("loop.jpg")
-    edit_json(
-        nerfstudio / "transforms.json", lambda data: data["frames"][1].update(file_path="images/loop.jpg")
-    )
-    others_are_found(
-        nerfstudio, r"names 'images/loop\.jpg', which is no file name|loop\.jpg', which does not exist"
-    )
+    edit_frame(nerfstudio, {"file_path": "images/loop.jpg"})
+    words = r"names 'images/loop\.jpg', which is no file name|loop\.jpg', which does not exist"
+    others_are_found(nerfstudio, words)
 
 
 def test_a_guessed_suffix_leads_out_of_the_folder_no_more_than_a_written_one(nerfstudio, tmp_path):
     Image.new("RGB", (72, 60)).save(tmp_path / "secret.png")
     (nerfstudio / "images" / "link.png").symlink_to(tmp_path / "secret.png")
-    edit_json(nerfstudio / "transforms.json", lambda data: data["frames"][1].update(file_path="images/link"))
+    edit_frame(nerfstudio, {"file_path": "images/link"})
     others_are_found(nerfstudio, r"lies outside")
 
 
@@ -169,29 +169,33 @@ def test_one_broken_file_does_not_hide_the_other(tmp_path):
     edit_json(root / "transforms_train.json", lambda data: data["frames"][2].update(file_path="train/none"))
     found = inspect(root)
     assert len(found.photos) == 14
-    assert [sum(words in p for p in found.problems) for words in ("nested too deeply", "train/none")] == [
-        1,
-        1,
-    ]
+    assert all(sum(words in p for p in found.problems) == 1 for words in ("nested too deeply", "train/none"))
 
 
 # poses_bounds.npy
 
-
-def test_poses_in_an_archive(nerd):
-    path = nerd / "poses_bounds.npy"
-    np.savez(nerd / "poses.npz", np.load(path))
-    (nerd / "poses.npz").rename(path)
-    refused(nerd, r"poses_bounds\.npy cannot be read as a NumPy array")
-    path.write_bytes(b"PK\x03\x04 broken")
-    refused(nerd, r"poses_bounds\.npy cannot be read as a NumPy array")
+HEADER = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 17)}".ljust(117) + b"\n"
 
 
-def test_poses_that_announce_more_than_there_is(nerd):
-    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 17)}".ljust(117) + b"\n"
-    (nerd / "poses_bounds.npy").write_bytes(
-        b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(99)
-    )
+def archive(path):
+    np.savez(path.with_suffix(".npz"), np.zeros((COUNT, 17)))
+    path.with_suffix(".npz").rename(path)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        archive,
+        lambda path: path.write_bytes(b"PK\x03\x04 broken"),
+        lambda path: path.write_bytes(b"\x93NUMPY broken"),
+        lambda path: path.write_bytes(
+            b"\x93NUMPY\x01\x00" + struct.pack("<H", len(HEADER)) + HEADER + bytes(99)
+        ),
+        lambda path: np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True),
+    ],
+)
+def test_poses_that_are_no_array(nerd, write):
+    write(nerd / "poses_bounds.npy")
     refused(nerd, r"poses_bounds\.npy cannot be read as a NumPy array")
 
 
@@ -242,10 +246,8 @@ def test_every_bad_line_of_a_model_is_found(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     found = inspect(root)
     assert len(found.photos) == 4
-    assert [sum(words in p for p in found.problems) for words in ("line 2 is not an image", "gone.jpg")] == [
-        1,
-        1,
-    ]
+    for words in ("line 2 is not an image", "gone.jpg"):
+        assert sum(words in problem for problem in found.problems) == 1
     cameras = root / "sparse/0/cameras.txt"
     cameras.write_text(cameras.read_text().replace("PINHOLE", "PINHOLE x", 1))
     assert sum("line 2 is not a camera" in problem for problem in inspect(root).problems) == 1
@@ -292,6 +294,17 @@ GOOD = camera_at((3.0, 0.5, 0.2), size=8).to_json()
 FRAME = {"file_path": "a.png", "transform_matrix": GOOD["camera_to_world"]}
 
 
+def frames(*entries, **settings):
+    return {"fl_x": 9, "w": 8, "h": 8, **settings, "frames": list(entries)}
+
+
+def record(photo, root="/"):
+    return {"root": root, "photos": {"train": {"a": photo}}}
+
+
+PHOTO = {"image": "a.png", "camera": GOOD}
+
+
 @pytest.mark.parametrize(
     ("value", "pattern"),
     [
@@ -300,35 +313,20 @@ FRAME = {"file_path": "a.png", "transform_matrix": GOOD["camera_to_world"]}
         ("text", "is not valid JSON"),
         ('"text"', "must hold a JSON object"),
         ("[" * 100_000, "nested too deeply"),
-        (
-            {"fl_x": 9, "w": 8, "h": 8, "frames": [{**FRAME, "file_path": 3}, FRAME]},
-            "file_path.*must be text, not 3",
-        ),
-        (
-            {"fl_x": 9, "w": 8, "h": 8, "frames": [{**FRAME, "file_path": None}]},
-            "file_path.*must be text, not None",
-        ),
-        ({"fl_x": 9, "w": LONG, "h": 8, "frames": [FRAME]}, "'w' must be a finite number"),
-        (
-            '{"fl_x": 9, "w": 1e999, "h": 8, "frames": [{"file_path": "a"}]}',
-            "'w' must be a finite number|no image size",
-        ),
+        (frames({**FRAME, "file_path": 3}, FRAME), "file_path.*must be text, not 3"),
+        (frames({**FRAME, "file_path": None}), "file_path.*must be text, not None"),
+        (frames(FRAME, w=LONG), "'w' must be a finite number"),
+        ('{"fl_x": 9, "w": 1e999, "h": 8, "frames": [{"file_path": "a"}]}', "no image size"),
         ({"frames": []}, "holds no camera"),
         ({"photos": {}}, "holds no camera"),
         ({"photos": {"train": []}}, "photos of 'train' are not an object"),
         ({"photos": {"train": 7}}, "photos of 'train' are not an object"),
-        ({"root": [], "photos": {"train": {"a": {"image": "a.png", "camera": GOOD}}}}, "'root' must be text"),
-        ({"root": 5, "photos": {"train": {"a": {"image": "a.png", "camera": GOOD}}}}, "'root' must be text"),
-        ({"root": "/", "photos": {"train": {"a": {"camera": GOOD}}}}, "'a' has no 'image' and 'camera'"),
-        (
-            {"root": "/", "photos": {"train": {"a": {"image": 3, "camera": GOOD}}}},
-            "'a' has no 'image' and 'camera'",
-        ),
-        ({"root": "/", "photos": {"train": {"a": {"image": "a.png"}}}}, "'a' has no 'image' and 'camera'"),
-        (
-            {"root": "/", "photos": {"train": {"a": {"image": "a.png", "camera": 7}}}},
-            "must hold a JSON object",
-        ),
+        (record(PHOTO, root=[]), "'root' must be text"),
+        (record(PHOTO, root=5), "'root' must be text"),
+        (record({"camera": GOOD}), "'a' has no 'image' and 'camera'"),
+        (record({"image": 3, "camera": GOOD}), "'a' has no 'image' and 'camera'"),
+        (record({"image": "a.png"}), "'a' has no 'image' and 'camera'"),
+        (record({"image": "a.png", "camera": 7}), "must hold a JSON object"),
         ({**GOOD, "fx": 1e200}, "focal length"),
         ({**GOOD, "cx": -1e308}, "principal point"),
         ({**GOOD, "width": LONG}, "image size"),
@@ -352,8 +350,7 @@ def test_camera_files(tmp_path, value, pattern):
 def test_names_that_are_no_files_belong_to_no_photo(tmp_path, name):
     """Of several cameras the photo's is taken, whatever the others are called."""
     os.symlink("loop", tmp_path / "loop")
-    frames = [{**FRAME, "file_path": name}, FRAME]
-    path = camera_file(tmp_path, {"fl_x": 9, "w": 8, "h": 8, "frames": frames})
+    path = camera_file(tmp_path, frames({**FRAME, "file_path": name}, FRAME))
     assert read_camera(path, tmp_path / "a.png").width == 8
     photos = {"b": {"image": name, "camera": {**GOOD, "width": 9}}, "a": {"image": "a.png", "camera": GOOD}}
     path = camera_file(tmp_path, {"root": name, "photos": {"train": photos}})
@@ -399,9 +396,3 @@ def test_links_to_one_photo(tmp_path):
     (root / "images" / "view_02.png").unlink()
     (root / "images" / "view_02.png").symlink_to("view_01.png")
     refused(root, r"view_01\.png is named twice, with different cameras")
-
-
-def test_archives_are_no_poses(nerd):
-    with zipfile.ZipFile(nerd / "poses_bounds.npy", "w") as archive:
-        archive.writestr("a.npy", b"x")
-    refused(nerd, r"cannot be read as a NumPy array")

@@ -56,8 +56,8 @@ def test_points_fall_where_colmap_puts_them(model, parameters, lens):
     expected = np.asarray(camera.img_from_cam(np.column_stack([POINTS, np.ones(len(POINTS))])))
     np.testing.assert_allclose(lens.distort(POINTS) * 500 + (400, 300), expected, atol=1e-6)
     assert colmap._LENSES[model](*parameters) == lens
-    assert colmap._MODELS[int(camera.model)] == (model, len(camera.params))
-    assert (model in colmap._ONE_FOCAL) is (len(focal) == 1)
+    assert colmap._NAMES[int(camera.model)] == model
+    assert colmap._COUNTS[model] == len(camera.params)
 
 
 def test_points_fall_where_opencv_puts_them():

@@ -10,8 +10,7 @@ from lightprobe.imaging import srgb_decode, write_exr
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.inspect import inspect
 from tests.imaging.icc_profiles import P3_PRIMARIES, icc
-from tests.scene.refusal import edit_json
-from tests.scene.worlds import names, picture, views, write_nerfstudio
+from tests.scene.worlds import edit_json, names, picture, views, write_nerfstudio
 
 COUNT = 18
 KINDS = ("png", "heic", "tif", "deep.tif", "avif", "exr")

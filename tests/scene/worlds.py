@@ -6,15 +6,21 @@ origin.
 """
 
 import json
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
+from lightprobe.core.errors import InputError
+from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.inspect import inspect
 
+COUNT = 4  # photos of scenes that are damaged
 # centre, radius, 8-bit colour
 BALLS = (
     ((3.0, 1.0, 2.0), 0.5, (255, 0, 0)),
@@ -159,12 +165,9 @@ def write_nerfstudio(root: Path, shots: list[View]) -> Path:
             "file_path": f"images/{file}",
             "mask_path": f"masks/{Path(file).stem}.png",
             "transform_matrix": view.opengl.tolist(),
-            "fl_x": view.focal[0],
-            "fl_y": view.focal[1],
-            "cx": view.center[0],
-            "cy": view.center[1],
-            "w": view.width,
-            "h": view.height,
+            **dict(zip(("fl_x", "fl_y"), view.focal, strict=True)),
+            **dict(zip(("cx", "cy"), view.center, strict=True)),
+            **{"w": view.width, "h": view.height},
         }
         for file, view in zip(files, shots, strict=True)
     ]
@@ -207,17 +210,9 @@ def write_colmap_model(
     lens: str = "PINHOLE",
     extra: tuple = (),
 ) -> None:
-    models = [
-        "SIMPLE_PINHOLE",
-        "PINHOLE",
-        "SIMPLE_RADIAL",
-        "RADIAL",
-        "OPENCV",
-        "OPENCV_FISHEYE",
-        "FULL_OPENCV",
-        "FOV",
-    ]
-    models += ["SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"]
+    models = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+    models += ["FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"]
+    models += ["RAD_TAN_THIN_PRISM_FISHEYE"]
     models += ["SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE"]
     number = models.index(lens)
     one_focal = lens.startswith(("SIMPLE", "RADIAL"))
@@ -258,3 +253,24 @@ LAYOUTS = {
 def expected_camera(view: View) -> Camera:
     """The camera the program must hold for a view."""
     return Camera(view.opengl, *view.focal, *view.center, view.width, view.height)
+
+
+def refused(root, pattern, *others):
+    """Assert that loading fails with one sentence matching `pattern`, and that an inspection reports it too.
+
+    Of the problems that the inspection reports, one must hold each of the words `others`.
+    """
+    with pytest.raises(InputError, match=pattern) as caught:
+        load_scene(root)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.endswith(".")
+    problems = inspect(root).problems
+    assert any(re.search(pattern, problem) for problem in problems)
+    assert [sum(words in problem for problem in problems) for words in others] == [1] * len(others)
+
+
+def edit_json(path, change):
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))

@@ -1,5 +1,6 @@
 """inspect: what is in a folder of photos, before an hour is spent on it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +11,7 @@ from lightprobe.core.files import refuse_replacing
 from lightprobe.scene.inspect import Inspection, PhotoReport
 from lightprobe.scene.inspect import inspect as examine
 from lightprobe.scene.overlay import write_overlay_sheet
-from lightprobe.scene.plain_inspection import PlainInspection, inspect_plain, is_plain
+from lightprobe.scene.plain_photos import PlainInspection, inspect_plain, is_plain
 
 _SheetArg = Annotated[
     Path | None,
@@ -66,7 +67,7 @@ def _values(found: Inspection | PlainInspection) -> dict[str, Any]:
     return {"folder": found.root, "photos": photos, "problems": found.problems, "hints": found.hints}
 
 
-def _stop_at(scene: Path, problems: tuple[str, ...]) -> None:
+def _stop_at(scene: Path, problems: Sequence[str]) -> None:
     """Raise `InputError` when there are problems, so that the command fails."""
     if problems:
         raise InputError(f"{scene} cannot be used as it is: {len(problems)} problem(s), listed above.")

@@ -1,10 +1,8 @@
 """Predictions, photos and the truth in, numbers out."""
 
-from lightprobe.evaluation.evaluation import Evaluation, Protocols, ViewResult, evaluate
+from lightprobe.evaluation.evaluation import Evaluation, Protocols, ViewResult, evaluate, write_prediction
 from lightprobe.evaluation.oracle import can_be_oracle, oracle_decomposition
-from lightprobe.evaluation.prediction_files import write_prediction
-from lightprobe.evaluation.relighting import Relighter, relight
-from lightprobe.evaluation.viewpoints import turntable
+from lightprobe.evaluation.relighting import Relighter, relight, turntable
 
 __all__ = [
     "Evaluation",

@@ -8,27 +8,48 @@ such splits.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import truth
 from lightprobe.evaluation.metrics import photo_interval
-from lightprobe.evaluation.prediction_files import write_prediction
-from lightprobe.evaluation.stand_in import StandIn
-from lightprobe.evaluation.true_light import ConfidenceBins, TrueLight, falls
+from lightprobe.evaluation.true_light import ConfidenceBins, StandIn, TrueLight, falls
 from lightprobe.evaluation.views import TestView, halves
+from lightprobe.imaging import write_png
+from lightprobe.light.display import exposure, tone_mapped
+from lightprobe.light.files import write_map
 from lightprobe.models import Decomposition, LightAccuracy, ProbeModel
-from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, Status, Verdict, methods_for
+from lightprobe.prediction import (
+    Method,
+    PhotoStatus,
+    PhotoVerdict,
+    PredictConfig,
+    Prediction,
+    Predictor,
+    methods_for,
+)
 from lightprobe.scene.photo import Photo, Scene
 
 OnPhoto = Callable[[int, int], None]  # (photos done, photos in all)
 OnView = Callable[["ViewResult"], None]
 Scores = dict[str, float]
+
+
+def write_prediction(
+    prediction: Prediction, path: Path, height: int | None = None, sun: Sun = Sun.INSIDE
+) -> None:
+    """Write `path` (.exr or .hdr), a tone-mapped .png and .confidence.exr; arguments: `Prediction.save`."""
+    image = prediction.map(sun).panorama(height)
+    write_map(path, image)
+    write_png(path.with_suffix(".png"), tone_mapped(image, exposure(image)))
+    prediction.save_confidence(path.with_suffix(".confidence.exr"))
 
 
 @dataclass(frozen=True)
@@ -51,7 +72,7 @@ class Evaluation:
     truth: Scores = field(default_factory=dict)
     confidence: dict[Method, list[Scores]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)  # photo that could not be scored -> why
-    verdicts: dict[str, Verdict] = field(default_factory=dict)  # of the photos that are scored
+    verdicts: dict[str, PhotoVerdict] = field(default_factory=dict)  # of the photos that are scored
     lights: dict[str, str] = field(default_factory=dict)  # photo -> name of its light, where the scene tells
 
     def values(self, method: Method) -> dict[str, dict[str, float]]:
@@ -65,14 +86,13 @@ class Evaluation:
 
     def mean(self, method: Method) -> Scores:
         """Return the mean over photos of every score that the method has."""
-        return {
-            name: sum(values.values()) / len(values) for name, values in self.values(method).items() if values
-        }
+        each = self.values(method).items()
+        return {name: sum(values.values()) / len(values) for name, values in each if values}
 
     def interval(self, method: Method) -> Scores:
         """Return the half width of the 95 % interval of every mean that rests on two lights or more.
 
-        Photos whose light has no name are taken to have one each.
+        A photo whose light has no name counts as one under a light of its own.
         """
         widths = {name: photo_interval(values, self.lights) for name, values in self.values(method).items()}
         return {name: width for name, width in widths.items() if math.isfinite(width)}
@@ -100,7 +120,7 @@ class Evaluation:
             },
             "photos": photos,
             "verdicts": {
-                "doubtful": sum(verdict.status is Status.DOUBTFUL for verdict in self.verdicts.values()),
+                "doubtful": sum(verdict.status is PhotoStatus.DOUBTFUL for verdict in self.verdicts.values()),
                 "photos": {name: verdict.to_json() for name, verdict in self.verdicts.items()},
             },
             **({"skipped": self.skipped} if self.skipped else {}),
@@ -114,9 +134,7 @@ class Protocols:
     unseen: bool = True
     """Add protocol B."""
     slow_seconds: float = 20.0
-    """A method that takes longer for a photo counts as slow, unless it is the default one, which sees every
-    photo.
-    """
+    """Seconds for a photo beyond which a method counts as slow, unless it is the default method."""
     slow_photos: int = 4
     """Test photos that a slow method is scored on, at least one: before it, nobody knows that it is slow."""
 
@@ -143,15 +161,15 @@ def evaluate(
     on_photo: OnPhoto | None = None,
     on_view: OnView | None = None,
 ) -> Evaluation:
-    """Score `methods`, the first being the default, on the scene's test photos; by default those of
-    `methods_for`.
+    """Score `methods`, the first being the default, on the scene's test photos.
 
-    With `run`, predictions are written to its folder, each method's to one of its own; those of the first
-    that `methods_for` names also to the place without a name, where no other method's ever go. `true_object`
-    is relit with the predicted lights in place of the decomposition's own object. `prediction`: how lights
-    are predicted, by default as after the preset `quick`. `accuracy`: of the run's maps, for their
-    confidence. `on_view` receives the default method's result for every photo. A photo that cannot be scored
-    is left out and named in `Evaluation.skipped`. Raises `InputError` when no test photo is left.
+    methods: by default those of `methods_for`. run: a folder that predictions are written to, by the names of
+    photo and method. The predictions of the run's own default method, the first of `methods_for`, are also
+    written under the photo's name alone. true_object: is relit with the predicted lights in place of the
+    decomposition's own object. prediction: how lights are predicted, by default as after the preset `quick`.
+    accuracy: of the run's maps, for their confidence. on_view: receives the default method's result for every
+    photo. A photo that cannot be scored is left out and named in `Evaluation.skipped`. Raises `InputError`
+    when no test photo is left.
     """
     if not scene.test:
         raise InputError(
@@ -161,76 +179,55 @@ def evaluate(
     methods = methods or own
     decomposition = replace(decomposition, asset=decomposition.asset.to(device))
     predictor = Predictor(decomposition, model, device, config=prediction, accuracy=accuracy)
-    judge = _Judge.of(decomposition, predictor, scene, protocols or Protocols(), device, true_object)
-    evaluator = _Evaluator(judge, methods, own[0], run, on_view)
-    for done, photo in enumerate(scene.test):
-        evaluator.score_photo(photo)
-        if on_photo is not None and photo.name not in evaluator.result.skipped:
-            on_photo(done + 1, len(scene.test))
-    return evaluator.finish(scene)
+    known = any(photo.truth.environment is not None for photo in scene.test)
+    stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
+    judge = _Judge(decomposition, predictor, stand_in, protocols or Protocols(), device)
+    result, materials = Evaluation(methods[0]), truth.MaterialScores()
+    bins = {method: ConfidenceBins() for method in methods}
 
+    def keep(found: ViewResult, photo: Photo, method: Method) -> None:
+        result.photos[photo.name][method] = found.scores
+        if found.true_light is not None:
+            bins[method].add(found.prediction, found.true_light.environment)
+        if run is not None:
+            write_prediction(found.prediction, run.prediction_file(photo.name, ".exr", method.value))
+            if method is own[0]:
+                write_prediction(found.prediction, run.prediction_file(photo.name, ".exr"))
+        if on_view is not None and method is methods[0]:
+            on_view(found)
 
-class _Evaluator:
-    """An evaluation on its way through the test photos."""
-
-    def __init__(
-        self,
-        judge: "_Judge",
-        methods: Sequence[Method],
-        own: Method,
-        run: RunFolder | None,
-        on_view: OnView | None,
-    ):
-        """Begin; `own` is the run's default method, which the first of `methods` need not be."""
-        self.judge, self.methods, self.own, self.run, self.on_view = judge, methods, own, run, on_view
-        self.result, self._bins = Evaluation(methods[0]), {method: ConfidenceBins() for method in methods}
-        self._materials = truth.MaterialScores()
-
-    def score_photo(self, photo: Photo) -> None:
-        """Score every method on a photo, or note why it cannot be scored."""
+    def score(photo: Photo) -> None:
         try:
-            view = self.judge.view(photo)
-            light = self.judge.true_light(photo)
-            first = self.judge.score(view, light, self.methods[0])
+            view, light = judge.view(photo), judge.true_light(photo)
+            first = judge.score(view, light, methods[0])
         except InputError as error:  # one photo that cannot serve must not cost the numbers of the others
-            self.result.skipped[photo.name] = str(error)
+            result.skipped[photo.name] = str(error)
             return
         try:
-            self._materials.add(view)
+            materials.add(view)
         except InputError as error:
             truth.tell_unscored(error)
-        scored = len(self.result.photos)
-        self.result.photos[photo.name] = {}
-        self.result.verdicts[photo.name] = first.prediction.verdict
+        scored = len(result.photos)
+        result.photos[photo.name] = {}
+        result.verdicts[photo.name] = first.prediction.verdict
         if photo.truth.light is not None:
-            self.result.lights[photo.name] = photo.truth.light
-        for method in self.methods:
-            if method is self.methods[0]:
-                self._keep(first, method)
-            elif not self.judge.too_slow(method, scored):
-                self._keep(self.judge.score(view, light, method), method)
+            result.lights[photo.name] = photo.truth.light
+        keep(first, photo, methods[0])
+        for method in methods[1:]:
+            if not judge.too_slow(method, scored):
+                keep(judge.score(view, light, method), photo, method)
 
-    def _keep(self, seen: ViewResult, method: Method) -> None:
-        """Keep what a method made of a photo."""
-        photo = seen.view.photo
-        self.result.photos[photo.name][method] = seen.scores
-        if seen.true_light is not None:
-            self._bins[method].add(seen.prediction, seen.true_light.environment)
-        if self.run is not None:
-            _write(seen.prediction, self.run, photo, method, default=method is self.own)
-        if self.on_view is not None and method is self.methods[0]:
-            self.on_view(seen)
-
-    def finish(self, scene: Scene) -> Evaluation:
-        """Return the evaluation with the scores of the object; raise `InputError` when no photo was scored."""
-        result, judge = self.result, self.judge
-        if not result.photos:
-            raise InputError(
-                f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}"
-            )
-        result.confidence = {method: gathered.result() for method, gathered in self._bins.items()}
-        result.truth = truth.asset_scores(judge.decomposition, scene, self._materials, judge.device)
-        return result
+    for done, photo in enumerate(scene.test):
+        score(photo)  # a function: a photo's pictures are gone before the next one's are read
+        if on_photo is not None and photo.name not in result.skipped:
+            on_photo(done + 1, len(scene.test))
+    if not result.photos:
+        raise InputError(
+            f"No test photo of {scene.root} can be scored. {next(iter(result.skipped.values()))}"
+        )
+    result.confidence = {method: gathered.result() for method, gathered in bins.items()}
+    result.truth = truth.asset_scores(decomposition, scene, materials, device)
+    return result
 
 
 @dataclass
@@ -243,19 +240,6 @@ class _Judge:
     protocols: Protocols
     device: torch.device
     slowest: dict[Method, float] = field(default_factory=dict)  # seconds for one photo
-
-    @staticmethod
-    def of(
-        decomposition: Decomposition,
-        predictor: Predictor,
-        scene: Scene,
-        protocols: Protocols,
-        device: torch.device,
-        true_object: Decomposition | None,
-    ) -> "_Judge":
-        known = any(photo.truth.environment is not None for photo in scene.test)
-        stand_in = StandIn.of(true_object or decomposition, scene, device) if known else None
-        return _Judge(decomposition, predictor, stand_in, protocols, device)
 
     def view(self, photo: Photo) -> TestView:
         return TestView.load(photo, self.decomposition, self.predictor.config.light_resolution, self.device)
@@ -281,7 +265,9 @@ class _Judge:
         seconds = prediction.seconds["total"]
         self.slowest[method] = max(seconds, self.slowest.get(method, 0))
         scores = {**view.score(image).to_json(), "seconds": seconds}
-        scores |= _protocol_b(view, [mask for mask, _ in parts], others)
+        unseen = [view.psnr(other, mask) for (mask, _), other in zip(parts, others, strict=True)]
+        unseen = [value for value in unseen if math.isfinite(value)]
+        scores |= {"psnr_unseen": sum(unseen) / len(unseen)} if unseen else {}
         del others
         if light is not None:
             scores |= light.scores(prediction)
@@ -291,9 +277,7 @@ class _Judge:
 
 
 def _half_lights(view: TestView, predictor: Predictor, method: Method) -> list[tuple[Tensor, Tensor]]:
-    """Return the lights (6, R, R, 3) predicted from halves of the object, each after the mask (H, W) of the
-    rest.
-    """
+    """Return lights (6, R, R, 3) predicted from halves of the object, each after the other's mask (H, W)."""
     masks, found = halves(view.pixels.alpha), []
     for i, mask in enumerate(masks):
         half = replace(view.pixels, alpha=np.where(mask, view.pixels.alpha, np.float32(0)))
@@ -303,18 +287,6 @@ def _half_lights(view: TestView, predictor: Predictor, method: Method) -> list[t
             continue
         found.append((torch.from_numpy(masks[i ^ 1]).to(light.device), light))
     return found
-
-
-def _protocol_b(view: TestView, masks: Sequence[Tensor], images: Sequence[Tensor]) -> Scores:
-    values = [view.psnr(image, mask) for mask, image in zip(masks, images, strict=True)]
-    known = [value for value in values if math.isfinite(value)]
-    return {"psnr_unseen": sum(known) / len(known)} if known else {}
-
-
-def _write(prediction: Prediction, run: RunFolder, photo: Photo, method: Method, *, default: bool) -> None:
-    write_prediction(prediction, run.prediction_file(photo.name, ".exr", method.value))
-    if default:
-        write_prediction(prediction, run.prediction_file(photo.name, ".exr"))
 
 
 def _finite(scores: Scores) -> Scores:

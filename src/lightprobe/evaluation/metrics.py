@@ -92,17 +92,15 @@ def psnr(values: Tensor, reference: Tensor) -> float:
 
 
 def channel_scale(values: Tensor, reference: Tensor) -> Tensor:
-    """Return the factor per channel (C,) that brings linear `values` (N, C) closest to `reference` once
-    displayed.
+    """Return the factors (C,) that bring linear `values` (N, C) closest to `reference` once displayed.
 
     Light times c and albedo over c look alike; scores after this scale leave that freedom out. Closest means
     the least squared error of the clipped sRGB values, as in the scores: a fit to linear values would follow
     a few highlights far above white. Factors from 1/16 to 16 are searched, first on a grid, then by
     bisection.
     """
-    return torch.stack(
-        [_best_factor(v, r) for v, r in zip(values.unbind(1), reference.unbind(1), strict=True)]
-    )
+    channels = zip(values.unbind(1), reference.unbind(1), strict=True)
+    return torch.stack([_best_factor(v, r) for v, r in channels])
 
 
 def _best_factor(values: Tensor, reference: Tensor) -> Tensor:
@@ -129,9 +127,9 @@ def log_difference(environment: Tensor, truth: Tensor) -> Tensor:
 
 
 def aligned(difference: Tensor, *, per_channel: bool = False) -> Tensor:
-    """Return a log difference (6, R, R, 3) less its mean over solid angle: what one factor cannot mend.
+    """Return a log difference (6, R, R, 3) less its mean by solid angle, over all or `per_channel`.
 
-    per_channel: one factor for each colour channel.
+    What is left is what one factor, or one for each channel, cannot mend.
     """
     share = cubemap.solid_angles(difference.shape[1]).to(difference)[..., None] / (4 * math.pi)
     mean = (share * difference).sum((0, 1, 2))
@@ -148,28 +146,26 @@ def environment_log_rmse(difference: Tensor, weight: Tensor | None = None) -> fl
     return math.sqrt(float((share[..., None] * difference**2).sum() / (3 * share.sum().clamp_min(1e-12))))
 
 
-def brightest(truth: Tensor, share: float = BRIGHTEST) -> Tensor:
-    """Return (6, R, R) bool: the texels of the highest mean radiance that fill `share` of the sphere, one at
-    least.
-    """
+def brightest(truth: Tensor) -> Tensor:
+    """Return the texels (6, R, R) bool of highest radiance that fill 1 % of the sphere, at least one."""
     solid = cubemap.solid_angles(truth.shape[1]).to(truth).reshape(-1)
     order = torch.argsort(truth.mean(-1).reshape(-1), descending=True, stable=True)
     before = solid[order].cumsum(0) - solid[order]
     chosen = torch.zeros_like(solid, dtype=torch.bool)
-    chosen[order[before < share * 4 * math.pi]] = True
+    chosen[order[before < BRIGHTEST * 4 * math.pi]] = True
     return chosen.reshape(truth.shape[:3])
 
 
 def interval(values: Sequence[float], groups: Sequence[str] | None = None) -> float:
-    """Return the half width of the 95 % interval of the mean of `values` by Student's t; nan for fewer than
-    two groups.
+    """Return half the width of the 95 % interval of the mean of `values` by Student's t, or nan.
 
-    Values of one group, such as photos under one environment, are no independent evidence: the group is the
-    unit. With G groups g of n_g values, N in all, about the mean m of all values,
+    It is nan for fewer than two groups. Values of one group, such as photos under one environment, are no
+    independent evidence: the group is the unit. With G groups g of n_g values, N in all, about the mean m of
+    all values,
 
         s^2 = G / (G - 1) sum_g (n_g (m_g - m) / N)^2,    half width = t(.975, G - 1) s.
 
-    With equally large groups that is the t interval of the groups' means; without `groups` each value is one.
+    With equally large groups this is the t interval of the groups' means; without `groups` each value is one.
     """
     gathered: dict[str, list[float]] = {}
     for place, value in enumerate(values):

@@ -50,8 +50,8 @@ def oracle_decomposition(
 ) -> Decomposition:
     """Return the decomposition with the true object in place of its own; lights and frame stay.
 
-    It is kept in the file `saved` and read from there the next time. Raises `InputError` when the scene does
-    not bring its object, or brings a mesh or maps that cannot be used.
+    The true object is kept in the file `saved` and read from there the next time. Raises `InputError` when
+    the scene does not bring its object, or brings a mesh or maps that cannot be used.
     """
     if not can_be_oracle(scene):
         raise InputError(
@@ -66,9 +66,7 @@ def oracle_decomposition(
 
 
 def _with_asset(decomposition: Decomposition, asset: Asset) -> Decomposition:
-    """Return the decomposition with a true asset, which needs no calibration and about which there is no
-    doubt.
-    """
+    """Return the decomposition with a true asset, which needs no calibration and leaves no doubt."""
     return replace(decomposition, asset=asset, trained=None, calibration=None, verdict=None)
 
 
@@ -78,9 +76,8 @@ def true_asset(scene: Scene) -> Asset:
     mesh = _true_mesh(scene)
     size = min(_LARGEST_TEXTURE, triangle_atlas_size(len(mesh.faces), _TEXELS_PER_FACE))
     uvs, uv_faces = triangle_atlas(len(mesh.faces), size)
-    mesh = replace(
-        mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=torch.from_numpy(uv_faces.astype(np.int32))
-    )
+    corners = torch.from_numpy(uv_faces.astype(np.int32))
+    mesh = replace(mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=corners)
     face, barycentric, texel = texel_points(mesh, size)
     position = (mesh.vertices[mesh.faces[face].long()] * barycentric[..., None]).sum(1)
     smooth = (mesh.normals()[mesh.normal_index[face].long()] * barycentric[..., None]).sum(1)
@@ -108,8 +105,7 @@ def _true_mesh(scene: Scene) -> Mesh:
 
 
 def _gathered(vertices: Tensor, faces: Tensor, position: Tensor, normal: Tensor, scene: Scene) -> Tensor:
-    """Return the material (K, 8) at surface points, its normals in world axes, averaged over the photos that
-    see it.
+    """Return the material (K, 8) at surface points, normals in world axes, averaged over photos.
 
     normal (K, 3) is the mesh's own, which stays where no photo tells.
     """
@@ -138,8 +134,7 @@ def _gathered(vertices: Tensor, faces: Tensor, position: Tensor, normal: Tensor,
 def _seen_by(
     photo: Photo, view: View, inverse: Tensor, position: Tensor, normal: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Return the photo's maps (K, 8) at surface points and the weight (K, 1) they deserve, 0 where a point is
-    hidden.
+    """Return the photo's maps (K, 8) at surface points and their weight (K, 1), 0 where a point is hidden.
 
     At the edges of surfaces a map's pixels mix two of them: in depth, or in a normal that is not the mesh's.
     """
@@ -158,7 +153,7 @@ def _seen_by(
 
 
 def _maps(photo: Photo) -> tuple[Tensor, Tensor]:
-    """Return a photo's truth maps (H, W, 8) and where they are known (H, W, 1); errors as in `material_maps`."""
+    """Return a photo's truth maps (H, W, 8), and where they are known (H, W, 1)."""
     base, orm, normal = material_maps(photo.truth, (photo.camera.height, photo.camera.width))
     if base is None or orm is None or normal is None:
         raise ValueError(photo.name)
@@ -176,9 +171,7 @@ def _depth_range(inverse: Tensor) -> Tensor:
 
 
 def _to_tangent_space(mesh: Mesh, face: Tensor, barycentric: Tensor, n: Tensor, normal: Tensor) -> Tensor:
-    """Return world normals (K, 3) in the frame, about the mesh's n (K, 3), in which `shading_normals` reads
-    them.
-    """
+    """Return world normals (K, 3) in the frame, about the mesh's n (K, 3), of `shading_normals`."""
     t = (uv_tangents(mesh)[mesh.uv_faces[face].long()] * barycentric[..., None]).sum(1)
     t = functional.normalize(t - (t * n).sum(1, keepdim=True) * n, dim=1)
     b = torch.linalg.cross(n, t) * uv_handedness(mesh)[face][:, None]

@@ -1,16 +1,18 @@
-"""Photos of a reconstructed object, rendered under known lights: how well it tells of its light, without any truth.
+"""Photos of a reconstructed object, rendered under known lights: how well the object tells of its light.
 
-    a training camera, a generated light -> the object with errors of the usual size, exposure, noise, clipping, 8 bits
-      -> the predictor -> the map against the light, the spheres, and the error that the confidence expected
+    a training camera, a generated light -> the object with errors of the usual size, exposure, noise, clipping,
+      8 bits -> the predictor -> the map against the light, the spheres, and the error the confidence expected
 
-Every object gets the same lights, none of which a training has seen, so that its numbers compare it with others. What
-is wrong with this one object in particular they do not see: that is `models.object_verdict`'s part.
+Every object gets the same lights, none of which a training has seen, so that its numbers compare it with
+others. What is wrong with this one object in particular they do not see: that is `models.object_verdict`'s
+part.
 """
 
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,7 +38,7 @@ from lightprobe.scene.photo import Pixels
 
 _SEED = 847_210_559  # of lights and photos; no training has the same by chance
 _LARGEST_SIDE = 320  # pixels: what is predicted from larger photos is hardly better
-_LARGEST_MAP = 32  # texels along a cubemap edge: those of the paper's 128 take minutes
+_LARGEST_MAP = 32  # texels along a cubemap edge: maps of the paper's 128 take minutes
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,7 @@ class SimulatedPhoto:
 def simulated_photos(
     decomposition: Decomposition, cameras: Sequence[Camera], count: int, resolution: int, device: torch.device
 ) -> Iterator[SimulatedPhoto | None]:
-    """Yield `count` photos from input-frame `cameras`, evenly chosen, under lights (6, R, R, 3) of
-    `resolution` R.
+    """Yield `count` photos from some input-frame `cameras` under lights (6, R, R, 3) of `resolution` R.
 
     None stands for a photo that would not show the object.
     """
@@ -61,9 +62,8 @@ def simulated_photos(
         camera = cameras[number * len(cameras) // count].within(_LARGEST_SIDE)
         # Turned with the camera, every light comes from where it comes from in the photo of any other object.
         turn = _azimuth(camera, up)
-        light = generated_light(
-            resolution, seed=_SEED, step=number, up=up, turn=turn, tumbled=0.0, device=device
-        )
+        fixed: dict[str, Any] = {"seed": _SEED, "up": up, "tumbled": 0.0, "device": device}
+        light = generated_light(resolution, step=number, turn=turn, **fixed)
         yield _photo(decomposition, camera, light, Draw(generator(_SEED, "simulated-photo", number)))
 
 
@@ -73,14 +73,10 @@ def _photo(decomposition: Decomposition, camera: Camera, light: Tensor, draw: Dr
     if len(gbuffer.pixel) == 0:
         return None
     color, factor = rerender(gbuffer, light, draw)
-    image, alpha = (
-        np.zeros((camera.height * camera.width, 3), np.float32),
-        np.zeros(camera.height * camera.width),
-    )
-    at = gbuffer.pixel.cpu().numpy()
-    image[at], alpha[at] = color.cpu().numpy(), 1
-    shape = (camera.height, camera.width)
-    pixels = Pixels.of(image.reshape(*shape, 3), alpha.reshape(shape).astype(np.float32))
+    shape, at = (camera.height, camera.width), gbuffer.pixel.cpu().numpy()
+    image, alpha = np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32)
+    image.reshape(-1, 3)[at], alpha.reshape(-1)[at] = color.cpu().numpy(), 1
+    pixels = Pixels.of(image, alpha)
     return SimulatedPhoto(pixels, camera, light * factor)
 
 
@@ -91,10 +87,7 @@ def _azimuth(camera: Camera, up: Tensor) -> float:
 
 
 def directional_error(found: Tensor, light: Tensor) -> Tensor:
-    """Return the error of ln radiance (6, R, R), root mean square over channels, of a map (6, R, R, 3).
-
-    It is taken after the one factor that fits the map best.
-    """
+    """Return the error of ln radiance (6, R, R), over channels, of a map (6, R, R, 3) scaled to fit best."""
     return aligned(log_difference(found, light)).square().mean(-1).sqrt()
 
 
@@ -109,8 +102,7 @@ def light_accuracy(
     *,
     count: int,
 ) -> LightAccuracy | None:
-    """Return what the maps predicted for `count` simulated photos come to; None where none of them shows the
-    object.
+    """Return how good the maps predicted for `count` simulated photos are; None where none shows the object.
 
     cameras: input-frame ones of the training photos. config: how the run predicts. on_photo: hears of (done,
     all).
@@ -134,14 +126,11 @@ def light_accuracy(
     if not found[shown]:
         return None
     diffuse, matte, mirror = (_mean([outcome.spheres[name] for outcome in found[shown]]) for name in SPHERES)
-    return LightAccuracy(
-        shown.value,
-        len(found[shown]),
+    error, scales = (
         _mean([outcome.error for outcome in found[shown]]),
-        (diffuse, matte, mirror),
-        _scale(found[fitted]),
-        _scale(found[estimated]),
+        (_scale(found[m]) for m in (fitted, estimated)),
     )
+    return LightAccuracy(shown.value, len(found[shown]), error, (diffuse, matte, mirror), *scales)
 
 
 @dataclass(frozen=True)

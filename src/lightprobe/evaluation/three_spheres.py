@@ -1,17 +1,18 @@
 """The three-sphere protocol: how well a light lights a diffuse, a matte and a mirror sphere.
 
-Maps (H, 2H, 3) are equirectangular as in `light.equirect`. Each is tone-mapped first: x^(1/2.4), then scaled so that
-the median of its own positive values is .5; nothing is cut off. The spheres are seen from the photo's camera, from afar
-(parallel rays, v the same for every pixel), and compared over their discs.
+Maps (H, 2H, 3) are equirectangular as in `light.equirect`. Each is tone-mapped first: x^(1/2.4), then scaled
+so that the median of its own positive values is .5; nothing is cut off. The spheres are seen from the photo's
+camera, from afar (parallel rays, v the same for every pixel), and compared over their discs.
 
-Notation: n the normal of a disc's pixel, l a direction of the map, w its solid angle, h the half vector of l and v.
+Notation: n the normal of a disc's pixel, l a direction of the map, w its solid angle, h the half vector of l
+and v.
 
     diffuse  sum_l w (n.l) T(l) / pi            white, Lambertian
     matte    sum_l w D (n.l) T(l) / sum_l w D (n.l)    GGX of roughness .369 (alpha = r^2), reflecting all it receives
     mirror   T(2 (n.v) n - v)
 
-A mirror sphere seen from afar shows every direction on the same area of its disc, so its scores are taken over the
-texels of the map by solid angle: exact, where a raster of the disc would hit or miss the sun.
+A mirror sphere seen from afar shows every direction on the same area of its disc, so its scores are taken
+over the texels of the map by solid angle: exact, where a raster of the disc would hit or miss the sun.
 
 Each error is over pixels p and colour channels c, the squared error summed over c and averaged over p:
 
@@ -53,8 +54,7 @@ class ThreeSpheres:
     """Three spheres seen from one direction; holds what of their lighting does not depend on the map."""
 
     def __init__(self, view: Tensor, up: Tensor, side: int = _SIDE):
-        """Take the unit direction `view` (3,) from the object to the camera, and what is upwards (3,) in the
-        picture.
+        """Take the unit direction `view` (3,) from object to camera, and the picture's up direction (3,).
 
         side: pixels across the discs of the rough spheres.
         """
@@ -73,9 +73,7 @@ class ThreeSpheres:
         self._diffuse = cosine * (solid / math.pi)
 
     def light(self, map: Tensor) -> dict[str, Disc]:
-        """Return the discs under a linear map (H, 2H, 3), by the names in `SPHERES`; maps over 128 rows are
-        reduced.
-        """
+        """Return the discs, by the names in `SPHERES`, under a linear map (H, 2H, 3), reduced to 128 rows."""
         tone_mapped = balanced(reduced(map.cpu().float(), HEIGHT))
         height = tone_mapped.shape[0]
         if height >= _LOBE_HEIGHT:
@@ -84,15 +82,11 @@ class ThreeSpheres:
             coarse = equirect.sample(tone_mapped, equirect.directions(_LOBE_HEIGHT).reshape(-1, 3))
         even = torch.full((len(self.normals),), 1 / len(self.normals))
         texels = Disc(tone_mapped.reshape(-1, 3), equirect.solid_angles(height).reshape(-1) / (4 * math.pi))
-        return {
-            "diffuse": Disc(self._diffuse @ coarse, even),
-            "matte": Disc(self._matte @ coarse, even),
-            "mirror": texels,
-        }
+        diffuse, matte = Disc(self._diffuse @ coarse, even), Disc(self._matte @ coarse, even)
+        return dict(zip(SPHERES, (diffuse, matte, texels), strict=True))
 
     def picture(self, map: Tensor, mirror_side: int = 128) -> Tensor:
-        """Return the three spheres side by side, (S, 3 S, 3) with S = `mirror_side`, black around, under a
-        linear map.
+        """Return the three spheres side by side on black, (S, 3 S, 3), S = `mirror_side`, under a map.
 
         The map is tone-mapped as for the scores; what exceeds 1 is cut off only by the display.
         """
@@ -111,7 +105,7 @@ class ThreeSpheres:
 
 
 def sphere_scores(mine: dict[str, Disc], true: dict[str, Disc]) -> dict[str, float]:
-    """Return the errors of the discs of one map against those of the true one, as `<sphere>_<error>`.
+    """Return the errors of one map's discs against the true map's, as `<sphere>_<error>`.
 
     Errors that are not defined for a black map are nan.
     """
@@ -139,7 +133,7 @@ def si_rmse(values: Tensor, true: Tensor, weight: Tensor) -> float:
 
 
 def angular_error(values: Tensor, true: Tensor, weight: Tensor) -> float:
-    """Return the mean angle in degrees between colours (P, 3); black ones, which have no hue, do not count."""
+    """Return the mean angle in degrees between colours (P, 3); black ones, without hue, do not count."""
     size = torch.linalg.cross(values, true).norm(dim=1)
     angle = torch.rad2deg(torch.atan2(size, (values * true).sum(1)))
     weight = weight * (values.norm(dim=1) > 0) * (true.norm(dim=1) > 0)
@@ -153,7 +147,7 @@ def n_rmse(values: Tensor, true: Tensor, weight: Tensor) -> float:
 
 
 def reduced(map: Tensor, height: int) -> Tensor:
-    """Return the map (H, 2H, 3) at `height` rows, averaged by solid angle; one that is not larger as it is."""
+    """Return the map (H, 2H, 3) averaged by solid angle to `height` rows, or as it is if not larger."""
     if map.shape[0] <= height:
         return map
     if map.shape[0] % height:  # an odd size: to the next multiple first, smoothly
@@ -170,8 +164,7 @@ def _unit_range(values: Tensor, weight: Tensor) -> Tensor:
     reached = np.cumsum(weight[:, None].expand_as(values).reshape(-1).numpy()[order])
     places = np.searchsorted(reached, [share / 100 * reached[-1] for share in _PERCENTILES])
     low, high = (float(flat[order[min(place, len(order) - 1)]]) for place in places)
-    # A sphere of one brightness has no range but that of quadrature and rounding, which differs between
-    # machines.
+    # A sphere of one brightness has only the range of quadrature and rounding, which machines differ in.
     if high - low <= max(_FLAT * abs(high), _TINY):
         return torch.zeros_like(values)
     return (values - low) / (high - low)
@@ -188,9 +181,7 @@ def _frame(view: Tensor, up: Tensor) -> Tensor:
 
 
 def _disc_normals(side: int) -> tuple[Tensor, Tensor]:
-    """Return the normals (P, 3) float64 in the camera's axes at pixel centres of a disc, and the disc (side,
-    side).
-    """
+    """Return normals (P, 3) float64, in the camera's axes, of a disc's pixels, and the disc (side, side)."""
     centres = (torch.arange(side, dtype=torch.float64) + 0.5) * (2 / side) - 1
     y, x = torch.meshgrid(-centres, centres, indexing="ij")
     under_root = 1 - x * x - y * y
@@ -199,9 +190,7 @@ def _disc_normals(side: int) -> tuple[Tensor, Tensor]:
 
 
 def _enlarged(small: Tensor, inside: Tensor, side: int) -> Tensor:
-    """Return a disc's picture (s, s, 3) at (side, side, 3), its rim continued outwards so that none of it is
-    dark.
-    """
+    """Return a disc's picture (s, s, 3) at (side, side, 3), its rim continued outwards, none of it dark."""
     planes = torch.cat([small * inside[..., None], inside[..., None].to(small)], -1).permute(2, 0, 1)[None]
     spread = torch.nn.functional.avg_pool2d(planes, 3, stride=1, padding=1)
     filled = torch.where(inside, planes[:, :3], spread[:, :3] / spread[:, 3:].clamp(min=_TINY))

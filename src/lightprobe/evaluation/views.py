@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.evaluation.metrics import ImageScores, image_scores, on_white, psnr
-from lightprobe.imaging import check_memory
+from lightprobe.imaging import check_room
 from lightprobe.light import prefilter
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import rasterize_asset
@@ -46,8 +46,8 @@ class TestView:
     def load(
         photo: Photo, decomposition: Decomposition, light_resolution: int, device: torch.device
     ) -> "TestView":
-        """Read the photo and make the asset's view ready for lights of 6 x R x R texels, R the resolution."""
-        check_memory(photo.image_path, (photo.camera.width, photo.camera.height), _PIXEL_BYTES)
+        """Read the photo and make the asset's view ready for lights (6, R, R, 3) of resolution R."""
+        check_room(photo.image_path, (photo.camera.width, photo.camera.height), _PIXEL_BYTES)
         pixels, camera = load_pixels(photo)
         normalised = camera.normalised(decomposition.similarity)
         gbuffer = rasterize_asset(decomposition.asset, _material_camera(photo, normalised), device)
@@ -75,18 +75,14 @@ class TestView:
 
 
 def _on_white(color: Tensor, alpha: Tensor) -> Tensor:
-    """Return the sRGB image on white of linear straight colour (H, W, 3) with alpha (H, W), made in strips of
-    rows.
-    """
+    """Return linear straight colour (H, W, 3) with alpha (H, W) as sRGB on white, made in strips of rows."""
     step = max(1, _SMALL // alpha.shape[1])
     strips = zip(color.split(step), alpha.split(step), strict=True)
     return torch.cat([on_white(part * cover[..., None], cover) for part, cover in strips])
 
 
 def _material_camera(photo: Photo, camera: Camera) -> Camera:
-    """Return the camera of the G-buffer: true materials are compared pixel by pixel, pictures of them are
-    small.
-    """
+    """Return the camera of the G-buffer: of full size where true materials are compared pixel by pixel."""
     truth = photo.truth
     shrink = math.sqrt(min(1.0, _SMALL / (camera.width * camera.height)))
     if shrink == 1 or truth.base_color or truth.orm or truth.normal:
@@ -98,14 +94,12 @@ def halves(alpha: np.ndarray) -> list[np.ndarray]:
     """Return four masks (H, W) bool: the object's pixels left, right, above and below its middle pixel.
 
     The middle is the median, so that each pair splits the object's pixels evenly; the two masks of a pair are
-    neighbours in the list and together make the object.
+    neighbours in the list.
     """
     inside = alpha > _OBJECT
     masks = []
     for axis in (1, 0):
-        place = np.broadcast_to(
-            np.arange(alpha.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1)), alpha.shape
-        )
+        place = np.indices(alpha.shape)[axis]
         first = inside & (place < np.median(place[inside]))
         masks += [first, inside & ~first]
     return masks

@@ -2,8 +2,7 @@
 light.
 """
 
-from lightprobe.localization.located import Located
-from lightprobe.localization.locator import Locator, locate, stored_views
+from lightprobe.localization.locator import Located, Locator, locate, stored_views
 from lightprobe.localization.verdict import PoseStatus, PoseVerdict
 from lightprobe.localization.views import KnownViews
 

@@ -1,7 +1,7 @@
-"""What stands in front of the object: where its silhouette is, but the photo does not look like it under any
+"""What stands in front of the object: where its silhouette is, but the photo does not look like it in any
 light.
 
-Of the object's pixels each is either the object's or something else's. The labels minimise
+Each of the object's pixels is either the object's or something else's. The labels minimise
 
     sum_object cost(p) + sum_other _OTHER + _SMOOTH |boundary between labels|
 
@@ -17,8 +17,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from lightprobe.imaging.resize import STRIP
+from lightprobe.localization.appearance import PhotoPyramid
 from lightprobe.localization.known_object import KnownObject
-from lightprobe.localization.level import Levels
 from lightprobe.localization.refinement import fitted_light
 from lightprobe.render.surface import View, visible_surface
 from lightprobe.scene.camera import Camera
@@ -34,23 +34,23 @@ _LEAST = 0.02  # of the object's pixels: smaller regions are errors of the asset
 _UNITS = 1000  # capacities are integers
 
 
-def hidden_share(known: KnownObject, levels: Levels, camera: Camera) -> np.ndarray:
-    """Return which share of each pixel of the photo something hides the object in, (H, W) float32 in [0, 1].
+def hidden_share(known: KnownObject, pyramid: PhotoPyramid, camera: Camera) -> np.ndarray:
+    """Return the share of each pixel that something in front of the object covers, (H, W) float32.
 
-    camera: normalised frame, in the photo's pixels. 0 outside of the object.
+    camera: normalised frame, in the photo's pixels. The share is 0 outside of the object.
     """
     far = float(np.linalg.norm(camera.position))
-    level = levels.near(_DIAMETER / (2 * camera.fx / far))
-    view = View.of(camera.resized(*level.size), known.mesh.vertices.device)
+    photo = pyramid.near(_DIAMETER / (2 * camera.fx / far))
+    view = View.of(camera.resized(*photo.size), known.mesh.vertices.device)
     surface = visible_surface(known.mesh.vertices, known.mesh.faces, view)
     pixel = surface.pixel.cpu().numpy()
-    width, height = level.size
-    whole = np.zeros((levels.size[1], levels.size[0]), np.float32)
+    width, height = photo.size
+    whole = np.zeros((pyramid.size[1], pyramid.size[0]), np.float32)
     if len(pixel) < 2:
         return whole
     row, column = np.divmod(pixel, width)
     matrix = known.transport(surface, view).double().cpu().numpy()
-    color, clipped = level.color[row, column].T, level.clipped[row, column].T
+    color, clipped = photo.color[row, column].T, photo.clipped[row, column].T
     other = np.zeros(len(pixel), bool)
     for _ in range(_ROUNDS):
         light = fitted_light(matrix[:, ~other], color[:, ~other], clipped[:, ~other])[2]

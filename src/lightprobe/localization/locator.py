@@ -3,45 +3,91 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import scipy
 import torch
+from PIL import Image
 
+from lightprobe import imaging
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import InputError
+from lightprobe.core.files import atomic_path, write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import (
-    focal_ratio,
-    image_size,
-    read_mask,
-    read_photo,
-    shrink_area,
-    turned_size,
-    worked_size,
-)
+from lightprobe.localization.appearance import PhotoPyramid
 from lightprobe.localization.foreground import hidden_share, magnified
 from lightprobe.localization.known_object import KnownObject
-from lightprobe.localization.level import Levels
-from lightprobe.localization.located import Located
-from lightprobe.localization.pose_search import Candidate, PoseFinder
-from lightprobe.localization.silhouette import inside_share, silhouette
+from lightprobe.localization.pose_search import PoseFinder
 from lightprobe.localization.verdict import PoseStatus, PoseVerdict, rival_scores
 from lightprobe.localization.views import KnownViews
 from lightprobe.models import Decomposition
 from lightprobe.scene import load_scene
-from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.camera import Camera
 from lightprobe.scene.consistency import look_inverted, overlap
 from lightprobe.scene.masks import mask_turn
+from lightprobe.scene.overlay import HULL_COLOR
+from lightprobe.scene.photo import Pixels
 from lightprobe.scene.record import read_record
 
-_BLACK, _WHITE = (
-    1e-4,
-    0.99,
-)  # greatest linear value, and share of clipped values, of a photo that shows nothing
+_OVERLAY_SIDE = 1024  # pixels of the overlay's longer side, at most
+_BLACK, _WHITE = 1e-4, 0.99  # greatest linear value, and share of clipped values, of a photo of nothing
 _NARROWEST = 8  # pixels of the shorter side, of what is located
 _SIDE = 1024  # pixels of the longer side at which a photo is located
+
+
+@dataclass(frozen=True)
+class Located:
+    """A photo of the object with the camera that took it."""
+
+    camera: Camera  # input frame, pixels of the photo
+    mask: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object; a large photo's is reduced
+    verdict: PoseVerdict
+    color: np.ndarray  # (H, W, 3) float32 the photo, linear, background included, reduced as the mask is
+    clipped: np.ndarray  # (H, W, 3) bool: the photo's white hides how bright it was, background included
+    seconds: float
+
+    @property
+    def pixels(self) -> Pixels:
+        """The photo as `Predictor.predict` takes it with `pixel_camera`: linear, black beside the mask."""
+        inside = self.mask[..., None] > 0
+        return Pixels(self.color * inside, self.mask, self.clipped & inside)
+
+    @property
+    def pixel_camera(self) -> Camera:
+        """The camera of `pixels`, which are reduced where the photo is large."""
+        return self.camera.resized(self.mask.shape[1], self.mask.shape[0])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the camera as the JSON that `--camera` reads, with the verdict beside it; no pixels."""
+        return {**self.camera.to_json(), "verdict": self.verdict.to_json()}
+
+    def save_camera(self, path: Path) -> None:
+        """Write `to_json`."""
+        write_json(Path(path), self.to_json())
+
+    def save_mask(self, path: Path) -> None:
+        """Write the mask at the photo's size as PNG, white object on black."""
+        imaging.write_mask(Path(path), self.mask, (self.camera.height, self.camera.width))
+
+    def save_overlay(self, path: Path) -> None:
+        """Write the photo with the outline of the mask over it, as PNG of at most 1024 pixels."""
+        write_overlay(Path(path), self.color, self.mask)
+
+
+def write_overlay(path: Path, color: np.ndarray, mask: np.ndarray) -> None:
+    """Write a linear photo (H, W, 3) with the outline of a mask (H, W) as PNG of at most 1024 pixels."""
+    picture = imaging.srgb_encode(np.clip(imaging.shrink_area(color, _OVERLAY_SIDE), 0, 1))
+    shown = np.rint(255 * picture).astype(np.uint8)
+    inside = imaging.shrink_area(mask, _OVERLAY_SIDE) >= 0.5
+    outline = scipy.ndimage.binary_dilation(inside) & ~inside
+    if max(inside.shape) >= _OVERLAY_SIDE // 2:
+        outline = scipy.ndimage.binary_dilation(outline)  # as thick as in small pictures
+    shown[outline] = HULL_COLOR
+    with atomic_path(path) as temporary:
+        Image.fromarray(shown).save(temporary, format="PNG")
 
 
 class Locator:
@@ -50,8 +96,8 @@ class Locator:
     def __init__(self, decomposition: Decomposition, views: KnownViews, device: torch.device | None = None):
         """Move the asset to `device` (default: the CPU)."""
         where = full_precision(device or torch.device("cpu"))
-        self._decomposition = replace(decomposition, asset=decomposition.asset.to(where))
-        self._known = KnownObject(self._decomposition.asset)
+        self._similarity = decomposition.similarity
+        self._known = KnownObject(decomposition.asset.to(where))
         self._finder = PoseFinder(self._known, views)
 
     @staticmethod
@@ -84,18 +130,18 @@ class Locator:
         for is_so, word in ((color.max() <= _BLACK, "black"), (clipped.mean() >= _WHITE, "white")):
             if is_so:
                 raise InputError(f"{image} is {word} all over.")
-        width, height = image_size(image)
+        width, height = imaging.image_size(image)
         if focal is None:
-            ratio = focal_ratio(image)
+            ratio = imaging.focal_ratio(image)
             focal = None if ratio is None else ratio * max(width, height)
         seen = color if given is None else color * given[..., None]
-        small = shrink_area(seen, _SIDE)
+        small = imaging.shrink_area(seen, _SIDE)
         if min(small.shape[:2]) < _NARROWEST:
             raise InputError(
                 f"{image} has {width} x {height} pixels, too narrow a strip to find the object in."
             )
-        levels, scale = Levels(small), max(small.shape[:2]) / max(width, height)
-        found = self._finder.find(levels, None if focal is None else focal * scale)
+        pyramid, scale = PhotoPyramid(small), max(small.shape[:2]) / max(width, height)
+        found = self._finder.find(pyramid, None if focal is None else focal * scale)
         if not found:
             raise InputError(
                 f"{image}: nothing in this photo looks like the object; give its camera with --camera."
@@ -104,34 +150,32 @@ class Locator:
         camera = best.camera.resized(width, height)
         if given is not None and self._is_inverted(given, camera):
             raise InputError(f"{mask or image} looks inverted; the object must be white or opaque.")
-        verdict = self._verdict(found, camera, self._finder.leeway(levels, best.camera))
-        if verdict.status is PoseStatus.REFUSED:
-            raise InputError(f"{image}: {' '.join(verdict.sentences)}")
-        restored = _restored(camera, self._decomposition.similarity)
-        if given is None:
-            cover = silhouette(self._decomposition.asset, camera.resized(color.shape[1], color.shape[0]))
-            given = cover * (1 - magnified(hidden_share(self._known, levels, best.camera), cover.shape))
-        return Located(restored, given, verdict, color, clipped, time.perf_counter() - begin)
-
-    def _is_inverted(self, mask: np.ndarray, camera: Camera) -> bool:
-        """Tell whether a mask (H, W) that fills the photo's rim leaves out the object where `camera` sees it."""
-        if not look_inverted([mask]):
-            return False
-        shape = silhouette(self._decomposition.asset, camera.resized(mask.shape[1], mask.shape[0])) >= 0.5
-        return overlap(mask < 0.5, shape) > overlap(mask >= 0.5, shape)
-
-    def _verdict(self, found: list[Candidate], camera: Camera, leeway: float) -> PoseVerdict:
-        best, scores = found[0], [candidate.fit.score for candidate in found]
-        inside = inside_share(self._decomposition.asset, camera)
-        return PoseVerdict(
+        uncertainty = self._finder.pose_uncertainty(pyramid, best.camera)
+        verdict = PoseVerdict(
             best.fit.score,
             best.fit.explained,
             best.fit.edges,
-            inside,
+            self._known.inside_share(camera),
             best.inliers,
-            rival_scores(scores),
-            leeway,
+            rival_scores([pose.fit.score for pose in found]),
+            uncertainty,
         )
+        if verdict.status is PoseStatus.REFUSED:
+            raise InputError(f"{image}: {' '.join(verdict.sentences)}")
+        if given is None:
+            cover = self._known.silhouette(camera.resized(color.shape[1], color.shape[0]))
+            given = cover * (1 - magnified(hidden_share(self._known, pyramid, best.camera), cover.shape))
+        pose = camera.camera_to_world.copy()
+        pose[:3, 3] = self._similarity.invert(camera.position)  # in the input frame
+        camera = replace(camera, camera_to_world=pose)
+        return Located(camera, given, verdict, color, clipped, time.perf_counter() - begin)
+
+    def _is_inverted(self, mask: np.ndarray, camera: Camera) -> bool:
+        """Tell whether a mask (H, W) that fills the photo's rim leaves out the object."""
+        if not look_inverted([mask]):
+            return False
+        shape = self._known.silhouette(camera.resized(mask.shape[1], mask.shape[0])) >= 0.5
+        return overlap(mask < 0.5, shape) > overlap(mask >= 0.5, shape)
 
 
 @contextmanager
@@ -150,8 +194,7 @@ def _one_torch_thread() -> Iterator[None]:
 
 
 def locate(run: Path | str, image: Path | str, *, mask: Path | str | None = None) -> Located:
-    """Return camera and mask of one photo of a run's object; of several photos `Locator.load` loads the run
-    once.
+    """Return camera and mask of one photo of a run's object; for several photos use `Locator.load` once.
 
     Raises `InputError` when the run or the photo cannot be used or the object is not found in it.
     """
@@ -178,32 +221,23 @@ def stored_views(run: RunFolder, decomposition: Decomposition) -> KnownViews:
 
 
 def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-    """Return linear colour (H, W, 3), the object's coverage (H, W), None where it is not known, and what is
-    clipped.
-
-    The last is (H, W, 3) bool. They are reduced to the pixels that are worked on at once.
-    """
-    width, height = image_size(image)
+    """Return linear colour (H, W, 3), coverage (H, W) or None, and what is clipped (H, W, 3) bool."""
+    width, height = imaging.image_size(image)
     turn = 1 if mask is None else mask_turn(mask, image, (width, height))
-    found = (width, height) if mask is None else turned_size(image_size(mask, orient=False), turn)
+    found = (
+        (width, height) if mask is None else imaging.turned_size(imaging.image_size(mask, orient=False), turn)
+    )
     if found != (width, height):
         raise InputError(
             f"{mask} has {found[0]} x {found[1]} pixels, but its photo has {width} x {height}; a mask needs the size "
             "of its photo."
         )
-    size = worked_size(image, (height, width))
-    color, alpha, clipped = read_photo(image, size=size)
+    size = imaging.worked_size(image, (height, width))
+    color, alpha, clipped = imaging.read_photo(image, size=size)
     if mask is not None:
-        alpha = read_mask(mask, turn=turn, size=size)
+        alpha = imaging.read_mask(mask, turn=turn, size=size)
     if alpha is None or float(alpha.min()) > 0.99:
         return color, None, clipped
     if float(alpha.max()) < 0.5:
         raise InputError(f"{mask or image} shows no object in its mask; the object must be white or opaque.")
     return color, alpha, clipped
-
-
-def _restored(camera: Camera, similarity: Similarity) -> Camera:
-    """Return a normalised-frame camera in the input frame."""
-    pose = camera.camera_to_world.copy()
-    pose[:3, 3] = similarity.invert(camera.position)
-    return replace(camera, camera_to_world=pose)

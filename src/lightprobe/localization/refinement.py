@@ -1,32 +1,39 @@
-"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought together.
+"""A pose refined by the light itself: for any pose the photo is linear in its light, so both are sought
+together.
 
-At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W weights:
+At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W
+weights, d_k the distance from point k of the rendered outline to an edge of the photo:
 
-    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k (distance to the photo's edge)_k^2
+    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k d_k^2
 
-The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a ridge
-regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A + R)^-1 A^T W J, with
-J how the photo's colours change as points of the object move over them. So the light may be any.
+The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a
+ridge regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A +
+R)^-1 A^T W J, with J how the photo's colours change as points of the object move over them.
+
+Edges: k pixels out along the outward normal, the photo's appearance a (`localization.appearance`) steps by
+h(k) = | mean a(k + 1, k + 2) - mean a(k - 1, k - 2) |. An edge is the object's if its inside looks as the
+object does there, in appearance o, under the light found so far:
+
+    support(k) = h / (h + softness) exp(-|mean a(k - 1, k - 2) - o|^2 / 2 tolerance^2)
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import torch
 
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.localization.appearance import appearance
-from lightprobe.localization.contour import Outline, edge_support, nearest_edges, outline_of
+from lightprobe.localization.appearance import PhotoPyramid, ScaledPhoto, appearance
 from lightprobe.localization.known_object import KnownObject
-from lightprobe.localization.level import Level, Levels
 from lightprobe.localization.pose import PARAMETERS, motion, moved
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.overlay import outline
 
-_PIXELS, _OUTLINE = (
-    600,
-    160,
-)  # that a step looks at, of an object of 80 pixels and more; fewer of a smaller one
+_SOFTNESS = 0.15  # of appearance: a step of this size counts half
+_TOLERANCE = 0.5  # of appearance, between the object under a coarse light and the photo
+_PIXELS, _OUTLINE = 600, 160  # that a step looks at, of an object of 80 pixels; fewer of a smaller one
 _PULL = 0.03  # to a grey light, relative to what the pixels weigh
 _DARK = 0.05  # of the mean colour: darker pixels weigh no more
 _ERROR = 0.15  # relative, of a right pose's pixels; larger ones weigh less
@@ -39,8 +46,71 @@ _LEAST_TOLD = 1e-9  # about a step that nothing tells of
 
 
 @dataclass(frozen=True)
+class Outline:
+    """M points on the rendered outline, in pixels of a `ScaledPhoto`."""
+
+    row: np.ndarray  # (M,) int64 rows of the G-buffer, the object's pixels along the outline
+    place: np.ndarray  # (M, 2) x and y of the outline
+    normal: np.ndarray  # (M, 2) unit, outward
+
+
+def outline_of(pixel: np.ndarray, width: int, height: int, count: int) -> Outline:
+    """Return at most `count` points of the outline of the object's row-major pixels (P,), ascending."""
+    mask = np.zeros(width * height, bool)
+    mask[pixel] = True
+    shape = mask.reshape(height, width)
+    soft = scipy.ndimage.gaussian_filter(shape.astype(np.float32), 1.5)
+    down, across = np.gradient(soft)
+    flat = np.flatnonzero(outline(shape))
+    normal = -np.stack([across.ravel()[flat], down.ravel()[flat]], 1)
+    length = np.linalg.norm(normal, axis=1)
+    sound = np.flatnonzero(length > 0.02)
+    sound = sound[np.linspace(0, len(sound) - 1, min(count, len(sound))).astype(int)] if len(sound) else sound
+    flat, normal = flat[sound], normal[sound] / length[sound, None]
+    center = np.stack([flat % width, flat // width], 1) + 0.5
+    return Outline(np.searchsorted(pixel, flat), center + 0.5 * normal, normal)
+
+
+def edge_support(
+    photo: ScaledPhoto, outline: Outline, object_appearance: np.ndarray, reach: int
+) -> np.ndarray:
+    """Return the support (M, 2 reach + 1) of edges at -reach..reach pixels from the outline.
+
+    object_appearance: (M, 3) of the object at the outline's points.
+    """
+    steps = np.arange(-reach - 2, reach + 3)
+    at = outline.place[:, None] + steps[None, :, None] * outline.normal[:, None] - 0.5
+    where = [at[..., 1].ravel(), at[..., 0].ravel()]
+    planes = np.moveaxis(photo.appearance, 2, 0)
+    each = [scipy.ndimage.map_coordinates(plane, where, order=1, mode="nearest") for plane in planes]
+    seen = np.stack(each, -1).reshape(*at.shape[:2], 3)
+    inside = 0.5 * (seen[:, :-4] + seen[:, 1:-3])
+    outside = 0.5 * (seen[:, 3:-1] + seen[:, 4:])
+    jump = np.linalg.norm(outside - inside, axis=2)
+    off = ((inside - object_appearance[:, None]) ** 2).sum(2)
+    return jump / (jump + _SOFTNESS) * np.exp(-0.5 * off / _TOLERANCE**2)
+
+
+def nearest_edges(support: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return distance in pixels and weight, each (M,), of the best edge across each point of the outline.
+
+    support: (M, 2 reach + 1) of `edge_support`; far edges have to be stronger than near ones.
+    """
+    reach = support.shape[1] // 2
+    steps = np.arange(-reach, reach + 1)
+    pull = support * np.exp(-0.5 * (steps / max(0.7 * reach, 1)) ** 2)
+    best = pull.argmax(1)
+    rows = np.arange(len(support))
+    inner = best.clip(1, 2 * reach - 1)
+    low, mid, high = (support[rows, inner + k] for k in (-1, 0, 1))
+    bend = low - 2 * mid + high
+    fine = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0).clip(-0.5, 0.5)
+    return inner - reach + fine, support[rows, best]
+
+
+@dataclass(frozen=True)
 class Fit:
-    """What a photo shows at a pose: how much of it light explains, and how well its edges meet the outline."""
+    """How much of a photo light explains at a pose, and how well the photo's edges meet the outline."""
 
     explained: float  # 1 - unexplained over spread, of the object's pixels; at most 1
     edges: float  # mean support of the outline by edges within a pixel, 0 to 1
@@ -52,17 +122,22 @@ class Fit:
 
 
 def refine(
-    known: KnownObject, levels: Levels, camera: Camera, *, diameter: float, steps: int, focal: bool = False
+    known: KnownObject,
+    pyramid: PhotoPyramid,
+    camera: Camera,
+    *,
+    diameter: float,
+    steps: int,
+    focal: bool = False,
 ) -> tuple[Camera, Fit]:
-    """Return the best of the poses met in `steps` steps from `camera`, normalised frame and the photo's
-    pixels.
+    """Return the best pose met in `steps` steps from a normalised-frame `camera` in the photo's pixels.
 
-    diameter: pixels of the object's sphere at the size the photo is worked at. focal: whether the focal
+    diameter: pixels of the object's sphere at the size that the photo is scaled to. focal: whether the focal
     length is free.
     """
     best = None
     for step in range(steps + 1):
-        seen = _Seen.of(known, levels, camera, diameter, step)
+        seen = _Seen.of(known, pyramid, camera, diameter, step)
         if seen is None:
             break
         if best is None or seen.fit.score > best[1].score:
@@ -72,18 +147,18 @@ def refine(
     return best if best is not None else (camera, Fit(0.0, 0.0))
 
 
-def leeway(
-    known: KnownObject, levels: Levels, camera: Camera, points: np.ndarray, *, diameter: float
+def pose_uncertainty(
+    known: KnownObject, pyramid: PhotoPyramid, camera: Camera, points: np.ndarray, *, diameter: float
 ) -> float:
-    """Return how far the object could move in the photo and hardly be explained worse, in its sphere's
-    diameters.
+    """Return how far the object could move and hardly be explained worse, in its sphere's diameters.
 
     The pose's covariance is the inverse of the matrix of its steps (Laplace's approximation), times the mean
-    square of what stays unexplained: as if all pixels of a channel had one error in common, and so all of the
-    outline. What is returned is the root mean square motion of `points` (N, 3) on the object under it, with
-    the focal length as it is; infinite where the object is not in the photo. The rest as in `refine`.
+    square of the unexplained residuals, as if all pixels of a channel had one error in common, and all points
+    of the outline another. The result is the root mean square motion of `points` (N, 3) on the object under
+    this covariance with a fixed focal length; infinite where the object is not in the photo. The other
+    arguments are those of `refine`.
     """
-    seen = _Seen.of(known, levels, camera, diameter, 0)
+    seen = _Seen.of(known, pyramid, camera, diameter, 0)
     if seen is None:
         return float("inf")
     matrix, _ = seen.system(focal=False)
@@ -92,9 +167,8 @@ def leeway(
     spread = np.trace(np.linalg.solve(matrix + _LEAST_TOLD * np.eye(len(matrix)), product))
     unexplained = (seen.weight * seen.residual**2).sum() + (seen.trust * seen.distance**2).sum()
     mean_unexplained = unexplained / (len(seen.residual) + 1)  # of the channels and the outline
-    return float(np.sqrt(spread * mean_unexplained)) / (
-        2 * camera.fx / float(np.linalg.norm(camera.position))
-    )
+    diameter_here = 2 * camera.fx / float(np.linalg.norm(camera.position))
+    return float(np.sqrt(spread * mean_unexplained)) / diameter_here
 
 
 @dataclass(frozen=True)
@@ -112,21 +186,26 @@ class _Seen:
     trust: np.ndarray  # (M,)
 
     @staticmethod
-    def of(known: KnownObject, levels: Levels, camera: Camera, diameter: float, turn: int) -> "_Seen | None":
+    def of(
+        known: KnownObject, pyramid: PhotoPyramid, camera: Camera, diameter: float, turn: int
+    ) -> "_Seen | None":
         """Return what a pose shows, or None where the object is not in the photo."""
         far = float(np.linalg.norm(camera.position))
         if not 1.05 < far < 1e3:
             return None
-        level = levels.near(diameter / (2 * camera.fx / far))
-        small = camera.resized(*level.size)
+        photo = pyramid.near(diameter / (2 * camera.fx / far))
+        small = camera.resized(*photo.size)
         view = View.of(small, known.mesh.vertices.device)
         surface = visible_surface(known.mesh.vertices, known.mesh.faces, view)
         if len(surface.pixel) < _FEWEST:
             return None
         share = min(1.0, diameter / 80)
-        outline = outline_of(surface.pixel.cpu().numpy(), *level.size, round(_OUTLINE * share))
-        chosen = _chosen(surface, outline, round(_PIXELS * share), turn)
-        return _seen(known, level, small, view, surface.select(chosen), outline, len(surface.pixel))
+        outline = outline_of(surface.pixel.cpu().numpy(), *photo.size, round(_OUTLINE * share))
+        every = torch.arange(len(surface.pixel))
+        some = draw_rows(every, round(_PIXELS * share), generator(0, "locate-pixels", turn))
+        chosen = torch.cat([torch.from_numpy(outline.row), some]).to(surface.pixel.device)
+        reach = int(np.clip(0.1 * np.sqrt(len(surface.pixel)), 3, 8))  # a tenth of the object's size
+        return _seen(known, photo, small, view, surface.select(chosen), outline, reach)
 
     def step(self, focal: bool) -> np.ndarray:
         """Return the damped Gauss-Newton step (7,) of the pose."""
@@ -137,13 +216,10 @@ class _Seen:
         return step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
 
     def system(self, focal: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return matrix (K, K) and right side (K,) of the Gauss-Newton step, K = 7 with a free focal length,
-        else 6.
-        """
+        """Return matrix (K, K) and right side (K,) of the Gauss-Newton step, K = 7 or, without `focal`, 6."""
         matrix, right = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
-        for a, w, r, j, pull in zip(
-            self.transport, self.weight, self.residual, self.change, self.ridge, strict=True
-        ):
+        channels = (self.transport, self.weight, self.residual, self.change, self.ridge)
+        for a, w, r, j, pull in zip(*channels, strict=True):
             weighted = a.T * w
             made_up = np.linalg.solve(weighted @ a + pull * np.eye(a.shape[1]), weighted @ j)
             matrix += (j.T * w) @ (j - a @ made_up)
@@ -155,61 +231,49 @@ class _Seen:
         return matrix[free, free], right[free]
 
 
-def _chosen(surface: Surface, outline: Outline, count: int, turn: int) -> torch.Tensor:
-    """Return the rows of the pixels to look at: the outline's, then some of all."""
-    every = torch.arange(len(surface.pixel))
-    some = draw_rows(every, count, generator(0, "locate-pixels", turn))
-    return torch.cat([torch.from_numpy(outline.row), some]).to(surface.pixel.device)
-
-
 def _seen(
     known: KnownObject,
-    level: Level,
+    photo: ScaledPhoto,
     camera: Camera,
     view: View,
     surface: Surface,
     outline: Outline,
-    count: int,
+    reach: int,
 ) -> _Seen:
-    """Return the system of the chosen `surface` points, those of the `outline` first."""
+    """Return the system of the chosen `surface` points, those of the `outline` first.
+
+    reach: pixels from the outline in which edges are looked for.
+    """
     edge = len(outline.row)
+    inner = slice(edge, None)
     full = known.transport(surface, view).double().cpu().numpy()
     pixel, points = surface.pixel.cpu().numpy(), surface.position.double().cpu().numpy()
-    column, row = pixel % level.size[0], pixel // level.size[0]
-    color, clipped = level.color[row, column], level.clipped[row, column]
-    inner = slice(edge, None)
+    row, column = np.divmod(pixel, photo.size[0])
+    color, clipped = photo.color[row, column], photo.clipped[row, column]
+    inside = color[inner].T
     moves = motion(camera, points)
-    weight, ridge, light = fitted_light(full[:, inner], color[inner].T, clipped[inner].T)
+    weight, ridge, light = fitted_light(full[:, inner], inside, clipped[inner].T)
     render = np.einsum("cnt,ct->nc", full, light)
     residual = (render - color)[inner].T
-    gradient = level.gradient[row, column][inner]
-    change = -np.einsum("ncx,nxk->cnk", gradient, moves[inner])
-    support = edge_support(
-        level, outline, appearance(torch.from_numpy(render[:edge])).numpy(), _reach(level, count)
-    )
+    change = -np.einsum("ncx,nxk->cnk", photo.gradient[row, column][inner], moves[inner])
+    looks = appearance(torch.from_numpy(render[:edge])).numpy()
+    support = edge_support(photo, outline, looks, reach)
     distance, trust = nearest_edges(support)
     trust = trust / (1 + (distance / (3 * _EDGE_ERROR)) ** 2) / _EDGE_ERROR**2 / max(edge, 1)
     along = np.einsum("mx,mxk->mk", outline.normal, moves[:edge])
-    middle = support.shape[1] // 2
-    near = support[:, middle - 1 : middle + 2].max(1) if edge else np.zeros(1)
-    spread = (weight * (color[inner].T - _mean(color[inner].T, weight)) ** 2).sum()
-    left = (weight * residual**2).sum()
+    near = support[:, reach - 1 : reach + 2].max(1) if edge else np.zeros(1)
+    mean = (weight * inside).sum(1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1e-12)
+    spread, left = (weight * (inside - mean) ** 2).sum(), (weight * residual**2).sum()
     fit = Fit(1 - float(left / max(spread, 1e-12)), float(near.mean()))
     scale = 1 / max(len(residual[0]), 1)
     robust = weight * scale / (1 + weight * residual**2)
     return _Seen(fit, full[:, inner], robust, residual, change, ridge * scale, along, distance, trust)
 
 
-def _reach(level: Level, count: int) -> int:
-    """Return how many pixels from the outline edges are looked for: a tenth of the object's size."""
-    return int(np.clip(0.1 * np.sqrt(count), 3, 8))
-
-
 def fitted_light(
     matrix: np.ndarray, color: np.ndarray, clipped: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return weights (3, N), pulls (3,) and the light (3, T) of the ridge regression for linear colours (3,
-    N).
+    """Return weights (3, N), pulls (3,) and light (3, T) of the ridge regression for linear `color` (3, N).
 
     matrix: (3, N, T) of `KnownObject.transport`. clipped: (3, N) bool, values that tell nothing.
     """
@@ -225,7 +289,3 @@ def fitted_light(
         right = weighted @ color[c] + ridge[c] * level
         light[c] = np.linalg.solve(weighted @ matrix[c] + ridge[c] * np.eye(matrix.shape[2]), right)
     return weight, ridge, light
-
-
-def _mean(color: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    return (weight * color).sum(1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1e-12)

@@ -1,10 +1,10 @@
 """Whether a pose found in a photo can be relied on: what was measured, and what follows from it.
 
-A photo without the object has a best pose, too. It is told by the two things that poses are chosen by: how
-much of what the photo shows there light can explain on the object, and whether the photo's edges follow its
-outline. These may fit well and tell little about how a smooth object of one material is turned: so what they
-tell is measured, too. The limits come from right and wrong poses in photos with the object and from photos
-without it (docs/decisions/locating.md).
+A photo without the object has a best pose, too. It shows in the two things that poses are chosen by: how much
+of what the photo shows there light can explain on the object, and whether the photo's edges follow its
+outline. Both may fit well and say little about how a smooth object of one material is turned: the pose's
+uncertainty is measured, too. The limits come from right and wrong poses in photos with the object and from
+photos without it (docs/decisions/locating.md).
 """
 
 from collections.abc import Iterator
@@ -12,16 +12,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-GOOD_SCORE = (
-    1.95  # poses some pixels off score up to 1.93, elsewhere up to 1.48; of the right ones one in twenty less
-)
+GOOD_SCORE = 1.95  # poses some pixels off score up to 1.93, elsewhere up to 1.48; of the right ones 5 % less
 _NOTHING = 1.0  # below lie some photos without the object, and no right pose
 RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
-_LOOSE = 0.015  # leeway: right poses have up to .013, those of a smooth object of one material from .018 on
+_UNCERTAIN = 0.015  # right poses have up to .013, poses of a smooth object of one material from .018 on
 _INSIDE = 0.5  # share of the object in the photo, below which its pose rests on little
-_DOUBT = (
-    0.3  # of ln radiance: as of a photo that is doubtful for other reasons (docs/decisions/photo-verdict.md)
-)
+_DOUBT = 0.3  # of ln radiance: as of a photo that is doubtful for other reasons (see photo-verdict.md there)
 
 
 class PoseStatus(StrEnum):
@@ -43,28 +39,30 @@ class PoseVerdict:
     inside: float  # share of the object within the photo
     inliers: int  # matched features that agree about the pose
     rivals: int  # other poses that score about as well
-    leeway: float  # of the object's size, by which it could lie elsewhere and hardly be explained worse
+    pose_uncertainty: float  # root mean square motion of the object's points, in its size
 
     @property
     def status(self) -> PoseStatus:
-        """The worst of what was found."""
+        """The worst finding's status."""
         found = {status for status, _ in self._findings()}
         order = (PoseStatus.REFUSED, PoseStatus.DOUBTFUL, PoseStatus.AMBIGUOUS)
         return next((status for status in order if status in found), PoseStatus.GOOD)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What made the status, and what to do about it; none for a good pose."""
+        """The findings of that status, and what to do about each; none for a good pose."""
         return tuple(sentence for status, sentence in self._findings() if status is self.status)
 
     @property
     def doubt(self) -> float:
-        """What this adds to the error to expect of ln radiance: 0 for a good pose."""
+        """What the pose adds to the error to expect of ln radiance: 0 for a good one."""
         return 0.0 if self.status is PoseStatus.GOOD else _DOUBT
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON value: the measures, the status and the sentences."""
-        return {**vars(self), "status": self.status.value, "sentences": list(self.sentences)}
+        measures = dict(vars(self))
+        measures["leeway"] = measures.pop("pose_uncertainty")  # its stored name
+        return {**measures, "status": self.status.value, "sentences": list(self.sentences)}
 
     def _findings(self) -> Iterator[tuple[PoseStatus, str]]:
         measured = f"light explains {100 * max(self.explained, 0):.0f} % of it there, and "
@@ -95,11 +93,11 @@ class PoseVerdict:
                 "turned about the object; look at the overlay, or give the photo's camera.",
             )
 
-        elif self.leeway > _LOOSE:
+        elif self.pose_uncertainty > _UNCERTAIN:
             yield (
                 PoseStatus.AMBIGUOUS,
                 "The photo hardly tells how the object is turned: its points could lie "
-                f"{200 * self.leeway:.0f} % of its size elsewhere and it would look about the same; the map may be "
+                f"{200 * self.pose_uncertainty:.0f} % of its size elsewhere and it would look about the same; the map may be "
                 "turned as much. Look at the overlay, or give the photo's camera.",
             )
 

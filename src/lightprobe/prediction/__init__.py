@@ -4,16 +4,16 @@ from lightprobe.core.config.prediction import Method, PredictConfig
 from lightprobe.prediction.background import BackgroundUse
 from lightprobe.prediction.prediction import Prediction, check_names
 from lightprobe.prediction.predictor import Predictor, is_fitted, methods_for, recorded_config
-from lightprobe.prediction.verdict import Status, Verdict
+from lightprobe.prediction.verdict import PhotoStatus, PhotoVerdict
 
 __all__ = [
     "BackgroundUse",
     "Method",
+    "PhotoStatus",
+    "PhotoVerdict",
     "PredictConfig",
     "Prediction",
     "Predictor",
-    "Status",
-    "Verdict",
     "check_names",
     "is_fitted",
     "methods_for",

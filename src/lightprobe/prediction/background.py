@@ -9,8 +9,8 @@ Gaussian Processes for Machine Learning, 2006, section 2.2):
 
 with e(d) = -ln(confidence) the error to expect. The map has been fitted to the photo, so the correction must
 leave the photo as it is: its pixels are observations of A E x = 0, A the transport and E the map. All this is
-linear and solved at 6 x 8 x 8 texels. The process's deviation, relative to what it is without the background,
-is what remains of e.
+linear and solved at 6 x 8 x 8 texels. The process's deviation, relative to the deviation without the
+background, is what remains of e.
 
 Directions at which the background is clipped are lower bounds. What stands near the object, such as a table
 or a hand, is not its far environment: a texel whose background the map contradicts by far more than its
@@ -54,9 +54,7 @@ class BackgroundUse(StrEnum):
     USED = "used"
     """The map follows it."""
     CONTRADICTED = "contradicted"
-    """What the object reflects contradicts it: it is probably near the object, or not this photo's. It was
-    left out.
-    """
+    """The object's reflections contradict it: it is probably near the object, and was left out."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class SeenLight:
     clipped: Tensor  # (6, R, R, 3) bool: the radiance is a lower bound
 
     def divided(self, factor: Tensor) -> "SeenLight":
-        """Return it with its radiance divided by `factor`, () or (3,) > 0."""
+        """Return the same light with its radiance divided by `factor`, () or (3,) > 0."""
         return replace(self, radiance=self.radiance / factor)
 
     @staticmethod
@@ -79,31 +77,24 @@ class SeenLight:
         angle = (x * x + y * y + 1) ** -1.5 / (camera.fx * camera.fy)  # of each pixel, in steradians
         direction = np.stack([x, y, -np.ones_like(x)], -1) @ camera.camera_to_world[:3, :3].T
         texel = cubemap.nearest_texel(torch.from_numpy(direction), resolution)
-        values = np.concatenate(
-            [background.color[row, column], background.clipped[row, column], np.ones((len(row), 1))], 1
-        )
+        parts = background.color[row, column], background.clipped[row, column], np.ones((len(row), 1))
+        values = np.concatenate(parts, 1)
         total = torch.zeros(6 * resolution**2, 7, dtype=torch.float64)
         total.index_add_(0, texel, torch.from_numpy(values * angle[:, None]))
         mean = (total[:, :6] / total[:, 6:].clamp_min(1e-12)).reshape(6, resolution, resolution, 6)
         share = total[:, 6].reshape(6, resolution, resolution) / cubemap.exact_solid_angles(resolution)
-        return SeenLight(
-            mean[..., :3].float().to(device),
-            share.clamp(max=1).float().to(device),
-            (mean[..., 3:] > 0).to(device),
-        )
+        share = share.clamp(max=1).float().to(device)
+        return SeenLight(mean[..., :3].float().to(device), share, (mean[..., 3:] > 0).to(device))
 
     @staticmethod
     def joined(parts: Sequence["SeenLight"], exposures: Tensor) -> "SeenLight":
-        """Return what several photos show of one light, in the first one's exposure; `exposures` (N,)
-        relative to it.
+        """Return what photos of one light show, in the first one's exposure; `exposures` (N,) relative to it.
 
-        A texel has the mean of the photos that show it unclipped. Where none does, it has the largest lower
-        bound.
+        A texel has the mean of the photos that show it unclipped; where none does, the largest lower bound.
         """
         share = torch.stack([part.share for part in parts])
-        scaled = torch.stack(
-            [part.radiance / exposure for part, exposure in zip(parts, exposures, strict=True)]
-        )
+        pairs = zip(parts, exposures, strict=True)
+        scaled = torch.stack([part.radiance / exposure for part, exposure in pairs])
         told = share[..., None] * ~torch.stack([part.clipped for part in parts])
         bound = torch.where(share[..., None] > 0, scaled, 0.0).amax(0)
         mean = (told * scaled).sum(0) / told.sum(0).clamp_min(1e-12)
@@ -114,8 +105,7 @@ class SeenLight:
 def with_background(
     observation: Observation, light: Tensor, confidence: Tensor, seen: SeenLight, seed: int
 ) -> tuple[Tensor, Tensor, BackgroundUse]:
-    """Return a map (6, R, R, 3) that was fitted to the photo and its confidence (6, R, R), as the background
-    has them.
+    """Return a fitted map (6, R, R, 3) and its confidence (6, R, R), corrected by what is `seen`.
 
     Both are returned as they are where there is no use for the background.
     """
@@ -133,10 +123,8 @@ def with_background(
     if len(rows) == 0:
         return light, confidence, BackgroundUse.ABSENT
     change, left = _conditioned(spread, known[rows], rows, _photo_changes(observation, light, seed))
-    change, left = (
-        _magnified(change, light.shape[1]),
-        _magnified(left[:, None].expand(-1, 3), light.shape[1])[..., 0],
-    )
+    change = _magnified(change, light.shape[1])
+    left = _magnified(left[:, None].expand(-1, 3), light.shape[1])[..., 0]
     change = torch.lerp(change, missing, share[..., None])
     direct = torch.where(seen.clipped.any(-1), error, error.clamp(max=_LEAST_ERROR))
     error = torch.lerp(error * left, direct, share)
@@ -153,9 +141,7 @@ def _magnified(values: Tensor, resolution: int) -> Tensor:
 
 
 def _averages(values: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the means (384, 3) of texels' `values` (6, R, R, 3) by the `share` seen of each, and that share
-    (384,).
-    """
+    """Return the means (384, 3) of `values` (6, R, R, 3) over the seen `share`, and its means (384,)."""
     angle = cubemap.solid_angles(values.shape[1], values.device)
     factor = values.shape[1] // BLOCKS
     weighted = torch.cat([values * share[..., None], share[..., None]], -1) * angle[..., None]
@@ -165,8 +151,7 @@ def _averages(values: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _photo_changes(observation: Observation, light: Tensor, seed: int) -> Tensor:
-    """Return the matrices Q (3, 384, 384) of how a change x (384,) of ln radiance changes each channel of the
-    photo.
+    """Return the matrices Q (3, 384, 384) of how changes x (384,) of ln radiance change the photo's channels.
 
     x Q x is the weighted mean square of the pixels' change over that of the pixels: 1 where every x is 1.
     """
@@ -179,18 +164,16 @@ def _photo_changes(observation: Observation, light: Tensor, seed: int) -> Tensor
 
 
 def _conditioned(spread: Tensor, known: Tensor, rows: Tensor, photo: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the expected x (384, 3) given `known` (K, 3) at `rows` and the photo, and what remains of its
-    deviation.
+    """Return the expected x (384, 3) given `known` (K, 3) at `rows` and the photo, and its deviation left.
 
     spread (384,): e(d). photo (3, 384, 384): from `_photo_changes`. The deviation (384,) is that of the mean
-    channel, relative to what it is without the background.
+    channel, relative to the deviation without the background.
     """
     directions = cubemap.exact_directions(BLOCKS, spread.device).reshape(-1, 3)
     alike = torch.exp(-torch.acos((directions @ directions.T).clamp(-1, 1)) / _WIDTH)
     spread, known, photo = spread.double(), known.double(), photo.double()
-    before = (
-        torch.cholesky_inverse(torch.linalg.cholesky(alike)) + _PHOTO * spread[:, None] * photo * spread
-    )  # (3, 384, 384) precision of u
+    # (3, 384, 384) precision of u
+    before = torch.cholesky_inverse(torch.linalg.cholesky(alike)) + _PHOTO * spread[:, None] * photo * spread
     seen = torch.zeros_like(spread)
     seen[rows] = 1 / _NOISE
     precision = before + torch.diag(seen)

@@ -7,11 +7,11 @@ t(x) = sRGB(log(1 + x)), absolute differences, one-sided where the photo is clip
 every texel and starts at the constant light.
 
 The refinement takes few steps from a map that is nearly right. There it matters which texels move: Adam
-divides each gradient by its own size, so that a direction the photo hardly depends on moves as fast as one it
-insists on, and what moves it is the asset's errors. So the size is damped, g / (|g| + damping RMS(g)), with
-the root mean square over all texels at the first step; and x is the sum of single texels, a smooth part and a
-broad one. The smooth ones move faster, and the broad one, which all pixels have a say in, is damped less: few
-steps would not bring it to where the photo wants it.
+divides each gradient by its own size, so that a direction the photo hardly depends on, moved by the asset's
+errors, moves as fast as one that the photo insists on. So the size is damped, g / (|g| + damping RMS(g)),
+with the root mean square over all texels at the first step; and x is the sum of single texels, a smooth part
+and a broad one. The smooth ones move faster; the broad one, which all pixels have a say in, is damped less,
+as few steps would not bring it to where the photo wants it.
 
 A step of the refinement looks at a twelfth of the pixels, and the next one at others. What Adam averages over
 a dozen steps then has seen all of them, and the map is as good as with all pixels in every step.
@@ -24,7 +24,6 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config.prediction import OptimizeConfig
-from lightprobe.core.device import draw_rows, generator
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.photometry import exposure_unit, one_sided_residual, tone_map
 from lightprobe.light.prefilter import BLOCKS, DRAFT, Accuracy
@@ -65,16 +64,15 @@ class _Pixels:
         observation: Observation, resolution: int, count: int, seed: int, accuracy: Accuracy | None
     ) -> "tuple[_Pixels, Tensor]":
         """Return at most `count` of the trusted pixels, and what their radiance is divided by ()."""
-        every = torch.arange(len(observation.rows), device=observation.rows.device)
-        chosen = draw_rows(every, count, generator(seed, "subset/optimize"))
+        chosen = observation.drawn(count, seed, "subset/optimize")
         color = observation.pixels.color[chosen]
         unit = exposure_unit(color)  # the loss is taken as if the photo were well exposed
-        operator = prefilters.cached(resolution, every.device, accuracy)
+        operator = prefilters.cached(resolution, color.device, accuracy)
         transport = Transport(observation.gbuffer, operator, observation.rows[chosen])
         return _Pixels(transport, tone_map(color / unit), observation.clipped[chosen]), unit
 
     def select(self, rows: Tensor) -> "_Pixels":
-        """Return those at `rows` (K,) int64."""
+        """Return the pixels at `rows` (K,) int64."""
         return _Pixels(self.transport.select(rows), self.target[rows], self.clipped[rows])
 
     def error(self, light: Tensor) -> Tensor:
@@ -121,8 +119,7 @@ def optimize_environment(
 
 
 def _batches(count: int, size: int, device: torch.device) -> list[Tensor]:
-    """Return the rows (K,) int64 of each batch of about `size` pixels, of all `count` if it is 0; all of one
-    size.
+    """Return the rows (K,) int64 of equal batches of about `size` of `count` pixels; of all if `size` is 0.
 
     Pixels come in the order of the photo's rows: taking every n-th spreads each batch over the whole object.
     """
@@ -131,25 +128,22 @@ def _batches(count: int, size: int, device: torch.device) -> list[Tensor]:
 
 
 def _groups(start: Tensor, config: OptimizeConfig) -> list[ParameterGroup]:
-    """Return the parts of the change of log radiance that move at all, from the broadest to the texels of
-    `start`.
-    """
+    """Return the moving parts of the change of log radiance, from the broadest to the texels of `start`."""
     sizes = {
         "broad": (_BROAD, config.smooth_learning_rate, config.broad_damping),
         "smooth": (BLOCKS, config.smooth_learning_rate, config.damping),
         "texels": (start.shape[1], config.learning_rate, config.damping),
     }
-    return [
-        ParameterGroup(
-            {name: torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)}, rate, damping
-        )
-        for name, (side, rate, damping) in sizes.items()
-        if rate > 0
-    ]
+
+    def zeros(side: int) -> Tensor:
+        return torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)
+
+    moving = ((name, *values) for name, values in sizes.items() if values[1] > 0)
+    return [ParameterGroup({name: zeros(side)}, rate, damping) for name, side, rate, damping in moving]
 
 
 def refine_environment(observation: Observation, prior: Tensor, config: OptimizeConfig, seed: int) -> Tensor:
-    """Return `prior` (6, R, R, 3) times what a short optimisation on at most 6 x 32 x 32 texels makes of it.
+    """Return `prior` (6, R, R, 3) times the factor of a short optimisation on at most 6 x 32 x 32 texels.
 
     Few steps in log radiance are a regulariser of their own: every texel may change by a bounded factor,
     those that the photo insists on go first, and absolute displayed errors keep a wrong spot of the asset

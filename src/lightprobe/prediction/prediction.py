@@ -15,8 +15,8 @@ from lightprobe.light.files import check_map_name, plane, write_plane
 from lightprobe.light.sources import SplitLight
 from lightprobe.models.calibration import Calibration
 from lightprobe.prediction.background import BackgroundUse
-from lightprobe.prediction.color_scale import RANGE, confidence_colors
-from lightprobe.prediction.verdict import Verdict
+from lightprobe.prediction.confidence import RANGE, confidence_colors
+from lightprobe.prediction.verdict import PhotoVerdict
 
 
 @dataclass(frozen=True)
@@ -24,22 +24,17 @@ class Prediction:
     """The light around the object in one photo, in the input frame's axes and the photo's exposure."""
 
     environment: Environment
-    confidence: (
-        Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance), see `prediction.confidence`
-    )
+    confidence: Tensor  # (6, R, R) in (0, 1): exp(-the error to expect of ln radiance)
     seconds: dict[str, float]  # wall time of the parts "rasterise" to "confidence", and "total"
-    verdict: Verdict  # whether the photo can be what it is taken for; good or doubtful
+    verdict: PhotoVerdict  # whether the photo can be what it is taken for; good or doubtful
     background: BackgroundUse = BackgroundUse.ABSENT
     split: SplitLight | None = None  # the same light as suns and lamps and the rest, if they were asked for
     calibration: Calibration | None = None  # that the light has been through
 
     def __post_init__(self) -> None:
-        """Raise `ConvergenceError` for a map that nobody could use: wherever it came from, it goes no
-        further.
-        """
+        """Raise `ConvergenceError` for a map that nobody could use."""
         light = self.environment.texels
-        finite = light.isfinite().all() & (light >= 0).all() & self.confidence.isfinite().all()
-        if not finite:
+        if not (light.isfinite().all() & (light >= 0).all() & self.confidence.isfinite().all()):
             raise ConvergenceError(
                 "The predicted light came out negative, infinite or NaN: check the photo, its camera and mask, try "
                 "another --method, or train the run anew."
@@ -57,12 +52,11 @@ class Prediction:
         height: int | None = None,
         sun: Sun = Sun.INSIDE,
     ) -> None:
-        """Write the map as equirectangular .exr or .hdr, and its confidence as a one-channel .exr if that has
-        a path.
+        """Write the map as equirectangular .exr or .hdr, and its confidence, if named, as a one-channel .exr.
 
-        height: rows of the map, by default 2R of the environment's R. sun: what becomes of its suns and
-        lamps; those that are left out of the map are in `split.sources` and in no file (`lightprobe predict`
-        lists them in one). Raises `ConfigError` for other names, before anything is written.
+        height: rows of the map, by default 2R of the environment's R. sun: what becomes of suns and lamps;
+        those that are left out of the map are in `split.sources` and in no file (`lightprobe predict` lists
+        them in one). Raises `ConfigError` for other names, before anything is written.
         """
         path, confidence = Path(path), None if confidence is None else Path(confidence)
         check_names(path, confidence)
@@ -78,9 +72,8 @@ class Prediction:
         """Return the map and its confidence beside each other, with the verdict, as notebooks show it."""
         confidence = png(confidence_colors(plane(self.confidence)))
         low, high = RANGE
-        figures = _figure(self._repr_png_(), "light") + _figure(
-            confidence, f"confidence, {low} or less violet, {high} or more yellow"
-        )
+        figures = _figure(self._repr_png_(), "light")
+        figures += _figure(confidence, f"confidence, {low} or less violet, {high} or more yellow")
         words = [f"photo {self.verdict.status.value}", *self.verdict.sentences]
         words += [f"{self.seconds['total']:.2f} s"] if "total" in self.seconds else []
         return f'<div style="display:flex;gap:1em">{figures}</div><p>{html.escape("; ".join(words))}</p>'

@@ -1,9 +1,9 @@
 """One photo in, the environment around the object out: the predictors behind one interface.
 
-    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo -> Prediction
+    photo, camera -> observe (rasterise the asset) -> prior map (constant or learned) -> fit to the photo -> map
 
-Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's plain
-network (`NetworkForm.PLAIN`) does not know that.
+Every map is exact in exposure: a photo twice as bright gives a map of twice the radiance. Only the paper's
+plain network (`NetworkForm.PLAIN`) does not know that.
 """
 
 import math
@@ -26,8 +26,7 @@ from lightprobe.models.light_accuracy import LightAccuracy
 from lightprobe.models.probe_model import ProbeModel
 from lightprobe.prediction.background import BackgroundUse, SeenLight, with_background
 from lightprobe.prediction.confidence import confidence
-from lightprobe.prediction.joint import exposed, joined, relative_exposures
-from lightprobe.prediction.observation import Observation, observe
+from lightprobe.prediction.observation import Observation, exposed, joined, observe, relative_exposures
 from lightprobe.prediction.optimize import optimize_environment, refine_environment
 from lightprobe.prediction.prediction import Prediction
 from lightprobe.prediction.prior import (
@@ -39,16 +38,16 @@ from lightprobe.prediction.prior import (
 )
 from lightprobe.prediction.solve import solve_environment
 from lightprobe.prediction.source_fit import fitted_sources
-from lightprobe.prediction.verdict import Status, judge_together
+from lightprobe.prediction.verdict import PhotoStatus, judge_together
 from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
 
 
 def methods_for(model: ProbeModel | None, config: PredictConfig | None = None) -> tuple[Method, ...]:
-    """Return the methods that a run with this model can compare in seconds a photo, the one to be used first.
+    """Return the methods that a run with this model can compare in seconds a photo, the default one first.
 
-    That is the configured one if there is one and the run has the model for it, else the best.
+    The default is the configured one if there is one and the run has the model for it, else the best.
     """
     possible = [Method.SOLVE, Method.CONSTANT]
     if model is not None:
@@ -63,20 +62,16 @@ def methods_for(model: ProbeModel | None, config: PredictConfig | None = None) -
 
 def is_fitted(method: Method) -> bool:
     """Return whether the method's maps are fitted to the photo's pixels, by its last step."""
-    return method in _FITTED
+    return method in _SOLVED or method in _OPTIMIZED
 
 
 def recorded_config(run: RunFolder) -> PredictConfig:
-    """Return the configuration that a run keeps for predictions; runs of before there was one get the usual
-    one.
-    """
+    """Return the configuration that a run keeps for predictions, the usual one for runs without."""
     return PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else PredictConfig()
 
 
 class Predictor:
-    """Predicts light for photos of one object; holds its asset, and the model when the learned methods are
-    wanted.
-    """
+    """Predicts light for photos of one object; holds its asset, and the model for the learned methods."""
 
     def __init__(
         self,
@@ -90,20 +85,15 @@ class Predictor:
         seed: int = 0,
         accuracy: LightAccuracy | None = None,
     ):
-        """Move asset and model to `device` (default: the CPU); without `config` predict as after the preset
-        `quick`.
+        """Move asset and model to `device` (default: the CPU); the default `config` is the preset `quick`'s.
 
-        accuracy: of the object's maps, which scales the confidence; without it the object is taken for a
-        usual one.
+        accuracy: of the object's maps, which scales the confidence; by default that of a usual object.
         """
         self.device = full_precision(device or torch.device("cpu"))
         self.decomposition = replace(decomposition, asset=decomposition.asset.to(self.device))
         # The networks know the object as it was trained; what they say of it is calibrated at the end.
-        self._asset = (
-            self.decomposition.asset
-            if decomposition.trained is None
-            else decomposition.trained.to(self.device)
-        )
+        trained = decomposition.trained
+        self._asset = self.decomposition.asset if trained is None else trained.to(self.device)
         self.model = None if model is None else model.to(self.device)
         self.config = config or PredictConfig()
         self.solve_config = solve_config or SolveConfig()
@@ -118,9 +108,8 @@ class Predictor:
     ) -> "Predictor":
         """Return the predictor of a run folder, with its model if Phase II has finished there.
 
-        Without `config` it predicts as the run is configured to.
-
-        Raises `InputError` when `run` is no run folder or Phase I has not finished in it.
+        Without `config` it predicts as the run is configured to. Raises `InputError` when `run` is no run
+        folder or Phase I has not finished in it.
         """
         folder, where = RunFolder.open(Path(run)), device or torch.device("cpu")
         model = ProbeModel.load(folder.model_folder) if ProbeModel.exists(folder.model_folder) else None
@@ -144,17 +133,16 @@ class Predictor:
         doubt: float = 0.0,
         sources: bool = False,
     ) -> Prediction:
-        """Return the light in the photo `pixels` taken by the input-frame `camera`.
+        """Return the light in the photo `pixels` taken by the input-frame `camera`; on a CPU bit for bit.
 
-        On a CPU the same call gives the same bits.
         method: by default the first of `methods_for`. background: what the photo shows around the object;
         maps that are fitted to the photo follow it. refuse: whether a photo may be refused; an evaluation
-        scores all. doubt: what is known to add to the error of ln radiance, such as of a doubtful pose; it
-        lowers the confidence. sources: whether suns and lamps are looked for and fitted to the photo, too
+        scores all. doubt: an error of ln radiance known beforehand, such as of a doubtful pose, which lowers
+        the confidence. sources: whether suns and lamps are found and fitted to the photo, too
         (`prediction.source_fit`).
 
         Raises `InputError` when the camera does not fit the photo, the object is not in it or the photo's
-        verdict is `Status.REFUSED`, and `ConfigError` when a learned method is asked of a predictor without a
+        verdict is `PhotoStatus.REFUSED`, and `ConfigError` when a learned method is asked for without a
         model.
         """
         clock = _Clock(self.device)
@@ -175,12 +163,11 @@ class Predictor:
         doubt: float = 0.0,
         sources: bool = False,
     ) -> tuple[Prediction, Tensor]:
-        """Return the one light that all `photos` were taken under, in the exposure of the first, and their
-        exposures.
+        """Return the one light of all `photos`, in the first one's exposure, and their exposures (N,).
 
-        What the photos tell singly is averaged, and then fitted to all of them together. The exposures (N,)
-        are relative to the first photo's; they are found with the light unless they are given. backgrounds:
-        of each photo that has one, else None; or none at all. The rest as in `predict`. Raises `ConfigError`
+        What the photos tell singly is averaged, and then fitted to all of them together. The exposures are
+        relative to the first photo's, and found with the light unless they are given. backgrounds: of each
+        photo, None where there is none. The other arguments are those of `predict`. Raises `ConfigError`
         without photos.
         """
         if not photos:
@@ -189,13 +176,12 @@ class Predictor:
         with clock.part("rasterise"):
             share = math.ceil(self.config.max_pixels / len(photos))
             seen = [self._observe(pixels, camera, share) for pixels, camera in photos]
-            found = (
-                relative_exposures(seen, self.seed) if exposures is None else torch.tensor(exposures).float()
-            )
+            given = None if exposures is None else torch.tensor(exposures).float()
+            found = relative_exposures(seen, self.seed) if given is None else given
             relative = (found / found[0]).to(self.device)
             seen = [exposed(one, exposure) for one, exposure in zip(seen, relative, strict=True)]
-            around = {number: self._seen(part) for number, part in enumerate(backgrounds) if part is not None}
-            behind = SeenLight.joined(list(around.values()), relative[list(around)]) if around else None
+            shown = {number: self._seen(part) for number, part in enumerate(backgrounds) if part is not None}
+            behind = SeenLight.joined(list(shown.values()), relative[list(shown)]) if shown else None
         return self._fitted(seen, joined(seen), behind, method, clock, refuse, doubt, sources), relative
 
     def _seen(self, background: Background) -> SeenLight:
@@ -216,18 +202,16 @@ class Predictor:
         doubt: float,
         sources: bool,
     ) -> Prediction:
-        """Return the light in the `photos` of one light and exposure, which together are `joint`; see
-        `predict`.
-        """
+        """Return the light in `photos` of one light and exposure, together `joint`; see `predict`."""
         method = method or methods_for(self.model, self.config)[0]
         with clock.part("verdict"):
             verdict = judge_together(photos, joint, self.seed)
-        if refuse and verdict.status is Status.REFUSED:
+        if refuse and verdict.status is PhotoStatus.REFUSED:
             raise InputError(" ".join(verdict.sentences))
         light = torch.stack([self._prior(photo, method, clock) for photo in photos]).mean(0)
         if is_fitted(method):
             with clock.part("solve"):
-                light = _FITTED[method](self, joint, light, len(photos))
+                light = self._fit(joint, light, method, len(photos))
         calibration = self.decomposition.calibration
         with clock.part("confidence"):
             known = self.decomposition.verdict
@@ -237,8 +221,7 @@ class Predictor:
             )
             use = BackgroundUse.ABSENT
             if seen is not None and is_fitted(method):
-                # What is seen is radiance itself; the map is so only after the run's calibration, further
-                # down.
+                # The background is radiance itself; the map is so only after the run's calibration below.
                 seen = seen if calibration is None else seen.divided(calibration.tensor(self.device))
                 light, trust, use = with_background(joint, light, trust, seen, self.seed)
         environment, split = Environment(light), None
@@ -256,80 +239,48 @@ class Predictor:
         return self.accuracy.fitted_scale if is_fitted(method) else self.accuracy.estimated_scale
 
     def _prior(self, observation: Observation, method: Method, clock: "_Clock") -> Tensor:
-        with clock.part("rasterise"):
-            chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
-        return _PRIORS[method](self, observation, chosen, clock)
-
-    def _constant(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
-        return constant_light(observation, self.config.light_resolution)
-
-    def _stacked(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
-        model, level, probes = self._trained(), observation.light_level, observation.pixels.take(chosen)
-        with clock.part("network"):
-            colors = model.network(probes, level)
-        with clock.part("stack"):
-            return stacked_light(model, colors, probes, level, self.config)
-
-    def _network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
-        model, probes = self._trained(), observation.pixels.take(chosen)
-        with clock.part("network"):
-            return network_light(model, observation, probes, chosen, self.config.light_resolution, self.seed)
-
-    def _desaturated_network(self, observation: Observation, chosen: Tensor, clock: "_Clock") -> Tensor:
-        return desaturated(self._network(observation, chosen, clock), observation.light_level)
-
-    def _solved(self, observation: Observation, prior: Tensor, photos: int) -> Tensor:
-        return solve_environment(observation, prior, self.solve_config, self.seed)
-
-    def _optimized(self, observation: Observation, prior: Tensor, photos: int) -> Tensor:
-        return optimize_environment(observation, prior, _for_photos(self.optimize_config, photos), self.seed)
-
-    def _refined(self, observation: Observation, prior: Tensor, photos: int) -> Tensor:
-        return refine_environment(observation, prior, _for_photos(self.refine_config, photos), self.seed)
-
-    def _trained(self) -> ProbeModel:
+        """Return the map that a method begins with."""
+        level, resolution = observation.light_level, self.config.light_resolution
+        if method in (Method.CONSTANT, Method.SOLVE, Method.OPTIMIZE):
+            return constant_light(observation, resolution)
         if self.model is None:
             raise ConfigError(
                 "This run has no trained model; run `lightprobe distill` on it, or use --method solve."
             )
-        return self.model
+        with clock.part("rasterise"):
+            chosen = sampled_probes(observation, self.config.sampled_share, self.seed)
+        probes = observation.pixels.take(chosen)
+        if method in (Method.PROBE_MLP, Method.PROBE_MLP_SOLVE):
+            with clock.part("network"):
+                colors = self.model.network(probes, level)
+            with clock.part("stack"):
+                return stacked_light(self.model, colors, probes, level, self.config)
+        with clock.part("network"):
+            light = network_light(self.model, observation, probes, chosen, resolution, self.seed)
+        return light if method is Method.PROBE_NET else desaturated(light, level)
+
+    def _fit(self, observation: Observation, prior: Tensor, method: Method, photos: int) -> Tensor:
+        """Return a map fitted to the pixels of so many photos."""
+        if method in _SOLVED:
+            return solve_environment(observation, prior, self.solve_config, self.seed)
+        config = self.optimize_config if method is Method.OPTIMIZE else self.refine_config
+        # as many pixels of each photo at every step as one photo alone has
+        config = replace(config, pixels=config.pixels * photos, batch=config.batch * photos)
+        fit = optimize_environment if method is Method.OPTIMIZE else refine_environment
+        return fit(observation, prior, config, self.seed)
 
 
-def _for_photos(config: OptimizeConfig, photos: int) -> OptimizeConfig:
-    """Return the configuration with as many pixels for each of several photos, at every step, as it has for
-    one.
-    """
-    return replace(config, pixels=config.pixels * photos, batch=config.batch * photos)
-
-
-_PRIORS = {
-    Method.CONSTANT: Predictor._constant,
-    Method.SOLVE: Predictor._constant,
-    Method.OPTIMIZE: Predictor._constant,
-    Method.PROBE_MLP: Predictor._stacked,
-    Method.PROBE_MLP_SOLVE: Predictor._stacked,
-    Method.PROBE_NET: Predictor._network,
-    Method.PROBE_NET_SOLVE: Predictor._desaturated_network,
-    Method.PROBE_NET_OPTIMIZE: Predictor._desaturated_network,
-}
-_FITTED = {
-    Method.SOLVE: Predictor._solved,
-    Method.PROBE_MLP_SOLVE: Predictor._solved,
-    Method.PROBE_NET_SOLVE: Predictor._solved,
-    Method.OPTIMIZE: Predictor._optimized,
-    Method.PROBE_NET_OPTIMIZE: Predictor._refined,
-}
+_SOLVED = frozenset({Method.SOLVE, Method.PROBE_MLP_SOLVE, Method.PROBE_NET_SOLVE})
+_OPTIMIZED = frozenset({Method.OPTIMIZE, Method.PROBE_NET_OPTIMIZE})
+_PARTS = ("rasterise", "verdict", "network", "stack", "solve", "confidence")
 
 
 class _Clock:
     """Wall time of the parts of a prediction."""
 
     def __init__(self, device: torch.device) -> None:
-        self._device = device
-        self._begin = time.perf_counter()
-        self._seconds = dict.fromkeys(
-            ("rasterise", "verdict", "network", "stack", "solve", "confidence"), 0.0
-        )
+        self._device, self._begin = device, time.perf_counter()
+        self._seconds = dict.fromkeys(_PARTS, 0.0)
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:

@@ -1,17 +1,15 @@
 """First guesses of a photo's light.
 
 Notation: W(w) = mean_p D_p(w) the mean distribution of the sampled pixels (1/sr), Wbar its mean over the
-sphere, s the photo's light level, P the stacked probes (Equation 5), E_m the lessons' mean light relative to
-their levels.
+sphere, s the photo's light level, P the stacked probes (Equation 5), E_m the mean light of the training
+examples relative to their levels.
 """
 
 import math
 
-import torch
 from torch import Tensor
 
 from lightprobe.core.config.prediction import PredictConfig
-from lightprobe.core.device import draw_rows, generator
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
 from lightprobe.light.resize import magnify_light
@@ -29,13 +27,10 @@ _HUE_DARK = 0.01  # relative to the light level: darker has no hue
 
 
 def sampled_probes(observation: Observation, share: float, seed: int) -> Tensor:
-    """Return the indices (N,) of a share of the trusted pixels, in order, smooth ones preferred (section
-    3.2.3).
-    """
+    """Return ordered indices (N,) of a share of the trusted pixels, mostly smooth ones (section 3.2.3)."""
     count = math.ceil(share * len(observation.pixels))
-    return (
-        sample_pixels(observation.pixels.roughness, count, seed=seed, stream="predict-pixels").sort().values
-    )
+    chosen = sample_pixels(observation.pixels.roughness, count, seed=seed, stream="predict-pixels")
+    return chosen.sort().values
 
 
 def constant_light(observation: Observation, resolution: int) -> Tensor:
@@ -68,8 +63,7 @@ def network_light(
     resolution: int,
     seed: int,
 ) -> Tensor:
-    """Return the sphere network's map (6, R, R, 3) from the pixels `probes`, which are the observation's
-    `chosen`.
+    """Return the sphere network's map (6, R, R, 3) from `probes`, the observation's `chosen` pixels.
 
     Raises `ConfigError` when the model was trained without that network.
     """
@@ -78,8 +72,7 @@ def network_light(
             "This run was trained without the sphere network; distill it again with --distill.sphere-steps above 0."
         )
     level, seen = observation.light_level, observation.pixels
-    every = torch.arange(len(seen), device=chosen.device)
-    some = draw_rows(every, SOLVED_PIXELS, generator(seed, "subset/coarse-light"))
+    some = observation.drawn(SOLVED_PIXELS, seed, "subset/coarse-light")
     transport = CoarseTransport.of(observation.gbuffer.select(observation.rows[some]))
     solved = coarse_lights(transport, seen.color[some], level)
     colors = model.network(probes, level)
@@ -91,8 +84,7 @@ def network_light(
 
 
 def desaturated(light: Tensor, light_level: Tensor) -> Tensor:
-    """Return a map (6, R, R, 3) whose hues keep a quarter of their distance from the mean one, at the same
-    brightness.
+    """Return a map (6, R, R, 3) as bright, its hues at a quarter of their distance from the mean hue.
 
     Which directions are bright, a network knows better than of what colour each is: lights are mostly greyer
     than the surfaces they are read from. What the photo says about colour, a fit adds.

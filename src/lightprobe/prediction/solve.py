@@ -44,7 +44,7 @@ _LARGEST_FACTOR = 10.0  # on the prior's radiance, up or down
 
 @dataclass(frozen=True)
 class FitPixels:
-    """Some pixels of an observation."""
+    """K pixels of an observation."""
 
     rows: Tensor  # (K,) rows of the observation's G-buffer
     observed: Tensor  # (K, 3)
@@ -66,7 +66,7 @@ class FitPixels:
 
 @dataclass(frozen=True)
 class Correction:
-    """FitPixels as a linear system for the factor on a coarse prior, (384, 3)."""
+    """`FitPixels` as a linear system for the factor on a coarse prior, (384, 3)."""
 
     pixels: FitPixels
     transport: Transport  # of the full light
@@ -103,9 +103,8 @@ class Correction:
     def brightness(self, light: Tensor) -> Tensor:
         """Return the factors (3,) that bring `light` (6, R, R, 3) closest to the photo."""
         render = self.transport.apply(light)
-        weight = self.pixels.weight[:, None] * ~beyond_clipping(
-            render, self.pixels.observed, self.pixels.clipped
-        )
+        hidden = beyond_clipping(render, self.pixels.observed, self.pixels.clipped)
+        weight = self.pixels.weight[:, None] * ~hidden
         explained = (weight * render.square()).sum(0)
         return torch.where(explained > 0, (weight * render * self.pixels.observed).sum(0) / explained, 1.0)
 
@@ -117,9 +116,7 @@ class Correction:
 
 
 def solve_environment(observation: Observation, prior: Tensor, config: SolveConfig, seed: int) -> Tensor:
-    """Return the light (6, R, R, 3) >= 0 that explains the photo while staying near `prior` where it says
-    little.
-    """
+    """Return the light (6, R, R, 3) >= 0 that explains the photo, near `prior` where that says little."""
 
     def system(candidates: Tensor, count: int, name: str) -> Correction:
         return Correction.of(observation, FitPixels.of(observation, candidates, count, seed, name), prior)
@@ -128,20 +125,14 @@ def solve_environment(observation: Observation, prior: Tensor, config: SolveConf
     every = system(torch.arange(len(observation.rows)), config.pixels, "all")
     light = prior
     if len(fitted) > 0 and len(held_out) > 0:
-        given, judge = (
-            system(fitted, config.fitted_pixels, "fitted"),
-            system(held_out, config.judging_pixels, "held-out"),
-        )
-        strength = choose_strength(given, judge)
+        given = system(fitted, config.fitted_pixels, "fitted")
+        strength = choose_strength(given, system(held_out, config.judging_pixels, "held-out"))
         light = prior if math.isinf(strength) else changed(prior, every.solve((strength,))[0])
     return light * every.brightness(light)
 
 
 def choose_strength(given: Correction, judge: Correction) -> float:
-    """Return the strongest pull whose change, solved from `given`, serves `judge` as well as any.
-
-    It is infinite when nothing should be changed.
-    """
+    """Return the strongest pull whose change, solved from `given`, serves `judge` best, or infinity."""
     nothing = torch.zeros(TEXELS, 3, device=given.render.device)
     trials = [(math.inf, nothing), *zip(STRENGTHS, given.solve(STRENGTHS), strict=True)]
     errors = [judge.error(change) for _, change in trials]
@@ -164,8 +155,7 @@ def _tile_split(observation: Observation, seed: int) -> tuple[Tensor, Tensor]:
     pixel = observation.gbuffer.pixel[observation.rows]
     width = observation.gbuffer.width
     across = width // _TILE + 1
-    tile = torch.div(torch.div(pixel, width, rounding_mode="floor"), _TILE, rounding_mode="floor") * across
-    tile = tile + torch.div(pixel % width, _TILE, rounding_mode="floor")
+    tile = pixel // width // _TILE * across + pixel % width // _TILE
     count = int(tile.max()) + 1
     held = torch.rand(count, generator=generator(seed, "solve-tiles")) < _HELD_OUT
     held = held.to(pixel.device)[tile]

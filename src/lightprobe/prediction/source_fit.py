@@ -11,16 +11,16 @@ the direction along one of the six half axes (these sum to 1). x and y are facto
 mean square that no factors explain. Errors of an object are alike all over a part of it, so all pixels count
 as only N independent ones. Clipped pixels are one-sided. Iteratively reweighted non-negative least squares:
 the weights w make the sum one of absolute displayed errors, at the render's brightness. Plain squares,
-weighted by the photo's, let the errors of normals and roughness dim the sources by a third
+weighted by the photo's brightness, let the errors of normals and roughness dim the sources by a third
 (docs/decisions/key-lights.md).
 
 The key source is moved as well, to where N ln(error there / error here) says more than its distance in units
 of the deviation that predicted directions have.
 
-The uncertainty of a source is one standard deviation of its irradiance relative to it: that of the above,
-from its inverse Hessian, and the one that fitted key lights have against true ones where the object is a
-reconstructed one, as a photo cannot tell what its object gets wrong. A direction has one of the same two
-parts.
+The uncertainty of a source is one standard deviation of its irradiance relative to it. It has two parts: that
+of the fit, from its inverse Hessian, and the deviation of fitted key lights from true ones where the object
+is a reconstructed one, as a photo cannot tell what its object gets wrong. The uncertainty of a direction has
+the same two parts.
 """
 
 import math
@@ -30,7 +30,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import draw_rows, generator
 from lightprobe.geometry.mesh import Mesh, face_normals
 from lightprobe.kernels import gather_rows
 from lightprobe.light import cubemap
@@ -42,6 +41,7 @@ from lightprobe.light.resize import resize_light
 from lightprobe.light.sources import LightSource, SplitLight, split_light
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.depth_maps import DepthMaps, frames
+from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import reflectance
 from lightprobe.render.transport import Transport
 
@@ -52,13 +52,11 @@ _ROUNDS = 4  # of weights, clipped pixels and v
 _SEARCH_ROUNDS = 2  # the same while the key source is looked for
 _FLOOR = 0.005  # displayed error below which all pixels count alike
 _SHADOW_SIDE = 256  # pixels of a depth map
-_DRAFTED = (
-    32  # texels along a cubemap edge up to which the refinement's prefilter does, as it is there already
-)
+_DRAFTED = 32  # texels along a cubemap edge up to which the refinement's prefilter, already there, does
 _RINGS = tuple(math.radians(angle) for angle in (8.0, 4.0, 2.0))  # of directions that are tried
 _AROUND = 6  # on each ring
 _TINY = 1e-12  # relative; what is smaller is rounding
-_BLACK = 1e-3  # of the predicted irradiance: a source with less is not there, and its deviation is relative to this
+_BLACK = 1e-3  # of the predicted irradiance: a source with less is not there; least base of a deviation
 # Deviations of fitted key lights from true ones, relative and in radians, see docs/decisions/key-lights.md
 _USUAL_ERROR, _USUAL_TURN = 0.65, math.radians(4)
 
@@ -67,10 +65,9 @@ _USUAL_ERROR, _USUAL_TURN = 0.65, math.radians(4)
 class _Pixels:
     """The trusted pixels that decide."""
 
-    observation: Observation
+    gbuffer: GBuffer
     transport: Transport
     maps: DepthMaps
-    rows: Tensor  # (P,) of the G-buffer
     diffuse: Tensor  # (P, 3) what is reflected of diffuse light
     color: Tensor  # (P, 3)
     clipped: Tensor  # (P, 3) bool
@@ -79,44 +76,31 @@ class _Pixels:
     @staticmethod
     def of(observation: Observation, mesh: Mesh, resolution: int, seed: int) -> "_Pixels":
         """Return some of the trusted pixels of an observation of the object with this mesh."""
-        every = torch.arange(len(observation.rows), device=observation.rows.device)
-        chosen = draw_rows(every, _PIXELS, generator(seed, "sources")).to(every.device)
-        rows = observation.rows[chosen]
-        seen = observation.gbuffer.select(rows)
+        device = observation.rows.device
+        chosen = observation.drawn(_PIXELS, seed, "sources").to(device)
+        seen = observation.gbuffer.select(observation.rows[chosen])
         outward = torch.nn.functional.normalize(face_normals(mesh.vertices, mesh.faces), dim=1, eps=1e-20)
-        maps = DepthMaps.of(
-            mesh.vertices, mesh.faces, seen.position, gather_rows(outward, seen.face), _SHADOW_SIDE
-        )
+        facing = gather_rows(outward, seen.face)
+        maps = DepthMaps.of(mesh.vertices, mesh.faces, seen.position, facing, _SHADOW_SIDE)
         accuracy = DRAFT if resolution <= _DRAFTED else None
-        transport = Transport(seen, prefilters.cached(resolution, rows.device, accuracy))
-        return _Pixels(
-            replace(observation, gbuffer=seen),
-            transport,
-            maps,
-            rows,
-            reflectance(seen).diffuse,
-            observation.pixels.color[chosen],
-            observation.clipped[chosen],
-            resolution,
-        )
+        transport = Transport(seen, prefilters.cached(resolution, device, accuracy))
+        color, clipped = observation.pixels.color[chosen], observation.clipped[chosen]
+        return _Pixels(seen, transport, maps, reflectance(seen).diffuse, color, clipped, resolution)
 
     def lit(self, source: LightSource, *, as_point: bool = False) -> Tensor:
-        """Return the image (P, 3) of a source, with the shadows that it casts by its extent, or from its
-        middle.
-        """
-        texels = source.texels(self.resolution, self.rows.device)
+        """Return the image (P, 3) of a source, with the shadows that its disc casts, or its middle alone."""
+        gbuffer, device = self.gbuffer, self.color.device
+        texels = source.texels(self.resolution, device)
         image = self.transport.apply(texels)
-        gbuffer = self.observation.gbuffer
         if gbuffer.visibility is None:
             return image
         blocks = resize_light(texels, BLOCKS).reshape(-1, 3)
         coarse = gbuffer.visibility.light(blocks, gbuffer.normal)[:, :3]
-        towards = torch.tensor(source.direction, device=self.rows.device)
+        towards = torch.tensor(source.direction, device=device)
         directions = towards[None] if as_point else _disc(towards, source.angular_radius)
         share = sum(self.maps.visibility(axes)[0] for axes in frames(directions)) / len(directions)
-        arriving = (share * (gbuffer.normal @ towards).clamp(min=0))[:, None] * torch.tensor(
-            source.irradiance, device=self.rows.device
-        )
+        irradiance = torch.tensor(source.irradiance, device=device)
+        arriving = (share * (gbuffer.normal @ towards).clamp(min=0))[:, None] * irradiance
         return (image + self.diffuse * (arriving.to(coarse) / math.pi - coarse)).clamp(min=0)
 
     def rest(self, light: Environment) -> list[Tensor]:
@@ -137,12 +121,11 @@ class _Solution:
 
 @torch.no_grad()
 def fitted_sources(observation: Observation, environment: Environment, mesh: Mesh, seed: int) -> SplitLight:
-    """Return a predicted light as its sources, fitted to the photo it was predicted from, and the rest as
-    predicted.
+    """Return a predicted light as its sources, fitted to the photo, and the rest as predicted.
 
-    A source that the photo shows nothing of is left out; the doubt of a direction is of the one that was the
-    strongest. `mesh`: of the object that `observation` is of. Deterministic; the sources scale with the
-    photo's exposure.
+    A source that the photo shows nothing of is left out; only the strongest has a doubt about its direction.
+    `mesh`: of the object that `observation` is of. Deterministic; the sources scale with the photo's
+    exposure.
     """
     split = split_light(environment)
     if not split.sources:
@@ -169,36 +152,33 @@ def _scaled(source: LightSource, solved: _Solution, index: int) -> LightSource:
 
 
 def _moved(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> tuple[LightSource, float]:
-    """Return the key source where it explains the photo best beside the images `others`, and its direction's
-    doubt.
+    """Return the key source where it explains the photo best beside `others`, and its direction's doubt.
 
-    While it is looked for, it throws the shadows of a point: a fifth of the depth maps.
+    During the search the source throws the shadows of a point: a fifth of the depth maps.
     """
-    best, errors = (key, _error(pixels, key, others)), []
 
-    def gain(turned: LightSource, error: float) -> float:
+    def error(source: LightSource) -> float:
+        return _solve(pixels, [pixels.lit(source, as_point=True), *others], _SEARCH_ROUNDS).error
+
+    best, errors = (key, error(key)), []
+
+    def gain(turned: LightSource, found: float) -> float:
         apart = math.acos(min(1.0, sum(a * b for a, b in zip(turned.direction, key.direction, strict=True))))
-        return -_INDEPENDENT * math.log(error) - (apart / _USUAL_TURN) ** 2
+        return -_INDEPENDENT * math.log(found) - (apart / _USUAL_TURN) ** 2
 
     for ring in _RINGS:
         tried = []
         for direction in _ring(torch.tensor(best[0].direction, dtype=torch.float64), ring):
             x, y, z = direction.tolist()
             source = replace(key, direction=(x, y, z))
-            tried.append((source, _error(pixels, source, others)))
-        errors.append((ring, float(np.mean([error for _, error in tried]))))
+            tried.append((source, error(source)))
+        errors.append((ring, float(np.mean([found for _, found in tried]))))
         best = max([best, *tried], key=lambda one: gain(*one))
     return best[0], _direction_doubt(best[1], errors)
 
 
-def _error(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> float:
-    """Return what stays unexplained with the key source, as a point, beside the images `others`."""
-    return _solve(pixels, [pixels.lit(key, as_point=True), *others], _SEARCH_ROUNDS).error
-
-
 def _direction_doubt(least: float, errors: list[tuple[float, float]]) -> float:
-    """Return the deviation of a direction, in radians, by how the error grows on rings (radius, mean error)
-    around it.
+    """Return a direction's deviation in radians by the `errors` (radius, mean error) on rings around it.
 
     exp(-N error / (2 least)) is a Gaussian of the direction where the error is a parabola.
     """
@@ -227,9 +207,8 @@ def _solve(pixels: _Pixels, columns: list[Tensor], rounds: int = _ROUNDS) -> _So
     deviation = torch.linalg.inv(hessian).diagonal(dim1=1, dim2=2).sqrt()
     render = (matrix @ factors[..., None])[..., 0].T
     shown = tone_slope(render / unit) * one_sided_residual(render, photo, clipped) / unit
-    return _Solution(
-        factors.cpu().numpy(), float(shown.square().mean().clamp(min=1e-8)), deviation.cpu().numpy()
-    )
+    error = float(shown.square().mean().clamp(min=1e-8))
+    return _Solution(factors.cpu().numpy(), error, deviation.cpu().numpy())
 
 
 def _non_negative(hessian: Tensor, right: Tensor) -> Tensor:
@@ -251,7 +230,7 @@ def _non_negative(hessian: Tensor, right: Tensor) -> Tensor:
         wanted = _free_minimum(h, r, free)
         while (
             wanted[free] <= 0
-        ).any():  # back to where the first of them meets its bound, which holds it from then on
+        ).any():  # back to where the first meets its bound, which holds it from then on
             low = free & (wanted <= 0)
             x += (x[low] / (x[low] - wanted[low])).min() * (wanted - x)
             free &= x > _TINY * x.max()
@@ -277,9 +256,7 @@ def _ring(middle: Tensor, angle: float) -> Tensor:
 
 
 def _disc(towards: Tensor, radius: float) -> Tensor:
-    """Return five directions (5, 3) that stand for a disc: its middle, and four at its root mean square
-    radius.
-    """
+    """Return five directions (5, 3) for a disc: its middle, and four at its root mean square radius."""
     first, second, axis = frames(towards[None])[0]
     angle = radius / math.sqrt(2) * math.sqrt(5 / 4)
     across = torch.stack([first, -first, second, -second])

@@ -30,9 +30,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import exposure_unit, one_sided_residual, relative_tone_weight, tone_map
-from lightprobe.light.prefilter import BLOCKS
 from lightprobe.prediction.observation import Observation
 from lightprobe.render.coarse_transport import CoarseTransport
 
@@ -54,19 +52,15 @@ _CHROMA_EXPLAINED = 0.55  # good: .71 and more; red, green and blue exchanged: a
 _MUCH_CLIPPED = 0.4  # good: at most .11; three times too bright: .48, eight times: .25 to .83
 _SAME_PLACE = 0.8  # right cameras have more than .94, also on photos from the internet
 _BESIDE = 0.025  # good: .001, the cape's own masks and hull .024; moved by .05 across the view: .049 and more
-_APART = (
-    0.25  # two to four photos of one light: at most .24; of different lights: .04 and more, most above .3
-)
-_DOUBT = (
-    0.3  # doubtful photos of the demo: their maps err by .16 to .38 more in ln radiance than the good ones
-)
+_APART = 0.25  # two to four photos of one light: at most .24; of different lights mostly above .3
+_DOUBT = 0.3  # doubtful photos of the demo: their maps err by .16 to .38 more in ln radiance
 _SUSPECTS = (
     "is the camera this photo's own, the object the one that was trained and trained long enough, and are the colours "
     "neither inverted nor swapped?"
 )
 
 
-class Status(StrEnum):
+class PhotoStatus(StrEnum):
     """What to do with a photo's map."""
 
     GOOD = "good"
@@ -75,7 +69,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PhotoVerdict:
     """What was measured on a photo, and what follows from it."""
 
     residual: float  # displayed, 0 to 1: root mean square of what no light explains
@@ -88,14 +82,15 @@ class Verdict:
     apart: float | None = None  # of several photos; see the module's head
 
     @property
-    def status(self) -> Status:
-        """The worst of what was found."""
+    def status(self) -> PhotoStatus:
+        """The worst finding's status."""
         found = {status for status, _ in self._findings()}
-        return next((status for status in (Status.REFUSED, Status.DOUBTFUL) if status in found), Status.GOOD)
+        order = (PhotoStatus.REFUSED, PhotoStatus.DOUBTFUL)
+        return next((status for status in order if status in found), PhotoStatus.GOOD)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What made the status, and what to do about it; none for a good photo."""
+        """The findings of that status, and what to do about each; none for a good photo."""
         return tuple(sentence for status, sentence in self._findings() if status is self.status)
 
     @property
@@ -105,20 +100,20 @@ class Verdict:
 
     @property
     def doubt(self) -> float:
-        """What this adds to the error to expect of ln radiance: 0 for a good photo."""
-        return 0.0 if self.status is Status.GOOD else _DOUBT
+        """What the photo adds to the error to expect of ln radiance: 0 for a good one."""
+        return 0.0 if self.status is PhotoStatus.GOOD else _DOUBT
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON value: the measures, the status and the sentences."""
         return {**vars(self), "status": self.status.value, "sentences": list(self.sentences)}
 
-    def _findings(self) -> list[tuple[Status, str]]:
+    def _findings(self) -> list[tuple[PhotoStatus, str]]:
         nothing = tells_nothing(self.clipped, self.level)
         if nothing is not None:
-            return [(Status.REFUSED, nothing)]
+            return [(PhotoStatus.REFUSED, nothing)]
         if self.explained <= _NOTHING_EXPLAINED:
-            return [(Status.REFUSED, f"No light makes this object look like this photo: {_SUSPECTS}")]
-        return [(Status.DOUBTFUL, sentence) for sentence in self._doubts()]
+            return [(PhotoStatus.REFUSED, f"No light makes this object look like this photo: {_SUSPECTS}")]
+        return [(PhotoStatus.DOUBTFUL, sentence) for sentence in self._doubts()]
 
     def _doubts(self) -> Iterator[str]:
         if self.overlap < _SAME_PLACE:
@@ -146,7 +141,7 @@ class Verdict:
                 f"{100 * self.clipped:.0f} % of the object's values are clipped to white, which hides how bright its "
                 "light is; expose the photo for the object."
             )
-        if self.apart is not None and self.of_different_lights:
+        if self.apart is not None and self.apart > _APART:
             yield (
                 f"One light for all misses these photos by {100 * math.expm1(self.apart):.0f} % more than a light for "
                 "each; were they taken under one light, with one white balance, and are cameras and exposures right?"
@@ -154,10 +149,9 @@ class Verdict:
 
 
 def tells_nothing(clipped: float, level: float) -> str | None:
-    """Return why a photo tells nothing about its light, by its `Verdict`'s share of clipped values and level;
-    or None.
+    """Return why a photo whose object is black, or white all over, tells nothing about its light; else None.
 
-    Needs no model of the object: it is black, or white all over.
+    clipped, level: as in `PhotoVerdict`.
     """
     if level <= _BLACK:
         return "The object is black in this photo, which tells nothing about its light."
@@ -168,14 +162,14 @@ def tells_nothing(clipped: float, level: float) -> str | None:
 
 
 @torch.no_grad()
-def judge(observation: Observation, seed: int) -> Verdict:
+def judge(observation: Observation, seed: int) -> PhotoVerdict:
     """Return the verdict on the photo of `observation`; deterministic, whatever its exposure."""
     pixels = _Judged.of(observation, exposure_unit(observation.pixels.color), observation.light_level, seed)
     difference, target = pixels.difference(pixels.lights()), pixels.target
-    return Verdict(
+    return PhotoVerdict(
         residual=_root_mean_square(difference),
         explained=_explained(difference, target),
-        explained_chroma=_explained(_chroma(difference), _chroma(target)),
+        explained_chroma=_explained(difference - difference.mean(0), target - target.mean(0)),
         clipped=float(observation.clipped.float().mean()),
         level=float(observation.pixels.color.mean()),
         overlap=observation.overlap,
@@ -184,22 +178,20 @@ def judge(observation: Observation, seed: int) -> Verdict:
 
 
 @torch.no_grad()
-def judge_together(photos: Sequence[Observation], joint: Observation, seed: int) -> Verdict:
-    """Return the verdict on photos of one light and exposure, which are `joint` when put one below the other."""
+def judge_together(photos: Sequence[Observation], joint: Observation, seed: int) -> PhotoVerdict:
+    """Return the verdict on photos of one light and exposure, `joint` when put one below the other."""
     verdict = judge(joint, seed)
     if len(photos) < 2:
         return verdict
     unit = exposure_unit(joint.pixels.color)
     singly = [_Judged.of(photo, unit, joint.light_level, seed) for photo in photos]
     common = _Judged.joined(singly).lights()
-    logs = [
-        [
-            math.log(max(_root_mean_square(one.difference(lights)), _LEAST))
-            for lights in (common, one.lights())
-        ]
-        for one in singly
-    ]
-    return replace(verdict, apart=sum(together - alone for together, alone in logs) / len(logs))
+
+    def log_residual(photo: _Judged, lights: Tensor) -> float:
+        return math.log(max(_root_mean_square(photo.difference(lights)), _LEAST))
+
+    apart = [log_residual(photo, common) - log_residual(photo, photo.lights()) for photo in singly]
+    return replace(verdict, apart=sum(apart) / len(apart))
 
 
 @dataclass(frozen=True)
@@ -216,23 +208,19 @@ class _Judged:
     @staticmethod
     def of(observation: Observation, unit: Tensor, level: Tensor, seed: int) -> "_Judged":
         """Draw a photo's pixels; unit: what their usual exposure divides colours by, level: of its light."""
-        every = torch.arange(len(observation.rows), device=observation.rows.device)
-        chosen = draw_rows(every, _PIXELS, generator(seed, "verdict"))
+        chosen = observation.drawn(_PIXELS, seed, "verdict")
         color, clipped = observation.pixels.color[chosen], observation.clipped[chosen].T
-        matrix = _broader(CoarseTransport.of(observation.gbuffer.select(observation.rows[chosen])).matrix)
+        matrix = CoarseTransport.of(observation.gbuffer.select(observation.rows[chosen])).broader(_SIDE)
         trust = relative_tone_weight(color, level) * ~clipped
         black = _black_squares(observation, chosen)
-        return _Judged(
-            matrix, color.T / unit, clipped, black, torch.stack([trust * ~black, trust * black]), level / unit
-        )
+        weight = torch.stack([trust * ~black, trust * black])
+        return _Judged(matrix, color.T / unit, clipped, black, weight, level / unit)
 
     @staticmethod
     def joined(photos: "Sequence[_Judged]") -> "_Judged":
         """Return the pixels of all photos, of one level."""
-        parts = {
-            key: torch.cat([vars(one)[key] for one in photos], -1)
-            for key in ("color", "clipped", "black", "weight")
-        }
+        keys = ("color", "clipped", "black", "weight")
+        parts = {key: torch.cat([vars(one)[key] for one in photos], -1) for key in keys}
         return _Judged(matrix=torch.cat([one.matrix for one in photos], 1), level=photos[0].level, **parts)
 
     @property
@@ -247,8 +235,8 @@ class _Judged:
     def difference(self, lights: Tensor) -> Tensor:
         """Return t(A E) - t(I) (3, P), each pixel under the one of `lights` (2, 3, T) it was kept from."""
         renders = (self.matrix @ lights[..., None])[..., 0]  # (2, 3, P)
-        shown = tone_map(torch.where(self.black, renders[0], renders[1]))
-        return one_sided_residual(shown, self.target, self.clipped)
+        displayed = tone_map(torch.where(self.black, renders[0], renders[1]))
+        return one_sided_residual(displayed, self.target, self.clipped)
 
 
 def _root_mean_square(difference: Tensor) -> float:
@@ -256,27 +244,13 @@ def _root_mean_square(difference: Tensor) -> float:
 
 
 def _explained(difference: Tensor, target: Tensor) -> float:
-    """Return which share of the variance of `target` (3, P), of each channel about its mean, is not
-    `difference`.
-    """
+    """Return 1 less the share of the variance of `target` (3, P), per channel, that is in `difference`."""
     contrast = (target - target.mean(1, keepdim=True)).square().mean()
     return 1 - float(difference.square().mean() / (contrast + _NOISE**2))
 
 
-def _chroma(color: Tensor) -> Tensor:
-    """Return what is left of displayed colours (3, P) without their grey."""
-    return color - color.mean(0)
-
-
-def _broader(matrix: Tensor) -> Tensor:
-    """Return the matrices (3, P, 384) for lights that are constant over blocks of texels, (3, P, 96)."""
-    block = BLOCKS // _SIDE
-    return matrix.unflatten(2, (6, _SIDE, block, _SIDE, block)).sum((4, 6)).flatten(2)
-
-
 def _fitted(matrix: Tensor, observed: Tensor, weight: Tensor, level: Tensor) -> Tensor:
-    """Return lights (2, 3, T) >= 0 that explain the pixels best, one for each of two weights; ridge
-    regression.
+    """Return lights (2, 3, T) >= 0 that explain the pixels best, one for each of two weights.
 
     matrix (3, P, T) >= 0, observed (3, P), weight (2, 3, P) >= 0. Where no pixel has weight the light is
     `level` (). Projected gradient steps with Nesterov's momentum, scaled by the row sums of the normal
@@ -300,6 +274,4 @@ def _black_squares(observation: Observation, chosen: Tensor) -> Tensor:
     """Return which of the trusted pixels `chosen` (P,) lie in black squares of the chess board, (P,) bool."""
     side = max(1, round(math.sqrt(len(observation.rows)) / _SQUARES))
     pixel, width = observation.gbuffer.pixel[observation.rows[chosen]], observation.gbuffer.width
-    column, row = pixel % width, torch.div(pixel, width, rounding_mode="floor")
-    squares = torch.div(column, side, rounding_mode="floor") + torch.div(row, side, rounding_mode="floor")
-    return squares % 2 == 1
+    return (pixel % width // side + pixel // width // side) % 2 == 1

@@ -1,17 +1,13 @@
-"""What is worked out is kept beside the scene, so that the same command goes on: one file a step, each with
-its key.
+"""The steps of a preparation, kept beside the scene so that the same command goes on: one file a step.
 
-A key is the checksum of all that a step depends on. A file is written whole or not at all, and one of another
-key is as good as none.
+A step's key is the checksum of all that it depends on. A file is written whole or not at all, and a file of
+another key is as good as none.
 """
 
 import hashlib
 import io
 import json
-import struct
-import tokenize
 import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,25 +16,8 @@ import numpy as np
 
 from lightprobe.core.files import named_file, write_bytes
 
-HIDDEN = ".prepare"  # the folder in a scene that holds them
+HIDDEN = ".prepare"  # the folder in a scene that holds the steps
 _LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
-# What the parsers of the archive and of the arrays in it run into.
-_DAMAGE = (
-    OSError,
-    ValueError,
-    TypeError,
-    KeyError,
-    EOFError,
-    OverflowError,
-    SyntaxError,
-    RecursionError,
-    MemoryError,
-    RuntimeError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 _VERSION = 6  # of all steps: raised when what they keep, or how they find it, changes
 
 
@@ -49,7 +28,7 @@ def key_of(*parts: Any) -> str:
 
 
 class Cache:
-    """The kept steps of a scene, in a folder of their own."""
+    """The kept steps of a scene, each some arrays of any shape by name, in a folder of their own."""
 
     def __init__(self, folder: Path):
         self.folder = Path(folder)
@@ -57,9 +36,7 @@ class Cache:
     def arrays(
         self, name: str, key: str, make: Callable[[], Mapping[str, np.ndarray]]
     ) -> dict[str, np.ndarray]:
-        """Return the arrays, of any shape, of step `name`: those kept under `key`, or those that `make`
-        returns.
-        """
+        """Return the arrays of step `name` that are kept under `key`, else those that `make` returns."""
         found = self.find(name, key)
         if found is None:
             found = dict(make())
@@ -67,27 +44,21 @@ class Cache:
         return found
 
     def find(self, name: str, key: str) -> dict[str, np.ndarray] | None:
-        """Return the arrays, of any shape, of step `name` that are kept under `key`, None where none are."""
-        return _read(named_file(self.folder, name, ".npz"), key)
+        """Return the arrays of step `name` that are kept under `key`, None where none are."""
+        path = named_file(self.folder, name, ".npz")
+        try:
+            with zipfile.ZipFile(path) as archive:
+                if sum(part.file_size for part in archive.infolist()) > _LARGEST:
+                    return None
+            with np.load(path, allow_pickle=False) as stored:
+                if str(stored["key"]) != key:
+                    return None
+                return {name: stored[name] for name in stored.files if name != "key"}
+        except Exception:  # whatever the parsers of a damaged archive and its arrays run into
+            return None
 
     def keep(self, name: str, key: str, values: Mapping[str, np.ndarray]) -> None:
-        """Keep the arrays, of any shape, of step `name` under `key`."""
+        """Keep the arrays of step `name` under `key`."""
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **{**values, "key": np.array(key)})  # type: ignore[arg-type]
         write_bytes(named_file(self.folder, name, ".npz"), buffer.getvalue())
-
-
-def _read(path: Path, key: str) -> dict[str, np.ndarray] | None:
-    """Return the arrays (of any shape) of a file, None when there is none, it is damaged or it has another
-    key.
-    """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if sum(part.file_size for part in archive.infolist()) > _LARGEST:
-                return None
-        with np.load(path, allow_pickle=False) as stored:
-            if str(stored["key"]) != key:
-                return None
-            return {name: stored[name] for name in stored.files if name != "key"}
-    except _DAMAGE:
-        return None

@@ -1,67 +1,47 @@
-"""Several reconstructions of the same photos, and the one that is kept: with a still background the first one
-lies.
-"""
+"""Several reconstructions of the same photos, and the one that is kept."""
 
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
 from lightprobe.core.errors import InputError
+from lightprobe.preparation import judging
+from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.features import Features, match_photos
-from lightprobe.preparation.judging import (
-    ObjectMatches,
-    Verdict,
-    central,
-    from_one_tripod,
-    moving_features,
-    unexplained,
-)
-from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, reconstruct
-from lightprobe.preparation.solution import Solution
+from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Solution, reconstruct
 
 WHOLE, MOVING, SECOND, MASKED = "whole photos", "what moves", "what moves against the rest", "within masks"
 _NEARLY_ALL = 0.9  # of the photos registered: other lenses are not tried then
-_EXPLAINED = (
-    0.8  # share of the object's matches from which a reconstruction is believed to be that of the object
-)
-_SECOND_PAIRS = (
-    0.5  # pairs per photo that fit together in another way than the cameras say, from which it is looked at
-)
+_EXPLAINED = 0.8  # share of the object's matches from which a reconstruction is taken for the object's
+_SECOND_PAIRS = 0.5  # pairs per photo that fit in another way than the cameras say, that are worth a look
 _BETTER = 1.1  # times the score that another reconstruction needs to take the place of an earlier one
-_MANY_LENSES = (
-    0.1  # focal lengths per photo: so many are those of photos from anywhere, whose EXIF means little
-)
+_MANY_LENSES = 0.1  # focal lengths per photo: so many are of photos from anywhere, whose EXIF means little
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """One reconstruction and how it does on the object."""
+class Reconstruction:
+    """A solution from some of the matches, and how it does on the object."""
 
     name: str
     solution: Solution
-    verdict: Verdict
+    fit: judging.ObjectFit
     lenses: Lenses
-    apart: tuple[
-        tuple[int, ...], ...
-    ] = ()  # photos of each model that does not join this one, the largest first
+    apart: tuple[tuple[int, ...], ...] = ()  # photos of each model that does not join, the largest first
 
     def to_json(self) -> dict[str, object]:
-        """Return it as prepare.json has it."""
-        return {
-            "reconstruction": self.name,
-            **self.verdict.to_json(),
-            "lenses": str(self.lenses),
-            "other_models_photos": [len(photos) for photos in self.apart],
-        }
+        """Return the reconstruction as prepare.json has it."""
+        others = {"lenses": str(self.lenses), "other_models_photos": [len(photos) for photos in self.apart]}
+        return {"reconstruction": self.name, **self.fit.to_json(), **others}
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The reconstruction that is kept."""
+    """The reconstruction that is kept, of several."""
 
-    kept: Candidate
-    tried: tuple[Candidate, ...]
+    kept: Reconstruction
+    tried: tuple[Reconstruction, ...]
     why: str
     trap: str | None  # a sentence where the whole photos would have misled
     moving: bool  # what was reconstructed moves before a background: all of it is the object
@@ -78,14 +58,15 @@ def choose(
 ) -> Choice:
     """Return the best reconstruction of matches (M, 2) without masks.
 
-    inside: the features that are known, or thought, to lie on the object, (N,) bool for each photo; None:
-    those around the middle. Raises `InputError` when nothing can be reconstructed.
+    inside: the features known, or thought, to lie on the object, (N,) bool for each photo; None: those around
+    the middle. Raises `InputError` when nothing can be reconstructed.
     """
-    regions = central(photos) if inside is None else inside
-    if from_one_tripod(photos, matches):
-        moving = match_photos(photos, moving_features(photos, matches))
+    regions = judging.central(photos) if inside is None else inside
+    if judging.from_one_tripod(photos, matches):
+        moving = match_photos(photos, judging.moving_features(photos, matches))
         on_model(MOVING)
-        kept = best_lenses(MOVING, photos, moving, focal, ObjectMatches(photos, moving, regions, seed), seed)
+        asked = judging.ObjectMatches(photos, moving, regions, seed)
+        kept = best_lenses(MOVING, photos, moving, focal, asked, seed)
         if kept is not None:
             trap = (
                 "Trap: the background stands still in the photos while the object was turned before it; features that "
@@ -94,49 +75,35 @@ def choose(
             why = "only this explains what moves: the rest stands at the same place in every photo"
             return Choice(kept, (kept,), why, trap, True)
     on_model(WHOLE)
-    asked = ObjectMatches(photos, matches, regions, seed)
+    asked = judging.ObjectMatches(photos, matches, regions, seed)
     whole = best_lenses(WHOLE, photos, matches, focal, asked, seed)
     if whole is None:
         raise InputError(
             "No cameras were found: too few features of the photos match; take more photos of it that overlap, sharp "
             "and with less than 20 degrees between neighbours."
         )
-    return _against_second(photos, matches, focal, regions, whole, seed, on_model)
-
-
-def _against_second(
-    photos: Sequence[Features],
-    matches: Matches,
-    focal: Sequence[float | None],
-    regions: Sequence[np.ndarray],
-    whole: Candidate,
-    seed: int,
-    on_model: Callable[[str], None],
-) -> Choice:
-    """Return the whole photos' reconstruction, or that of what does not fit it where this is the object."""
-    good = f"it explains {whole.verdict.explained:.0%} of the matches on the object"
-    plain = Choice(whole, (whole,), good, None, False)
-    if whole.verdict.explained >= _EXPLAINED:
+    good = f"it explains {whole.fit.explained:.0%} of the matches on the object"
+    plain, total = Choice(whole, (whole,), good, None, False), len(photos)
+    if whole.fit.explained >= _EXPLAINED:
         return plain
-    left = unexplained(photos, matches, whole.solution)
+    left = judging.unexplained(photos, matches, whole.solution)
     everywhere = [np.ones(len(features.points), bool) for features in photos]
-    asked = ObjectMatches(photos, left, everywhere, seed)
-    if len(asked.pairs) < _SECOND_PAIRS * len(photos):
+    rest = judging.ObjectMatches(photos, left, everywhere, seed)
+    if len(rest.pairs) < _SECOND_PAIRS * total:
         return plain
     on_model(SECOND)
-    second = best_lenses(SECOND, photos, left, focal, asked, seed)
+    second = best_lenses(SECOND, photos, left, focal, rest, seed)
     if second is None:
         return plain
-    total, own = len(photos), ObjectMatches(photos, matches, regions, seed)
-    whole, second = (replace(found, verdict=own.judge(found.solution)) for found in (whole, second))
-    if second.verdict.score(total) < _BETTER * whole.verdict.score(total):
-        return Choice(whole, (whole, second), good, None, False)
+    second = replace(second, fit=asked.judge(second.solution))
+    if second.fit.score(total) < _BETTER * whole.fit.score(total):
+        return replace(plain, tried=(whole, second))
     trap = (
-        f"Trap: the whole photos gave cameras for {whole.verdict.registered} of {total} photos that explain only "
-        f"{whole.verdict.explained:.0%} of the matches on the object: the background stands still while the object was "
+        f"Trap: the whole photos gave cameras for {whole.fit.registered} of {total} photos that explain only "
+        f"{whole.fit.explained:.0%} of the matches on the object: the background stands still while the object was "
         "turned or moved."
     )
-    why = f"it explains {second.verdict.explained:.0%} of the matches on the object"
+    why = f"it explains {second.fit.explained:.0%} of the matches on the object"
     return Choice(second, (whole, second), why, trap, True)
 
 
@@ -148,30 +115,28 @@ def within_masks(
     *,
     seed: int = 0,
 ) -> Choice:
-    """Return the choice after a reconstruction from the features `inside` the masks alone, (N,) bool for each
-    photo.
+    """Return the choice after a reconstruction from the features `inside` the masks, (N,) bool each.
 
-    It is made where the one that is kept explains too little of the object, and kept where it is better.
+    It is made where the kept one explains too little of the object, and taken where it is better.
     """
     own = match_photos(photos, inside)
-    asked = ObjectMatches(photos, own, inside, seed)
-    before = replace(choice.kept, verdict=asked.judge(choice.kept.solution))
-    enough = before.verdict.explained >= _EXPLAINED and before.verdict.registered >= _NEARLY_ALL * len(photos)
-    if enough:
+    asked = judging.ObjectMatches(photos, own, inside, seed)
+    before = replace(choice.kept, fit=asked.judge(choice.kept.solution))
+    total = len(photos)
+    if before.fit.explained >= _EXPLAINED and before.fit.registered >= _NEARLY_ALL * total:
         return replace(choice, kept=before)
     found = best_lenses(MASKED, photos, own, focal, asked, seed)
-    total = len(photos)
-    if found is None or found.verdict.score(total) < before.verdict.score(total):
+    if found is None or found.fit.score(total) < before.fit.score(total):
         return replace(choice, kept=before)
     why = (
-        f"it explains {found.verdict.explained:.0%} of the object's matches, of {found.verdict.registered} photos; "
-        f"{before.name} {before.verdict.explained:.0%}, of {before.verdict.registered}"
+        f"it explains {found.fit.explained:.0%} of the object's matches, of {found.fit.registered} photos; "
+        f"{before.name} {before.fit.explained:.0%}, of {before.fit.registered}"
     )
     trap = choice.trap
-    if trap is None and before.verdict.explained < _EXPLAINED:
+    if trap is None and before.fit.explained < _EXPLAINED:
         trap = (
-            f"Trap: {before.name} gave cameras for {before.verdict.registered} of {total} photos that explain only "
-            f"{before.verdict.explained:.0%} of the matches on the object: the background does not move with it."
+            f"Trap: {before.name} gave cameras for {before.fit.registered} of {total} photos that explain only "
+            f"{before.fit.explained:.0%} of the matches on the object: the background does not move with it."
         )
     return Choice(found, (*choice.tried, found), why, trap, choice.moving)
 
@@ -181,24 +146,23 @@ def best_lenses(
     photos: Sequence[Features],
     matches: Matches,
     focal: Sequence[float | None],
-    asked: ObjectMatches,
+    asked: judging.ObjectMatches,
     seed: int,
-) -> Candidate | None:
-    """Return the reconstruction of matches (M, 2) with the lenses that register most photos, None when none
-    does.
+) -> Reconstruction | None:
+    """Return the reconstruction of matches (M, 2) with the lenses that register most photos, or None.
 
-    Of several models that do not join, the one that does best on the object. Between lenses, matches and
-    photos being the same, what registers more is better: a wrong lens loses photos.
+    Of several models that do not join, it has the one that does best on the object. Between lenses, matches
+    and photos being the same, the one that registers more is better: a wrong lens loses photos.
     """
-    best: Candidate | None = None
+    best: Reconstruction | None = None
     for lenses in _trials(photos, focal):
         models = reconstruct(photos, matches, focal, lenses, seed)
         if not models:
             continue
-        verdicts = [asked.judge(model) for model in models]
-        kept = max(range(len(models)), key=lambda k: verdicts[k].score(len(photos)))
+        fits = [asked.judge(model) for model in models]
+        kept = max(range(len(models)), key=lambda k: fits[k].score(len(photos)))
         apart = tuple(tuple(model.photo.tolist()) for k, model in enumerate(models) if k != kept)
-        found = Candidate(name, models[kept], verdicts[kept], lenses, apart)
+        found = Reconstruction(name, models[kept], fits[kept], lenses, apart)
         if best is None or len(found.solution.photo) > len(best.solution.photo):
             best = found
         if len(found.solution.photo) >= _NEARLY_ALL * _matched(matches, len(photos)):
@@ -208,9 +172,8 @@ def best_lenses(
 
 def _trials(photos: Sequence[Features], focal: Sequence[float | None]) -> list[Lenses]:
     """Return which lenses to try, in order."""
-    told = {
-        (f.width, f.height, None if r is None else round(r, 3)) for f, r in zip(photos, focal, strict=True)
-    }
+    pairs = zip(photos, focal, strict=True)
+    told = {(f.width, f.height, None if ratio is None else round(ratio, 3)) for f, ratio in pairs}
     sizes = {(f.width, f.height) for f in photos}
     anywhere = len(told) > max(3, _MANY_LENSES * len(photos))
     order = [Lenses.BY_SIZE] if anywhere or not any(focal) else [Lenses.AS_TOLD, Lenses.BY_SIZE]
@@ -221,3 +184,37 @@ def _matched(matches: Matches, count: int) -> int:
     """Return how many photos have matches (M, 2) enough to be registered."""
     linked = {photo for pair, rows in matches.items() if len(rows) >= FEWEST_MATCHES for photo in pair}
     return min(len(linked), count)
+
+
+def kept_choice(cache: Cache, name: str, key: str, make: Callable[[], Choice]) -> Choice:
+    """Return the choice kept as step `name` under `key`, or the one that `make` makes."""
+    return _from_arrays(cache.arrays(name, key, lambda: _to_arrays(make())))
+
+
+def _to_arrays(choice: Choice) -> dict[str, np.ndarray]:
+    """Return a choice as arrays; of reconstructions that are not kept only what is said of them."""
+    words = {key: getattr(choice, key) for key in ("why", "trap", "moving")}
+    words |= {"kept": _words(choice.kept), "tried": [_words(tried) for tried in choice.tried]}
+    solution = {field.name: getattr(choice.kept.solution, field.name) for field in fields(Solution)}
+    return {**solution, "words": np.array(json.dumps(words))}
+
+
+def _words(found: Reconstruction) -> dict[str, object]:
+    fit, lenses = asdict(found.fit), found.lenses.name
+    return {"name": found.name, "verdict": fit, "lenses": lenses, "apart": found.apart}
+
+
+def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
+    """Return the choice of `_to_arrays`; the reconstructions that were not kept come without cameras."""
+    words = json.loads(str(arrays["words"]))
+    solution = Solution(**{field.name: arrays[field.name] for field in fields(Solution)})
+
+    def reconstruction(stored: dict) -> Reconstruction:
+        fit, apart = (
+            judging.ObjectFit(**stored["verdict"]),
+            tuple(tuple(photos) for photos in stored["apart"]),
+        )
+        return Reconstruction(stored["name"], solution, fit, Lenses[stored["lenses"]], apart)
+
+    tried = tuple(reconstruction(stored) for stored in words["tried"])
+    return Choice(reconstruction(words["kept"]), tried, words["why"], words["trap"], words["moving"])

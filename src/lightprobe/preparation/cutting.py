@@ -4,25 +4,22 @@ sure.
 A trimap holds one of four labels for each pixel, OpenCV's: surely or probably background or object.
 """
 
+import importlib
 from collections.abc import Callable, Iterable
 
 import numpy as np
 import scipy
 
+from lightprobe.core.errors import ConfigError
 from lightprobe.core.threads import in_threads
-from lightprobe.preparation.libraries import opencv_library
+from lightprobe.preparation.features import opencv_library
 
-BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = (
-    0,
-    1,
-    2,
-    3,
-)  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
+BACKGROUND, OBJECT, MAYBE_BACKGROUND, MAYBE_OBJECT = range(4)  # OpenCV's GC_BGD, GC_FGD, GC_PR_BGD, GC_PR_FGD
 _ROUNDS = 3  # of fitting colours and cutting
 _SMALLEST = 0.02  # of the largest piece's pixels: smaller pieces and holes are noise
 
 
-def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
+def cut(color: np.ndarray, trimap: np.ndarray) -> np.ndarray:
     """Return the object (h, w) bool in a photo (h, w, 3) uint8, by a trimap (h, w) uint8.
 
     Where the trimap has no object or no background at all, it is the answer. Raises `ConfigError` without
@@ -35,7 +32,7 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
     labels = np.ascontiguousarray(trimap[box])
     if (labels != BACKGROUND).all() or not (labels & 1).any():
         return (trimap & 1).astype(bool)
-    cv2.setRNGSeed(seed)
+    cv2.setRNGSeed(0)
     models = np.zeros((1, 65)), np.zeros((1, 65))
     picture = np.ascontiguousarray(color[box][..., ::-1])
     cv2.grabCut(picture, labels, None, *models, _ROUNDS, cv2.GC_INIT_WITH_MASK)
@@ -45,11 +42,10 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
 
 
 def masks_of(work: Callable[[int], np.ndarray], photos: Iterable[int]) -> dict[int, np.ndarray]:
-    """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's
-    lock.
+    """Return the mask (h, w) bool that `work` makes of each photo, several at a time in threads.
 
-    Results do not depend on the number of threads, as each has random numbers of its own, which are seeded
-    before use. As for `in_threads`, Numba's loops are not for `work`.
+    Results do not depend on the number of threads, as each photo has random numbers of its own, seeded before
+    use. As for `in_threads`, Numba's loops are not for `work`.
     """
     each = list(photos)
     return dict(zip(each, in_threads(work, each), strict=True))
@@ -69,13 +65,30 @@ def tidy(mask: np.ndarray) -> np.ndarray:
 
 
 def _box(chosen: np.ndarray) -> tuple[slice, slice] | None:
-    """Return the rows and columns around the chosen pixels (h, w) with a margin for a model of the
-    background.
-    """
+    """Return the rows and columns around the chosen pixels (h, w), with a margin of background."""
     if not chosen.any():
         return None
     rows, columns = np.flatnonzero(chosen.any(axis=1)), np.flatnonzero(chosen.any(axis=0))
     margin = max(4, int(0.25 * max(np.ptp(rows), np.ptp(columns))))  # as wide as a quarter of the object
-    return slice(max(rows[0] - margin, 0), rows[-1] + margin + 1), slice(
-        max(columns[0] - margin, 0), columns[-1] + margin + 1
-    )
+    top, left = max(rows[0] - margin, 0), max(columns[0] - margin, 0)
+    return slice(top, rows[-1] + margin + 1), slice(left, columns[-1] + margin + 1)
+
+
+def rembg_mask(color: np.ndarray) -> np.ndarray:
+    """Return the mask (h, w) bool that rembg finds in a photo (h, w, 3) uint8.
+
+    Raises `ConfigError` where rembg is not installed or gives something else than a mask.
+    """
+    try:
+        rembg = importlib.import_module("rembg")
+    except ImportError as error:
+        raise ConfigError(
+            "--masker rembg needs the package rembg and a model of yours, which are not installed; "
+            "install them with: pip install rembg, or leave --masker out."
+        ) from error
+    mask = np.asarray(rembg.remove(np.ascontiguousarray(color), only_mask=True))
+    if mask.shape != color.shape[:2]:
+        raise ConfigError(
+            "--masker rembg gave no mask of the photo's size; update rembg, or leave --masker out."
+        )
+    return mask >= 128

@@ -1,42 +1,73 @@
-"""Features of photos under changing light: SIFT by COLMAP on pictures of even contrast, and which of two
-photos match.
+"""Features of photos under changing light: SIFT by COLMAP on pictures of even contrast, and which photos
+match.
 
 Descriptors are compared by their scalar product, as COLMAP stores them: 128 bytes each, of nearly equal
 length.
 """
 
-from collections.abc import Callable, Sequence
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from PIL import Image
 
-from lightprobe.preparation.libraries import pycolmap_library
-from lightprobe.preparation.temporary import working_folder
+from lightprobe.core.errors import ResourceError
+from lightprobe.core.extras import extra_library
+from lightprobe.core.partial import partial_folder
 
-MOST = (
-    2500  # features of a photo: twice as many take four times as long to match and registered no photo more
-)
-_PEAK = (
-    0.0015  # contrast from which a blob is a feature, a quarter of COLMAP's: objects are smoother than houses
-)
+_SILENT = 4  # beyond glog's FATAL, 3
+_BESIDE = 64 << 20  # bytes that are to be free beside what is asked for
+MOST = 2500  # features of a photo: twice as many take four times as long to match and register no photo more
+_PEAK = 0.0015  # contrast of a feature's blob, a quarter of COLMAP's: objects are smoother than houses
 _RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
 _FEW = 300  # features of a photo that are compared to find out which photos match at all
 _THREADS = 4  # at most: each takes half a gigabyte for a picture of 1600 pixels
 _ROW = 200  # bytes of a feature in COLMAP's database, or a little less
-_LEAST_SIDE = (
-    32  # pixels of a picture in which features are looked for: COLMAP's affine ones end the process below 16
-)
+_LEAST_SIDE = 32  # pixels of a picture with features: COLMAP's affine ones end the process below 16
 PARTNERS = 24  # photos that each photo is matched with; all others, where there are few
 STILL = 0.004  # of the longer side: what moves less between two photos stands still in them
 
 
+def pycolmap_library() -> Any:
+    """Return `pycolmap`, told to be silent; raise `ConfigError` saying how to install it."""
+    module = extra_library("pycolmap", "Finding the cameras of plain photos")
+    module.logging.minloglevel = _SILENT  # what it says is said again in our words
+    return module
+
+
+def opencv_library() -> Any:
+    """Return OpenCV's `cv2`; raise `ConfigError` saying how to install it when it is missing."""
+    return extra_library("cv2", "Cutting the object out of plain photos")
+
+
+@contextlib.contextmanager
+def working_folder(needed: int) -> Iterator[Path]:
+    """Yield a new folder in the system's temporary one for COLMAP's database, deleted at the end.
+
+    COLMAP works on files, and ends the process where the disk is full. needed: bytes that will be written
+    there. Raises `ResourceError` where so much is not free.
+    """
+    parent = Path(tempfile.gettempdir())
+    free = shutil.disk_usage(parent).free
+    if free < needed + _BESIDE:
+        raise ResourceError(
+            f"{parent} has {free >> 20} MB free, finding cameras needs {(needed + _BESIDE) >> 20} MB there; free some, "
+            "or name another folder in the environment variable TMPDIR."
+        )
+    with partial_folder(parent) as folder:
+        yield folder
+
+
 @dataclass(frozen=True)
 class Features:
-    """The features of one photo, those of the largest blobs first."""
+    """The features of one photo, largest blobs first."""
 
     points: np.ndarray  # (N, 2) float32, pixels of the working picture: x, y
     descriptors: np.ndarray  # (N, 128) uint8
@@ -49,9 +80,7 @@ class Features:
 
 
 def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
-    """Return the features of each picture (H, W) uint8, several pictures at a time; raises `ConfigError`
-    without pycolmap.
-    """
+    """Return the features of each picture (H, W) uint8; raises `ConfigError` without pycolmap."""
     pycolmap = pycolmap_library()
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = min(torch.get_num_threads(), _THREADS), False
@@ -64,14 +93,9 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
         database = folder / "features.db"
         for name, picture in looked_at.items():
             Image.fromarray(picture).save(folder / name, compress_level=0)
-        pycolmap.extract_features(
-            database,
-            folder,
-            list(looked_at),
-            pycolmap.CameraMode.PER_IMAGE,
-            extraction_options=options,
-            device=pycolmap.Device.cpu,
-        )
+        each, cpu = pycolmap.CameraMode.PER_IMAGE, pycolmap.Device.cpu
+        named_files = database, folder, list(looked_at)
+        pycolmap.extract_features(*named_files, each, extraction_options=options, device=cpu)
         opened = pycolmap.Database.open(database)
         found = [_stored(opened, name, picture) for name, picture in named.items()]
         opened.close()
@@ -88,24 +112,18 @@ def _stored(database: Any, name: str, picture: np.ndarray) -> Features:
     rows = np.asarray(database.read_keypoints(number), np.float32)
     if not len(rows):
         return none
-    size = np.abs(
-        rows[:, 2] * rows[:, 5] - rows[:, 3] * rows[:, 4]
-    )  # of x, y and the matrix from circle to blob
+    size = np.abs(rows[:, 2] * rows[:, 5] - rows[:, 3] * rows[:, 4])  # of x, y, the matrix circle to blob
     order = np.argsort(-size, kind="stable")[:MOST]
     data = np.asarray(database.read_descriptors(number).data, np.uint8).reshape(len(rows), 128)
     return Features(rows[order, :2].copy(), data[order], width, height)
 
 
 def match(a: Features, b: Features) -> np.ndarray:
-    """Return the matches (M, 2) uint32 of two photos: features that are each other's nearest by a clear
-    margin.
-    """
+    """Return the matches (M, 2) uint32 of two photos: features that are clearly each other's nearest."""
     if min(len(a.points), len(b.points)) < 2:
         return np.zeros((0, 2), np.uint32)
     scores = _unit(a.descriptors) @ _unit(b.descriptors).T
-    column = torch.from_numpy(
-        scores.numpy().argmax(axis=1)
-    )  # NumPy's takes a quarter of the time of PyTorch's
+    column = torch.from_numpy(scores.numpy().argmax(axis=1))  # a quarter of the time of PyTorch's
     rows = torch.arange(len(column))
     best, back = scores[rows, column], scores.amax(dim=0)[column]
     scores[rows, column] = -1.0
@@ -123,13 +141,11 @@ def match_photos(
 ) -> dict[tuple[int, int], np.ndarray]:
     """Return the matches (M, 2) uint32 of all pairs worth it, by the features' indices.
 
-    allowed: the features (N,) bool of each photo that may be matched; what is left out cannot take a match
-    from others.
+    allowed: the features (N,) bool of each photo that may be matched; the others cannot take a match from
+    these.
     """
-    rows = [
-        np.arange(len(f.points)) if allowed is None else np.flatnonzero(allowed[i])
-        for i, f in enumerate(photos)
-    ]
+    everything = [np.ones(len(features.points), bool) for features in photos]
+    rows = [np.flatnonzero(flags) for flags in (everything if allowed is None else allowed)]
     chosen = [features.select(kept) for features, kept in zip(photos, rows, strict=True)]
     pairs, found = likely_pairs(chosen), {}
     for done, (i, j) in enumerate(pairs):
@@ -150,8 +166,7 @@ def _relative(features: Features) -> np.ndarray:
 
 
 def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
-    """Return the pairs (i, j), i < j, that are worth matching: all, or where photos are many each one's best
-    partners.
+    """Return the pairs (i, j), i < j, that are worth matching: all, or each photo's best partners.
 
     Found by matching the largest features alone; what stands still counts little, as between photos from one
     tripod it would drown what does not.

@@ -1,10 +1,9 @@
-"""Which of several reconstructions is that of the object: judged by what happens on it, not by how much
-registered.
+"""Which of several reconstructions is the object's: judged by what happens on it, not by how much registered.
 
 Before a still background an object that is turned moves against everything else: the background then gives
 cameras without flaw, and wrong ones for the object. So the matches of two photos on the object are asked:
-which share of those that fit together in any way (some fundamental matrix) fits the cameras, within `_OFF` of
-the photo's side?
+which share of the matches that fit together in any way (some fundamental matrix) fits the cameras, within
+`_OFF` of the photo's side?
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,30 +12,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightprobe.core.threads import in_threads
-from lightprobe.preparation.features import Features, moved
-from lightprobe.preparation.libraries import pycolmap_library
-from lightprobe.preparation.mapping import Matches
-from lightprobe.preparation.solution import Solution, straightened
+from lightprobe.preparation.features import Features, moved, pycolmap_library
+from lightprobe.preparation.mapping import Matches, Solution, straightened
 from lightprobe.scene.camera import Camera
 
 _OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
 _ENOUGH = 12  # matches of a pair on the object that say something
-_TRIALS = (
-    10_000  # of a pair's geometry, as COLMAP has it for two views; where few matches fit, more take seconds
-)
+_TRIALS = 10_000  # of a pair's geometry, as COLMAP has it for two views; more take seconds where few fit
 _MOST_PAIRS = 600  # pairs that are asked; the strongest
 _STILL_PAIR = 0.5  # share of still matches of a pair from one tripod
 _STILL_SCENE = 0.5  # share of such pairs in photos from one tripod
-_STILL_OFTEN = (
-    2  # photos in which a feature stands at its place: neighbouring ones do where an axis of rotation shows
-)
+_STILL_OFTEN = 2  # photos in which a feature stands still: neighbours do where an axis of rotation shows
 _CENTRAL = 0.25  # of the longer side around the middle: what is photographed is there
 _HOPS = 2  # from a photo with a hint along its matches
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """How one reconstruction does on the object."""
+class ObjectFit:
+    """How well a reconstruction explains the object."""
 
     registered: int
     explained: float  # share of the object's matches, 0 to 1; of photos that have a camera
@@ -49,7 +42,7 @@ class Verdict:
         return self.registered / max(total, 1) * self.explained
 
     def to_json(self) -> dict[str, float | int]:
-        """Return the verdict as prepare.json has it."""
+        """Return the fit as prepare.json has it."""
         return {
             "registered": self.registered,
             "object_matches_explained": round(self.explained, 4),
@@ -72,7 +65,7 @@ def from_one_tripod(photos: Sequence[Features], matches: Matches) -> bool:
 
 
 def moving_features(photos: Sequence[Features], matches: Matches) -> list[np.ndarray]:
-    """Return which features, (N,) bool of each photo, are not known to stand still by their matches (M, 2)."""
+    """Return which features, (N,) bool of each photo, do not stand still by their matches (M, 2)."""
     still = [np.zeros(len(features.points), int) for features in photos]
     for (i, j), rows in matches.items():
         resting = rows[~moved(photos[i], photos[j], rows)]
@@ -82,9 +75,7 @@ def moving_features(photos: Sequence[Features], matches: Matches) -> list[np.nda
 
 
 def inside_masks(photos: Sequence[Features], masks: Mapping[int, np.ndarray]) -> list[np.ndarray]:
-    """Return which features lie inside the masks (h, w) of their photos, (N,) bool each; without a mask none
-    does.
-    """
+    """Return which features lie inside the masks (h, w) of their photos, (N,) bool each."""
     return [
         sampled(masks[index], features) if index in masks else np.zeros(len(features.points), bool)
         for index, features in enumerate(photos)
@@ -100,7 +91,7 @@ def sampled(mask: np.ndarray, features: Features) -> np.ndarray:
 
 
 def spread(inside: Sequence[np.ndarray], matches: Matches) -> list[np.ndarray]:
-    """Return `inside` (N,) bool of each photo with what matches it, and what matches that."""
+    """Return `inside` (N,) bool of each photo with what matches it, and what matches that in turn."""
     known = [flags.copy() for flags in inside]
     for _ in range(_HOPS):
         following = [flags.copy() for flags in known]
@@ -113,11 +104,9 @@ def spread(inside: Sequence[np.ndarray], matches: Matches) -> list[np.ndarray]:
 
 def central(photos: Sequence[Features]) -> list[np.ndarray]:
     """Return which features lie around the middle of their photos, (N,) bool each."""
-    return [
-        np.linalg.norm(features.points - [features.width / 2, features.height / 2], axis=1)
-        < _CENTRAL * max(features.width, features.height)
-        for features in photos
-    ]
+    offsets = (each.points - [each.width / 2, each.height / 2] for each in photos)
+    pairs = zip(offsets, photos, strict=True)
+    return [np.linalg.norm(off, axis=1) < _CENTRAL * max(each.width, each.height) for off, each in pairs]
 
 
 class ObjectMatches:
@@ -131,17 +120,17 @@ class ObjectMatches:
         chosen = {
             (i, j): rows[inside[i][rows[:, 0]] & inside[j][rows[:, 1]]] for (i, j), rows in matches.items()
         }
-        strong = sorted(
-            (pair for pair in chosen if len(chosen[pair]) >= _ENOUGH), key=lambda p: (-len(chosen[p]), p)
-        )
-        asked = strong[:_MOST_PAIRS]
-        fitting = in_threads(
-            lambda pair: _fitting(photos[pair[0]], photos[pair[1]], chosen[pair], seed), asked
-        )
+        strong = [pair for pair in chosen if len(chosen[pair]) >= _ENOUGH]
+        asked = sorted(strong, key=lambda pair: (-len(chosen[pair]), pair))[:_MOST_PAIRS]
+
+        def fit(pair: tuple[int, int]) -> np.ndarray:
+            return _fitting(photos[pair[0]], photos[pair[1]], chosen[pair], seed)
+
+        fitting = in_threads(fit, asked)
         fits = zip(asked, fitting, strict=True)
         self.pairs = {pair: chosen[pair][kept] for pair, kept in fits if kept.sum() >= _ENOUGH}
 
-    def judge(self, solution: Solution) -> Verdict:
+    def judge(self, solution: Solution) -> ObjectFit:
         """Return how a reconstruction does on them."""
         cameras, bends = solution.cameras(), solution.distortion()
         fits, total = 0, 0
@@ -154,17 +143,13 @@ class ObjectMatches:
             mine = solution.seen_by == photo
             on_object[solution.seen[mine][self._inside[photo][solution.feature[mine]]]] = True
         errors = solution.errors[on_object]
-        return Verdict(
-            len(cameras),
-            fits / total if total else 0.0,
-            int(on_object.sum()),
-            float(errors.mean()) if len(errors) else 0.0,
-            _angle(solution, on_object),
-        )
+        explained, error = fits / total if total else 0.0, float(errors.mean()) if len(errors) else 0.0
+        points, angle = int(on_object.sum()), _angle(solution, on_object)
+        return ObjectFit(len(cameras), explained, points, error, angle)
 
 
 def unexplained(photos: Sequence[Features], matches: Matches, solution: Solution) -> Matches:
-    """Return the matches (M, 2) that do not fit the cameras, of photos that have one; those of others stay."""
+    """Return the matches (M, 2) that do not fit the cameras, and all matches of photos without a camera."""
     cameras, bends = solution.cameras(), solution.distortion()
     left = {}
     for (i, j), rows in matches.items():
@@ -180,9 +165,8 @@ def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarra
     options = pycolmap.RANSACOptions()
     options.max_error, options.random_seed = _OFF * max(a.width, a.height), seed
     options.max_num_trials = _TRIALS
-    found = pycolmap.estimate_fundamental_matrix(
-        a.points[rows[:, 0]].astype(np.float64), b.points[rows[:, 1]].astype(np.float64), options
-    )
+    points = (each.points[rows[:, k]].astype(np.float64) for k, each in enumerate((a, b)))
+    found = pycolmap.estimate_fundamental_matrix(*points, options)
     return np.zeros(len(rows), bool) if found is None else np.asarray(found["inlier_mask"], bool)
 
 
@@ -193,14 +177,16 @@ def _epipolar_distance(
     cameras: Mapping[int, Camera],
     bends: Mapping[int, float],
 ) -> np.ndarray:
-    """Return Sampson's distance (M,) of matches from the epipolar geometry of their cameras, in longer sides."""
+    """Return Sampson's distance (M,) of matches from their cameras' epipolar geometry, in longer sides."""
     (i, j), first, second = pair, cameras[pair[0]], cameras[pair[1]]
-    x, y = (
-        np.concatenate(
-            [_rays(cameras[k], bends[k], photos[k].points[rows[:, column]]), np.ones((len(rows), 1))], 1
-        )
-        for k, column in ((i, 0), (j, 1))
-    )
+
+    def rays(k: int, column: int) -> np.ndarray:
+        """Return image points as (x / z, y / z, 1) with y down, (M, 3)."""
+        camera, points = cameras[k], photos[k].points[rows[:, column]].astype(np.float64)
+        plane = (straightened(points, camera, bends[k]) - [camera.cx, camera.cy]) / camera.fx
+        return np.concatenate([plane, np.ones((len(rows), 1))], 1)
+
+    x, y = rays(i, 0), rays(j, 1)
     flip = np.diag([1.0, -1.0, -1.0])
     turn = flip @ second.camera_to_world[:3, :3].T @ first.camera_to_world[:3, :3] @ flip
     shift = flip @ second.camera_to_world[:3, :3].T @ (first.position - second.position)
@@ -212,20 +198,11 @@ def _epipolar_distance(
     return distance * first.fx / max(first.width, first.height)
 
 
-def _rays(camera: Camera, k: float, points: np.ndarray) -> np.ndarray:
-    """Return image points (N, 2) as x / z and y / z with y down."""
-    return (straightened(points.astype(np.float64), camera, k) - [camera.cx, camera.cy]) / camera.fx
-
-
 def _angle(solution: Solution, chosen: np.ndarray) -> float:
-    """Return the median over `chosen` points (P,) of the widest angle between the cameras that see one,
-    degrees.
-    """
+    """Return the median over `chosen` points (P,) of the widest angle between their cameras, degrees."""
     place = {int(photo): pose[:3, 3] for photo, pose in zip(solution.photo, solution.pose, strict=True)}
-    rays = (
-        np.array([place[int(photo)] for photo in solution.seen_by]).reshape(-1, 3)
-        - solution.points[solution.seen]
-    )
+    places = np.array([place[int(photo)] for photo in solution.seen_by]).reshape(-1, 3)
+    rays = places - solution.points[solution.seen]
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
     order = np.argsort(solution.seen, kind="stable")
     starts = np.searchsorted(solution.seen[order], np.arange(len(solution.points) + 1))

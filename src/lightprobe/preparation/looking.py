@@ -1,9 +1,8 @@
-"""Every photo decoded once: its features, a small picture and the user's mask, kept for the same command to
-go on.
-"""
+"""Every photo decoded once: its features, a small picture and the user's mask, kept for the next call."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -35,10 +34,7 @@ def look_at_all(
     photos: Sequence[SourcePhoto], cache: Cache, on_photo: OnPhoto = lambda done, total: None
 ) -> list[Seen]:
     """Return what is kept of each photo, shapes as in `Seen`; raises `InputError` for a damaged file."""
-    keys = [
-        key_of(photo.checksum, None if photo.mask is None else _stamp(photo), photo.cutout)
-        for photo in photos
-    ]
+    keys = [key_of(photo.checksum, _stamp(photo.mask), photo.cutout) for photo in photos]
     kept = [cache.find(_step(photo), key) for photo, key in zip(photos, keys, strict=True)]
     missing = [index for index, values in enumerate(kept) if values is None]
     if len(missing) < len(photos):
@@ -62,9 +58,7 @@ def _looked_at(photos: Sequence[SourcePhoto]) -> list[dict[str, np.ndarray]]:
     found = find_features([each.grey for each in pictures])
     return [
         {
-            "points": features.points,
-            "descriptors": features.descriptors,
-            "color": each.color,
+            **{"points": features.points, "descriptors": features.descriptors, "color": each.color},
             "size": np.array([features.width, features.height]),
             "sharpness": np.array(each.sharpness),
             **({} if each.alpha is None else {"given": each.alpha}),
@@ -80,10 +74,9 @@ def _seen(kept: Mapping[str, np.ndarray]) -> Seen:
     return Seen(features, kept["color"], kept.get("given"), float(kept["sharpness"]))
 
 
-def _stamp(photo: SourcePhoto) -> list[float]:
-    assert photo.mask is not None
-    found = photo.mask.stat()
-    return [found.st_size, found.st_mtime]
+def _stamp(mask: Path | None) -> list[float] | None:
+    found = None if mask is None else mask.stat()
+    return None if found is None else [found.st_size, found.st_mtime]
 
 
 def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache, on_pair) -> dict:
@@ -93,11 +86,8 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
         found = match_photos([each.features for each in seen], _allowed(photos, seen), on_pair)
         pairs = np.array(list(found), np.int64).reshape(-1, 2)
         rows = np.concatenate([np.zeros((0, 2), np.uint32), *found.values()])
-        return {
-            "pairs": pairs,
-            "rows": rows,
-            "counts": np.array([len(each) for each in found.values()], np.int64),
-        }
+        counts = np.array([len(each) for each in found.values()], np.int64)
+        return {"pairs": pairs, "rows": rows, "counts": counts}
 
     kept = cache.arrays("matches", key_of([[photo.checksum, photo.cutout] for photo in photos]), make)
     parts = np.split(kept["rows"], np.cumsum(kept["counts"])[:-1]) if len(kept["counts"]) else []
@@ -105,7 +95,7 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
 
 
 def _allowed(photos: Sequence[SourcePhoto], seen: Sequence[Seen]) -> list[np.ndarray]:
-    """Return which features may be matched, (N,) bool: none of a copy, and of a cutout those that are shown."""
+    """Return which features may be matched, (N,) bool: none of a copy, and only those inside a cutout."""
     again = copies(photos)
     allowed = []
     for photo, each in zip(photos, seen, strict=True):
@@ -136,8 +126,7 @@ def reason_lost(
 ) -> str:
     """Return why a photo has no camera, in a few words.
 
-    together: the other photos of the reconstruction it is part of, where that one does not join the one that
-    is kept.
+    together: the other photos of a reconstruction that does not join the kept one and has this photo.
     """
     if original is not None:
         return f"the same file as {original}"

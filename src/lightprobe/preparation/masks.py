@@ -1,10 +1,9 @@
-"""Masks of all photos from their cameras, the sparse points, and what is known of the object in one photo or
-none.
+"""Masks of all photos from their cameras, the sparse points, and a hint in one photo or none.
 
-First the points are told apart: those of the object mark it in every photo, as no point of it shows beside
-it; those of the background mark the photos that see them. Graph cuts between these marks give first masks.
-Then the masks carve a visual hull, which says where in each photo the others have the object, and every photo
-is cut anew near the hull's outline, closer in each round.
+First the points are told apart: points of the object mark the object in every photo, as none shows beside it;
+points of the background mark the photos that see them. Graph cuts between these marks give first masks. Then
+the masks carve a visual hull, which says where in each photo the others have the object, and every photo is
+cut anew near the hull's outline, closer in each round.
 
 All pictures are as through a pinhole; masks (h, w) bool have the pictures' size.
 """
@@ -17,26 +16,22 @@ import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut, masks_of
-from lightprobe.preparation.solution import Solution
+from lightprobe.preparation.mapping import Solution
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.consistency import fitted_hull, overlap, silhouette
 from lightprobe.scene.hull import Hull
 from lightprobe.scene.normalise import find_similarity
 
 MARGINS = (0.08, 0.05, 0.03)  # of the object's size: how far from the hull's outline each round looks
-AGREEMENTS = (
-    0.7,
-    0.8,
-    0.9,
-    0.9,
-)  # of the photos, for the hull of the first cuts and of each round: first cuts lose
-# parts that few points mark, such as a raised arm, and a strict hull would lose them in all photos
+# Of the photos, for the hull of the first cuts and of each round: first cuts lose parts that few points mark, such
+# as a raised arm, and a strict hull would lose them in all photos.
+AGREEMENTS = (0.7, 0.8, 0.9, 0.9)
 _MANY = 10  # photos from which a part of them may err
 _RESOLUTION = 96  # voxels along an edge of the hull
 _DOT = 0.012  # of the longer side: radius around a point that has its label
 _REACH = 1.35  # radii of the object's points within which it may reach
 _BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
-NEAR_PHOTOS = 2  # whose points mark the object beside those of the photo itself
+NEAR_PHOTOS = 2  # near a photo, whose points mark the object in it beside the photo's own points
 _FEWEST = 12  # points from which the object's place is known
 SHARP_POINT = 2.0  # pixels of mean error up to which a point is trusted
 
@@ -75,16 +70,12 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
     for view in hinted.values():
         visible, shown = _at(view.camera, view.given, solution.points)
         inside += visible & shown
-        outside |= (
-            visible & ~_at(view.camera, _grown(view.given), solution.points)[1]
-        )  # its rim is the object's
+        outside |= visible & ~_at(view.camera, _grown(view.given), solution.points)[1]  # the rim is inside
         framed |= visible
     candidate = sharp & ~outside & ((inside > 0) | ~framed)
     cropped = any(_cropped(view.given) for view in hinted.values() if view.given is not None)
     least = 0.0
-    if not everything and (
-        cropped or not hinted
-    ):  # a close-up tells what is off the object, not where it ends
+    if not everything and (cropped or not hinted):  # a close-up tells what is off the object, not its end
         center, radius = _looked_at(views)
         least = max((_shown_radius(view, center) for view in hinted.values()), default=0.0)
         candidate &= np.linalg.norm(solution.points - center, axis=1) < max(radius, least)
@@ -108,9 +99,7 @@ def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarr
         return shown
     center = np.median(solution.points[own], axis=0)
     radius = np.quantile(np.linalg.norm(solution.points[own] - center, axis=1), 0.9)
-    return (
-        np.linalg.norm(solution.points - center, axis=1) < 2 * radius
-    )  # its back lies behind what the photo saw
+    return np.linalg.norm(solution.points - center, axis=1) < 2 * radius  # the back is behind what it saw
 
 
 def _cropped(mask: np.ndarray) -> bool:
@@ -153,9 +142,7 @@ def _within_reach(
 
 
 def _looked_at(views: Mapping[int, View]) -> tuple[np.ndarray, float]:
-    """Return the point (3,) nearest to all optical axes, and the radius of the ball around it that photos
-    show.
-    """
+    """Return the point (3,) nearest to all optical axes, and the radius of the ball that photos show."""
     places = np.stack([view.camera.position for view in views.values()])
     axes = np.stack([-view.camera.camera_to_world[:3, 2] for view in views.values()])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -170,9 +157,7 @@ def _looked_at(views: Mapping[int, View]) -> tuple[np.ndarray, float]:
 
 
 def _at(camera: Camera, mask: np.ndarray | None, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which points (P, 3) lie in the frame of a camera, and which of all show inside its mask, (P,)
-    bool.
-    """
+    """Return which points (P, 3) lie in a camera's frame, and which show inside its mask, (P,) bool both."""
     visible, rows, columns = in_frame(camera, points)
     shown = np.zeros(len(points), bool)
     shown[visible] = False if mask is None else mask[rows, columns]
@@ -180,9 +165,7 @@ def _at(camera: Camera, mask: np.ndarray | None, points: np.ndarray) -> tuple[np
 
 
 def in_frame(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points (P, 3) lie in the frame of a camera, (P,) bool, and the rows and columns (K,) of
-    these.
-    """
+    """Return which points (P, 3) a camera's frame has, (P,) bool, and the rows and columns (K,) of these."""
     x, y, depth = camera.project(points).T
     visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
     return visible, y[visible].astype(int), x[visible].astype(int)
@@ -225,9 +208,7 @@ def photos_from_near(
 
 
 def away_from(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Return how far from each pixel (h, w) the nearest one is that points (P, 3) fall on; infinite where
-    none does.
-    """
+    """Return how far each pixel (h, w) is from the nearest that shows one of the points (P, 3), or inf."""
     _, rows, columns = in_frame(camera, points)
     free = np.ones((camera.height, camera.width), bool)
     free[rows, columns] = False
@@ -265,23 +246,19 @@ def cut_all(views: Mapping[int, View], solution: Solution, labels: np.ndarray) -
 def carve(
     views: Mapping[int, View], masks: Mapping[int, np.ndarray], agreement: float = AGREEMENTS[-1]
 ) -> Cutout:
-    """Return the hull of the masks (h, w) bool and its agreement with each; no hull where they do not fit
-    together.
+    """Return the hull of the masks (h, w) bool and its agreement with each; no hull where they do not fit.
 
     agreement: share of the photos that see a place whose masks must hold it.
     """
     photos = [photo for photo in masks if masks[photo].any()]
-    cameras, alphas = (
-        [views[photo].camera for photo in photos],
-        [masks[photo].astype(np.float32) for photo in photos],
-    )
+    cameras = [views[photo].camera for photo in photos]
+    alphas = [masks[photo].astype(np.float32) for photo in photos]
     try:
         similarity = find_similarity(cameras, alphas)
     except InputError:
         return Cutout(dict(masks), {}, None, None)
-    hull = fitted_hull(
-        cameras, alphas, similarity, _RESOLUTION, agreement=None if len(photos) < _MANY else agreement
-    )
+    strict = None if len(photos) < _MANY else agreement
+    hull = fitted_hull(cameras, alphas, similarity, _RESOLUTION, agreement=strict)
     overlaps = {
         photo: overlap(mask, silhouette(hull, views[photo].camera, similarity, mask.shape))
         for photo, mask in masks.items()

@@ -2,29 +2,79 @@
 known.
 
 From a margin beyond the hull's outline to one and a half within it these decide, the later over the earlier:
-what the mask was, the colours nearby, points that the photo itself saw. An opening that is looked through
-counts in all of the hull, the user's hint everywhere.
+the mask so far, the colours nearby, points that the photo itself saw. An opening that is looked through
+counts in all of the hull, the user's hint everywhere. Models of all the object's and all the background's
+colours confuse a rim with whatever has its colour elsewhere in the photo; what lies next to the rim tells
+them apart.
 """
 
 import numpy as np
 import scipy
 
 from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut
+from lightprobe.preparation.features import opencv_library
+from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.masks import View, away_from, seen_by
-from lightprobe.preparation.nearby_colors import likelier_inside
-from lightprobe.preparation.solution import Solution
 
+_KINDS = 24  # of colours
+_SAMPLES = 4000  # pixels at least that these are found from, where there are as many
+_ROUNDS = 8  # of k-means
+_ALIKE = 14.0  # deviation of 8-bit CIELAB within which colours are the same
+_STRANGE = 0.135  # likeness to all kinds together, two deviations from one, below which a colour counts less
+_UNLIKELY = 0.01  # likeness of a colour that nothing nearby has
+_SMOOTH = 0.7  # pixels over which the answer is averaged: noise of single pixels
 _DEEP = 1.5  # margins inside the hull from which a pixel is surely the object
 _LIKELIER = 1.0  # logarithm of how much likelier a colour is on one side from which a pixel belongs there
 _EXACT_POINT = 1.0  # pixels of mean error up to which a point marks its pixel
 _MARK = 1.5  # pixels around a point that it marks
 
 
+def likelier_inside(color: np.ndarray, inside: np.ndarray, outside: np.ndarray, reach: float) -> np.ndarray:
+    """Return ln of how much likelier the colour of each pixel is `inside` than `outside`, (h, w).
+
+    color: (h, w, 3) uint8 sRGB. inside, outside: (h, w) bool, pixels whose side is known. reach: pixels, the
+    deviation with which pixels farther away count less. Nearly 0 where either side has none within some times
+    that, or the colour is like neither's.
+    """
+    cv2 = opencv_library()
+    lab = cv2.cvtColor(color, cv2.COLOR_RGB2LAB).astype(np.float32)
+    known = lab[inside | outside]
+    if not inside.any() or not outside.any() or len(known) < _KINDS:
+        return np.zeros(color.shape[:2], np.float32)
+    cv2.setRNGSeed(0)
+    end = cv2.TERM_CRITERIA_MAX_ITER, _ROUNDS, 0.0
+    some = known[:: max(1, len(known) // _SAMPLES)]
+    kinds = cv2.kmeans(some, _KINDS, None, end, 1, cv2.KMEANS_PP_CENTERS)[2]
+    alike = np.stack([_alike(lab, kind) for kind in kinds])
+    share = alike / np.maximum(alike.sum(0), _STRANGE)  # what is like none of them is undecided
+    height, width = color.shape[:2]
+    step = max(1, int(reach / 4))  # what is so smooth is found on a coarser grid
+    small = max(1, width // step), max(1, height // step)
+
+    def around(values: np.ndarray) -> np.ndarray:
+        coarse = cv2.resize(values, small, interpolation=cv2.INTER_AREA)
+        return cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach / step), (width, height))
+
+    logarithms, far = [], np.zeros((height, width), bool)
+    for side in (inside, outside):
+        weight = side.astype(np.float32)
+        total = around(weight)
+        likeness = sum(part * around(each * weight) for part, each in zip(share, alike, strict=True))
+        logarithms.append(np.log(likeness / np.maximum(total, 1e-6) + _UNLIKELY))
+        far |= total < 1e-3
+    return cv2.GaussianBlur(np.where(far, 0.0, logarithms[0] - logarithms[1]), (0, 0), _SMOOTH)
+
+
+def _alike(lab: np.ndarray, kind: np.ndarray) -> np.ndarray:
+    """Return how alike each pixel (h, w, 3) float32 is to a colour (3,), (h, w) float32 from 0 to 1."""
+    lightness, a, b = (lab[..., channel] - kind[channel] for channel in range(3))
+    return np.exp((lightness * lightness + a * a + b * b) / np.float32(-2 * _ALIKE**2))
+
+
 def point_marks(
     view: View, solution: Solution, labels: np.ndarray, photo: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where points that this photo itself saw show the object, and where its surroundings, (h, w) bool
-    each.
+    """Return where points that this photo itself saw show the object, and where the background, (h, w) bool.
 
     labels (P,): of the points, as from `masks.object_points`.
     """
@@ -34,7 +84,7 @@ def point_marks(
 
 
 def rim(shape: np.ndarray, margin: float) -> float:
-    """Return how many pixels `margin` of the size of the object are, whose hull shows as `shape` (h, w) bool."""
+    """Return how many pixels `margin` of the object's size are, by the hull's `shape` (h, w) bool."""
     return max(2.0, margin * float(np.sqrt(shape.sum())))
 
 
@@ -46,8 +96,7 @@ def cut_near_hull(
     opening: np.ndarray | None = None,
     marks: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h,
-    w).
+    """Return the mask (h, w) bool cut anew within `margin` of the object's size around `shape` (h, w).
 
     opening: where the photo seems to look through the hull, (h, w) bool; there and around it the colours
     decide. marks: of points, as from `point_marks`.

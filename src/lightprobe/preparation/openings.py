@@ -4,7 +4,7 @@ object.
 Masks that close an opening have a hull that is solid there, and a cut around the hull would take what is deep
 inside it for the object. Two things together tell otherwise: points behind the hull that the photo, or one
 from nearly the same place, saw although much of the hull lies before them; and the colours around them, which
-are those of the surroundings and not those of the object's points.
+are those of the background and not those of the object's points.
 """
 
 from collections.abc import Mapping
@@ -12,18 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from lightprobe.preparation.masks import (
-    SHARP_POINT,
-    Cutout,
-    View,
-    away_from,
-    dot_radius,
-    in_frame,
-    photos_from_near,
-    seen_by,
-)
+from lightprobe.preparation import masks
+from lightprobe.preparation.mapping import Solution
+from lightprobe.preparation.masks import Cutout, View, away_from, dot_radius, in_frame, seen_by
 from lightprobe.preparation.near_hull import rim
-from lightprobe.preparation.solution import Solution
 from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull
 
@@ -35,7 +27,7 @@ _FEWEST = 3  # points seen through an opening
 _OBJECT_PIXELS = 100  # around points of the object, from which its colours are known
 _BINS = 24  # of each channel, in histograms of colours
 _UNLIKELY = 1e-6  # share of a colour that a histogram does not hold
-_LIKELIER = 1.5  # logarithm of how much likelier a colour is among the surroundings'
+_LIKELIER = 1.5  # logarithm of how much likelier a colour is in the background
 _STEPS = 128  # along a ray's way through the hull's grid
 
 
@@ -57,9 +49,8 @@ def openings(
     depths = _Depths(solution, cutout.hull, cutout.similarity)
     through, found = {photo: depths.through(photo, view.camera) for photo, view in views.items()}, {}
     for photo, view in views.items():
-        near = photos_from_near(solution, photo, solution.points[labels == 1], _OTHERS)
-        # A neighbour's point that it saw beside the object tells nothing here, although much of the hull may
-        # hide it.
+        near = masks.photos_from_near(solution, photo, solution.points[labels == 1], _OTHERS)
+        # A point that a neighbour saw beside the object tells nothing here, even if much of the hull hides it.
         candidates = np.unique(np.concatenate([through[other] for other in near if other in through]))
         behind = depths.within(candidates, view.camera, _THICK, np.inf)
         if len(behind) < _FEWEST:
@@ -79,18 +70,16 @@ class _Depths:
         self._solution, self._hull, self._similarity = solution, hull, similarity
         self._points = similarity.apply(solution.points)
         self._size = float(hull.occupancy.sum() ** (1 / 3) * hull.voxel.mean())
-        self.sharp = solution.errors <= SHARP_POINT
+        self.sharp = solution.errors <= masks.SHARP_POINT
         self._behind = self.sharp & (_distance(hull, self._points) > _BEHIND)
 
     def through(self, photo: int, camera: Camera) -> np.ndarray:
         """Return the points (K,) int64 that a photo saw through the hull."""
-        return self.within(
-            np.flatnonzero(self._behind & seen_by(self._solution, [photo])), camera, _THICK, np.inf
-        )
+        behind = np.flatnonzero(self._behind & seen_by(self._solution, [photo]))
+        return self.within(behind, camera, _THICK, np.inf)
 
     def within(self, chosen: np.ndarray, camera: Camera, least: float, most: float) -> np.ndarray:
-        """Return those of the points `chosen` (K,) in the frame that have so much of the hull before them,
-        (M,) int64.
+        """Return which points of `chosen` (K,) in the frame have so much hull before them, (M,) int64.
 
         least, most: relative to the object's size.
         """
@@ -102,9 +91,7 @@ class _Depths:
 def _hull_before(hull: Hull, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return how much of the way from `eye` (3,) to each of the `points` (K, 3) lies in the hull, (K,)."""
     away = points - eye
-    with np.errstate(
-        divide="ignore", invalid="ignore"
-    ):  # along an axis a ray enters nowhere, or is within for good
+    with np.errstate(divide="ignore", invalid="ignore"):  # along an axis a ray enters nowhere, or is within
         ends = np.sort(np.stack([(hull.lo - eye) / away, (hull.hi - eye) / away]), axis=0)
     enters, leaves = np.nanmax(ends[0], axis=1).clip(0, 1), np.nanmin(ends[1], axis=1).clip(0, 1)
     solid = np.zeros((_STEPS, len(points)))
@@ -115,9 +102,7 @@ def _hull_before(hull: Hull, eye: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _distance(hull: Hull, points: np.ndarray) -> np.ndarray:
-    """Return how far from the hull each of the `points` (P, 3) lies, (P,) voxels; infinite beyond the hull's
-    grid.
-    """
+    """Return how far from the hull the `points` (P, 3) lie, (P,) voxels; infinite beyond the grid."""
     distance = np.full(len(points), np.inf)
     inside, voxel = _voxels(hull, points)
     distance[inside] = scipy.ndimage.distance_transform_edt(~hull.occupancy)[tuple(voxel[inside].T)]
@@ -133,11 +118,10 @@ def _voxels(hull: Hull, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def opening_around(
     view: View, shape: np.ndarray, behind: np.ndarray, front: np.ndarray, margin: float
 ) -> np.ndarray:
-    """Return the pieces (h, w) bool of the hull's `shape` (h, w) like the surroundings that show points
-    behind it.
+    """Return the pieces (h, w) bool of the hull's `shape` (h, w) that look like the background.
 
-    behind, front (K, 3): points seen through the hull, and the object's. margin: of the object's size, beyond
-    which the surroundings begin.
+    They show points `behind` it. behind, front (K, 3): points seen through the hull, and the object's.
+    margin: of the object's size, beyond which the background begins.
     """
     dot = dot_radius(shape.shape)
     known = shape & (away_from(view.camera, front) < dot)
@@ -151,9 +135,7 @@ def opening_around(
 
 
 def _likelier_around(color: np.ndarray, known: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return how much likelier each pixel's colour is `around` the object than where it is `known`, (h, w),
-    as ln.
-    """
+    """Return ln of how much likelier colours are `around` the object than where it is `known`, (h, w)."""
     red, green, blue = np.moveaxis(color.astype(int) * _BINS // 256, -1, 0)
     kind = (red * _BINS + green) * _BINS + blue
     logarithms = []

@@ -10,33 +10,16 @@ import scipy
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum, named_file, read_json, remove, write_bytes, write_json
 from lightprobe.imaging import gravity, resize_area
+from lightprobe.preparation import upright, writing
 from lightprobe.preparation.cache import HIDDEN
-from lightprobe.preparation.contact import LOW_AGREEMENT, lost_cell, photo_cell
-from lightprobe.preparation.hints import find_photo
-from lightprobe.preparation.libraries import opencv_library
+from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.looking import Seen, reason_lost
-from lightprobe.preparation.mapping import Matches, match_counts
-from lightprobe.preparation.options import PrepareOptions
+from lightprobe.preparation.mapping import Matches, Solution, match_counts
+from lightprobe.preparation.options import PrepareOptions, find_photo
 from lightprobe.preparation.photos import SourcePhoto, copies, given_mask
 from lightprobe.preparation.rounds import WRITTEN, Cutting, written_masks
-from lightprobe.preparation.solution import Solution
-from lightprobe.preparation.upright import (
-    Up,
-    extent_along,
-    parse_up,
-    rotation_to_z,
-    up_of_gravity,
-    up_of_level_cameras,
-    up_of_photo,
-)
-from lightprobe.preparation.writing import (
-    full_size,
-    straight,
-    write_images,
-    write_masks,
-    write_sheet,
-    write_transforms,
-)
+from lightprobe.preparation.upright import Up
+from lightprobe.preparation.writing import LOW_AGREEMENT, lost_cell, photo_cell, straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.consistency import overlap
 
@@ -56,8 +39,7 @@ def write_scene(
     key: str,
     on_progress: Callable[[str, int, int], None],
 ) -> dict[str, Any]:
-    """Write images/, masks/, contact.png, prepare.json and at last transforms.json; return what prepare.json
-    holds.
+    """Write the scene's files, at last transforms.json; return prepare.json's content.
 
     matches (M, 2) by pair. Raises `InputError` where too few photos have cameras.
     """
@@ -67,25 +49,25 @@ def write_scene(
             "with less than 20 degrees between neighbours."
         )
     solution, up, scale = _upright(photos, cutting, options)
-    full = {i: full_size(camera, photos[i]) for i, camera in solution.cameras().items()}
+    full = {i: writing.full_size(camera, photos[i]) for i, camera in solution.cameras().items()}
     remove(output / "transforms.json")  # what is not finished is no scene
     bends = solution.distortion()
-    files = write_images({photos[i].name: (photos[i], full[i], bends[i]) for i in full}, output / "images")
+    shots = {photos[i].name: (photos[i], full[i], bends[i]) for i in full}
+    files = writing.write_images(shots, output / "images")
     _write_masks(output, photos, cutting, full, bends)
     on_progress("scene", 1, 2)
     lost = _lost(photos, seen, matches, cutting)
     report = {**_report(photos, cutting, up, scale, lost), "key": key}
     _write_sheet(output / "contact.png", photos, seen, cutting, lost)
     write_json(output / "prepare.json", report)
-    write_transforms(
-        output / "transforms.json", {photos[i].name: camera for i, camera in full.items()}, files
-    )
+    cameras = {photos[i].name: camera for i, camera in full.items()}
+    writing.write_transforms(output / "transforms.json", cameras, files)
     on_progress("scene", 2, 2)
     return report
 
 
 def finished(output: Path, key: str) -> dict[str, Any] | None:
-    """Return what prepare.json holds, where the scene is finished under `key` and no mask was changed since."""
+    """Return what prepare.json holds if the scene is finished under `key` and no mask was changed since."""
     record, path = output / HIDDEN / WRITTEN, output / "prepare.json"
     if not all(file.is_file() for file in (record, path, output / "transforms.json")):
         return None
@@ -100,7 +82,7 @@ def finished(output: Path, key: str) -> dict[str, Any] | None:
 def _upright(
     photos: Sequence[SourcePhoto], cutting: Cutting, options: PrepareOptions
 ) -> tuple[Solution, Up, dict]:
-    """Return the solution with z up and in the user's unit, which way was up, and what is said of the scale."""
+    """Return the solution with z up and in the user's unit, the up direction, and words on the scale."""
     solution = cutting.choice.kept.solution
     up = _find_up(photos, solution, options)
     points = solution.points[cutting.labels == 1]
@@ -109,31 +91,29 @@ def _upright(
         points = cutting.cutout.similarity.invert(hull.centers(hull.occupancy))
     factor, words = 1.0, "arbitrary: no photo tells how large things are; give --height"
     if options.height is not None:
-        extent = extent_along(points, up.direction)
+        extent = upright.extent_along(points, up.direction)
         if extent <= 0:
             raise InputError("--height cannot be used: the object's own height was not found in the photos.")
         factor, words = options.height / extent, f"the object is {options.height:g} high"
-    rotation = rotation_to_z(up.direction, solution.pose)
+    rotation = upright.rotation_to_z(up.direction, solution.pose)
     return solution.mapped(rotation, factor), up, {"scale": words, "scale_factor": factor}
 
 
 def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: PrepareOptions) -> Up:
     """Return which way is up, as told, from the photos' files or from the cameras."""
     if options.up_photo is None and options.up is None:
-        felt = up_of_gravity(solution.pose, [gravity(photos[int(index)].path) for index in solution.photo])
-        return felt or up_of_level_cameras(solution.pose)
+        told = [gravity(photos[int(index)].path) for index in solution.photo]
+        return upright.up_of_gravity(solution.pose, told) or upright.up_of_level_cameras(solution.pose)
     index = find_photo(photos, options.up_photo, "--up-photo") if options.up_photo else int(solution.photo[0])
     rows = np.flatnonzero(solution.photo == index)
     if not len(rows):
         raise InputError(
             f"--up-photo {photos[index].path.name} has no camera; name a photo that was registered."
         )
-    pose = solution.pose[rows[0]]
+    pose, name = solution.pose[rows[0]], photos[index].path.name
     if options.up is None:
-        return up_of_photo(pose, photos[index].path.name)
-    return Up(
-        pose[:3, :3] @ parse_up(options.up), f"--up {options.up} in the axes of {photos[index].path.name}"
-    )
+        return Up(pose[:3, 1] / np.linalg.norm(pose[:3, 1]), f"the vertical axis of {name}")
+    return Up(pose[:3, :3] @ upright.parse_up(options.up), f"--up {options.up} in the axes of {name}")
 
 
 def _write_masks(
@@ -143,7 +123,7 @@ def _write_masks(
     cameras: Mapping[int, Camera],
     bends: Mapping[int, float],
 ) -> None:
-    """Write the masks at full size, those that the user corrected as they are, and what they were written as."""
+    """Write the masks at full size, corrected ones as they are, and their checksums."""
     corrected, folder = output / HIDDEN / "corrected", output / "masks"
     names, before = [photos[index].name for index in cutting.masks], dict[str, list[str]]()
     for name in names:
@@ -165,14 +145,12 @@ def _write_masks(
         write_json(output / HIDDEN / WRITTEN, sums)
 
     # If all ends while the new folder takes the old one's place, either is known not to be the user's work.
-    write_masks(masks, own, folder, lambda new: record(new, before))
+    writing.write_masks(masks, own, folder, lambda new: record(new, before))
     record(folder, {})
 
 
 def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -> np.ndarray:
-    """Return the mask (H, W) float32 of a photo at its full size: the user's own, or the small one (h, w)
-    enlarged.
-    """
+    """Return a photo's mask (H, W) float32 at its full size: the user's own, or the small one enlarged."""
     given = given_mask(photo, (photo.height, photo.width))
     if given is not None:
         return straight(given, camera, k)
@@ -297,4 +275,4 @@ def _write_sheet(
     ]
     by_name = {photo.name: index for index, photo in enumerate(photos)}
     cells += [lost_cell(name, seen[by_name[name]].color, reason) for name, reason in lost.items()]
-    write_sheet(path, cells)
+    writing.write_sheet(path, cells)

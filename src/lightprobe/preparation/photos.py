@@ -1,6 +1,4 @@
-"""The photos of a plain folder: which there are, what their files tell, and small pictures of them to work
-on.
-"""
+"""The photos of a plain folder: which there are, what their files tell, and small pictures to work on."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ COLOR_SIDE = 320  # pixels of the longer side of the pictures that objects are c
 
 @dataclass(frozen=True)
 class SourcePhoto:
-    """One photo as the user gave it; sizes are those of the photo turned upright."""
+    """One photo as the user gave it; width and height are of the photo turned upright."""
 
     name: str  # unique, and safe as a file name
     path: Path
@@ -108,8 +106,7 @@ def _side_within(photo: SourcePhoto, side: int) -> tuple[int, int]:
 
 
 def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
-    """Return the user's mask of a photo at `size`, (height, width) float32: its file or the photo's alpha, or
-    None.
+    """Return the user's mask of a photo at `size`, (height, width) float32: its file, its alpha, or None.
 
     Raises `InputError` for a mask of another shape.
     """
@@ -148,7 +145,7 @@ def sharpness(grey: np.ndarray) -> float:
 
 
 def copies(photos: Iterable[SourcePhoto]) -> dict[str, str]:
-    """Return the names of photos whose file is the same as that of an earlier one, with that one's name."""
+    """Return the names of photos with the same file as an earlier photo, each with that photo's name."""
     first: dict[str, str] = {}
     found = {}
     for photo in photos:

@@ -13,9 +13,10 @@ from lightprobe.core.stored import read_object
 from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.candidates import Choice
-from lightprobe.preparation.cutting import masks_of
+from lightprobe.preparation.cutting import masks_of, rembg_mask
 from lightprobe.preparation.features import Features
 from lightprobe.preparation.looking import Seen
+from lightprobe.preparation.mapping import straightened
 from lightprobe.preparation.masks import (
     AGREEMENTS,
     MARGINS,
@@ -30,8 +31,6 @@ from lightprobe.preparation.near_hull import cut_near_hull, point_marks
 from lightprobe.preparation.openings import openings
 from lightprobe.preparation.options import Masker, PrepareOptions
 from lightprobe.preparation.photos import SourcePhoto
-from lightprobe.preparation.rembg import rembg_mask
-from lightprobe.preparation.solution import straightened
 from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 
@@ -71,57 +70,41 @@ def cut_rounds(
     known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own:
     masks (H, W) bool, by name, that the user corrected in the scene. Errors as in `object_points`.
     """
+    solution = choice.kept.solution
+    bends = solution.distortion()
     views = {
-        int(index): _view(photos[index], seen[index], camera, k, known.get(index), index in fixed, own)
-        for (index, camera), k in zip(
-            choice.kept.solution.cameras().items(), choice.kept.solution.distortion().values(), strict=True
-        )
+        index: _view(photos[index], seen[index], camera, bends[index], known.get(index), index in fixed, own)
+        for index, camera in solution.cameras().items()
     }
     if all(view.fixed for view in views.values()):
         cutout = carve(views, {index: view.given for index, view in views.items() if view.given is not None})
-        return Cutting(
-            choice, views, cutout, np.ones(len(choice.kept.solution.points), np.int8), frozenset(own)
-        )
-    labels = object_points(choice.kept.solution, views, choice.moving)
+        return Cutting(choice, views, cutout, np.ones(len(solution.points), np.int8), frozenset(own))
+    labels = object_points(solution, views, choice.moving)
     if options.masker is Masker.REMBG:
-        masks = {
-            i: v.given if v.fixed and v.given is not None else rembg_mask(v.color) for i, v in views.items()
-        }
+        given = {i: view.given for i, view in views.items() if view.fixed and view.given is not None}
+        masks = {i: given[i] if i in given else rembg_mask(view.color) for i, view in views.items()}
     else:
-        masks = cut_all(views, choice.kept.solution, labels)
+        masks = cut_all(views, solution, labels)
     cutout, opened = carve(views, masks, AGREEMENTS[0]), dict[int, np.ndarray]()
-    marks = {
-        index: point_marks(view, choice.kept.solution, labels, index)
-        for index, view in views.items()
-        if not view.fixed
-    }
+    free = {index: view for index, view in views.items() if not view.fixed}
+    marks = {index: point_marks(view, solution, labels, index) for index, view in free.items()}
+
+    def cut_again(shapes: Masks, masks: Masks, margin: float, photo: int) -> np.ndarray:
+        opening, mark = opened.get(photo), marks.get(photo)
+        return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opening, mark)
+
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
         shapes = {index: silhouette_of(cutout, view) for index, view in views.items()}
         if done > 0:  # what a hull of first cuts holds too much of is no opening yet
-            found = openings(choice.kept.solution, views, labels, cutout, shapes, margin)
+            found = openings(solution, views, labels, cutout, shapes, margin)
             # An opened hull has less before the points that told of it.
             opened |= {index: opening | opened.get(index, False) for index, opening in found.items()}
-        masks = masks_of(partial(_cut_again, views, shapes, cutout.masks, opened, marks, margin), views)
+        masks = masks_of(partial(cut_again, shapes, cutout.masks, margin), views)
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))
-
-
-def _cut_again(
-    views: Mapping[int, View],
-    shapes: Masks,
-    masks: Masks,
-    opened: Masks,
-    marks: Mapping[int, tuple[np.ndarray, np.ndarray]],
-    margin: float,
-    photo: int,
-) -> np.ndarray:
-    """Return the mask (h, w) bool of a photo cut anew around the hull's shape."""
-    return cut_near_hull(
-        views[photo], shapes[photo], masks[photo], margin, opened.get(photo), marks.get(photo)
-    )
 
 
 def _view(
@@ -141,20 +124,15 @@ def _view(
         return View(small, color, resize_area(own[photo.name].astype(np.float32), height, width) >= 0.5, True)
     if known is None:
         return View(small, color, None, False)
-    mask = (
-        known
-        if known.shape == (height, width)
-        else resize_area(known.astype(np.float32), height, width) >= 0.5
-    )
+    is_small = known.shape == (height, width)
+    mask = known if is_small else resize_area(known.astype(np.float32), height, width) >= 0.5
     return View(small, color, straight(mask.astype(np.float32), small, k) >= 0.5, fixed)
 
 
 def features_inside(
     cutting: Cutting, photos: Sequence[Features], otherwise: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return which features lie inside the masks, (N,) bool for each photo; `otherwise` those of photos
-    without one.
-    """
+    """Return which features lie inside the masks, (N,) bool for each photo; `otherwise` without a mask."""
     cameras, bends = cutting.choice.kept.solution.cameras(), cutting.choice.kept.solution.distortion()
     inside = []
     for index, features in enumerate(photos):
@@ -172,7 +150,7 @@ def features_inside(
 def written_masks(output: Path) -> dict[str, list[Any]]:
     """Return the checksums of a scene's masks as they were written, by name, none where none were.
 
-    The newest come first; one before it is there for a run that ended while masks took each other's place.
+    The newest comes first; an older one is there for a run that ended while masks took each other's place.
     Raises `InputError` for a record that is damaged.
     """
     record = output / HIDDEN / WRITTEN
@@ -187,10 +165,7 @@ def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarr
     written, corrected = written_masks(output), output / HIDDEN / "corrected"
     found = {}
     for photo in photos:
-        path, kept = (
-            named_file(output / "masks", photo.name, ".png"),
-            named_file(corrected, photo.name, ".png"),
-        )
+        path, kept = (named_file(folder, photo.name, ".png") for folder in (output / "masks", corrected))
         if path.is_file() and checksum(path) not in written.get(photo.name, ()):
             found[photo.name] = read_mask(path) >= 0.5
         elif kept.is_file():

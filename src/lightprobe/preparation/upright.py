@@ -13,9 +13,7 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 
-_SURE = (
-    0.2  # spread of the x axes along up over that across, beyond which cameras were not held level all around
-)
+_SURE = 0.2  # spread of the x axes along up over that across, beyond which cameras were not held level
 _FEWEST_TOLD = 3  # photos whose sensors tell up: fewer may be one mistake
 _AGREEING = 0.98  # length of the mean of their unit directions: within about eleven degrees of each other
 _ARC = 0.05  # least spread across: cameras that all stand on one side leave the horizon open
@@ -39,14 +37,11 @@ def up_of_level_cameras(poses: np.ndarray) -> Up:
     source = "the cameras' horizons: photos are taken to be held level"
     if values[1] < _ARC:  # nearly parallel x axes: only their mean y axis is left
         mean = mean / max(float(np.linalg.norm(mean)), 1e-12)
-        return Up(
-            mean,
-            "the mean of the photos' vertical axes",
-            (
-                "All photos are taken from nearly one side, so that up is only the mean of their vertical axes; give it "
-                "with --up x,y,z or --up-photo."
-            ),
+        one_side = (
+            "All photos are taken from nearly one side, so that up is only the mean of their vertical axes; give it "
+            "with --up x,y,z or --up-photo."
         )
+        return Up(mean, "the mean of the photos' vertical axes", one_side)
     doubt = None
     if np.sqrt(max(values[0], 0) / values[1]) > _SURE:
         doubt = (
@@ -72,11 +67,6 @@ def up_of_gravity(poses: np.ndarray, gravity: Sequence[np.ndarray | None]) -> Up
     return Up(mean / length, f"the cameras' acceleration sensors, in {len(told)} photos")
 
 
-def up_of_photo(pose: np.ndarray, name: str) -> Up:
-    """Return the direction that is up in one photo's camera (4, 4): its own vertical axis."""
-    return Up(pose[:3, 1] / np.linalg.norm(pose[:3, 1]), f"the vertical axis of {name}")
-
-
 def parse_up(text: str) -> np.ndarray:
     """Return the direction (3,) of `x,y,z`; raise `ConfigError` for anything else."""
     try:
@@ -89,7 +79,7 @@ def parse_up(text: str) -> np.ndarray:
 
 
 def rotation_to_z(up: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) that takes `up` (3,) to z and the first camera (K, 4, 4) to the side of -y."""
+    """Return the rotation (3, 3) of `up` (3,) to z, and of the first camera (K, 4, 4) to the side of -y."""
     first = poses[0, :3, 2] - (poses[0, :3, 2] @ up) * up
     if np.linalg.norm(first) < 1e-6:
         first = poses[0, :3, 0] - (poses[0, :3, 0] @ up) * up

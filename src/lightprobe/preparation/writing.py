@@ -1,4 +1,4 @@
-"""The scene that comes out: photos without their lens' distortion, masks, and cameras in nerfstudio's layout."""
+"""The scene that comes out: photos without lens distortion, masks, cameras, a contact sheet."""
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -9,27 +9,43 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from lightprobe import imaging
 from lightprobe.core.files import atomic_folder, atomic_path, named_file, write_json
-from lightprobe.imaging import (
-    PhotoFile,
-    read_mask,
-    read_orientation,
-    srgb_encode,
-    write_encoded,
-    write_exr,
-    write_mask,
-)
 from lightprobe.imaging.exif import upright_exposure
 from lightprobe.imaging.resize import STRIP
-from lightprobe.preparation.libraries import opencv_library
+from lightprobe.preparation.features import opencv_library
+from lightprobe.preparation.mapping import bent
 from lightprobe.preparation.photos import SourcePhoto
-from lightprobe.preparation.solution import bent
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.contact_sheet import Cell, contact_sheet
+from lightprobe.scene.overlay import Cell, contact_sheet, outline
 
+_LINE = (255, 60, 0)  # sRGB of the outline
+GOOD, DOUBTFUL, LOST = (220, 220, 220), (255, 200, 0), (255, 90, 90)  # sRGB of captions
+LOW_AGREEMENT = 0.8  # IoU of mask and hull below which a mask is doubtful
 _SMALL_BEND = 0.5  # pixels up to which a photo is taken as it is
 _REACH = 2  # rows beside a place that interpolation looks at
 _CELL = 200  # pixels of a contact sheet's pictures
+
+
+def outlined(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return a photo (h, w, 3) uint8, dimmed outside its mask (h, w) bool, with the outline drawn."""
+    picture = np.where(mask[..., None], color, color // 3).astype(np.uint8)
+    width = max(1, round(max(mask.shape) / 200))
+    picture[outline(mask, width)] = _LINE
+    return picture
+
+
+def photo_cell(name: str, color: np.ndarray, mask: np.ndarray, agreement: float | None) -> Cell:
+    """Return the cell of a photo (h, w, 3) uint8 with a camera, its mask (h, w) and its IoU with the hull."""
+    doubtful = agreement is None or agreement < LOW_AGREEMENT
+    score = "" if agreement is None else f" {agreement:.2f}"
+    return Cell(f"{name}{score}", outlined(color, mask), DOUBTFUL if doubtful else GOOD)
+
+
+def lost_cell(name: str, color: np.ndarray, reason: str) -> Cell:
+    """Return the cell of a photo (h, w, 3) uint8 without a camera."""
+    grey = np.repeat((color.mean(axis=2, keepdims=True) * 0.6).astype(np.uint8), 3, axis=2)
+    return Cell(f"{name}: {reason.split(';')[0]}", grey, LOST)
 
 
 def bend_map(camera: Camera, k: float, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
@@ -44,13 +60,12 @@ def bend_map(camera: Camera, k: float, first: int, last: int) -> tuple[np.ndarra
 
 
 def straight(picture: np.ndarray, camera: Camera, k: float) -> np.ndarray:
-    """Return a picture (H, W) or (H, W, 3), any type, as a pinhole shows it; what the lens did not see is 0."""
+    """Return a picture (H, W) or (H, W, 3) as a pinhole shows it; what the lens did not see is 0."""
     if largest_bend(camera, k) <= _SMALL_BEND:
         return picture
     result = np.empty_like(picture)
-    for top, rows in straight_strips(
-        lambda first, last: picture[first:last], camera, k, cubic=picture.ndim == 3
-    ):
+    strips = straight_strips(lambda *rows: picture[slice(*rows)], camera, k, cubic=picture.ndim == 3)
+    for top, rows in strips:
         result[top : top + len(rows)] = rows
     return result
 
@@ -60,8 +75,8 @@ def straight_strips(
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the first row and the rows (h, W) or (h, W, 3) of strips of a picture as a pinhole shows it.
 
-    `read(first, last)` returns the lens' picture's rows first..last - 1, which is never held whole. cubic:
-    whether it is interpolated so; else linearly.
+    `read(first, last)` returns rows first..last - 1 of the lens' picture, which is never held whole. cubic:
+    whether the interpolation is cubic, else linear.
     """
     cv2 = opencv_library()
     step = max(1, STRIP // camera.width)
@@ -79,9 +94,7 @@ def largest_bend(camera: Camera, k: float) -> float:
 
 
 def write_images(photos: Mapping[str, tuple[SourcePhoto, Camera, float]], folder: Path) -> dict[str, str]:
-    """Write the photos, each with its full-size camera and the lens' k, into a new folder; return their file
-    names.
-    """
+    """Write photos, each with its full-size camera and lens' k, into a new folder; return file names."""
     files = {}
     with atomic_folder(folder) as temporary:
         for name, (photo, camera, k) in photos.items():
@@ -99,21 +112,23 @@ def _write_straight(photo: SourcePhoto, camera: Camera, k: float, folder: Path, 
 
     As EXR where it shows more than white; else PNG of 8 or 16 bits, with what EXIF says of the exposure.
     """
-    bent_photo, shape = PhotoFile(photo.path), (camera.height, camera.width, 3)
+    bent_photo, shape = imaging.PhotoFile(photo.path), (camera.height, camera.width, 3)
     strips = straight_strips(lambda *strip: bent_photo.rows(*strip)[0], camera, k, cubic=True)
     if bent_photo.shows_more_than_white:
         light = np.empty(shape, np.float32)
         for top, rows in strips:
             light[top : top + len(rows)] = np.maximum(rows, 0)  # cubic interpolation overshoots
         file = named_file(folder, name, ".exr")
-        write_exr(file, light)
+        imaging.write_exr(file, light)
         return file
     encoded = np.empty(shape, np.uint16 if bent_photo.is_deep else np.uint8)
     white = np.iinfo(encoded.dtype).max
     for top, rows in strips:
-        encoded[top : top + len(rows)] = np.clip(srgb_encode(np.clip(rows, 0, 1)) * white + 0.5, 0, white)
+        encoded[top : top + len(rows)] = np.clip(
+            imaging.srgb_encode(np.clip(rows, 0, 1)) * white + 0.5, 0, white
+        )
     file = named_file(folder, name, ".png")
-    write_encoded(file, encoded, upright_exposure(photo.path))
+    imaging.write_encoded(file, encoded, upright_exposure(photo.path))
     return file
 
 
@@ -123,19 +138,18 @@ def write_masks(
     folder: Path,
     written: Callable[[Path], None] = lambda new: None,
 ) -> None:
-    """Write masks into a new folder: (H, W) float32 with names, as grey PNG one by one as they come, and
-    `ready` files.
+    """Write masks (H, W) float32 by name as grey PNG, one by one as they come, and `ready` files.
 
     A file that does not say how it is stored is upright, and says so here: otherwise a scene's reader would
     turn it along with its photo. written: called with the new folder before it takes the place of `folder`.
     """
     with atomic_folder(folder) as temporary:
         for name, mask in masks:
-            write_mask(named_file(temporary, name, ".png"), mask)
+            imaging.write_mask(named_file(temporary, name, ".png"), mask)
         for name, file in ready.items():
             target = named_file(temporary, name, ".png")
-            if read_orientation(file) is None:
-                write_mask(target, read_mask(file))
+            if imaging.read_orientation(file) is None:
+                imaging.write_mask(target, imaging.read_mask(file))
             else:
                 shutil.copyfile(file, target)
         written(temporary)
@@ -161,17 +175,15 @@ def write_transforms(path: Path, cameras: Mapping[str, Camera], files: Mapping[s
 
 
 def full_size(camera: Camera, photo: SourcePhoto) -> Camera:
-    """Return a working picture's camera for the photo itself; width and height may have been rounded apart."""
+    """Return a working picture's camera for the photo itself, whose sides may have been rounded apart."""
     return replace(camera.resized(photo.width, photo.height), fy=camera.fx * photo.width / camera.width)
 
 
-def write_sheet(path: Path, cells: Sequence[tuple[str, np.ndarray, tuple[int, int, int]]]) -> None:
-    """Write a sheet of pictures (h, w, 3) uint8, each with its caption and the caption's colour, as PNG."""
-    sheet = contact_sheet(
-        [Cell(words, _small(picture), ink) for words, picture, ink in cells], side=_CELL, letters=32, font=12
-    )
+def write_sheet(path: Path, cells: Sequence[Cell]) -> None:
+    """Write a sheet of pictures as PNG, each at most 200 pixels long."""
+    small = [replace(cell, picture=_small(cell.picture)) for cell in cells]
     with atomic_path(path) as temporary:
-        sheet.save(temporary, format="PNG")
+        contact_sheet(small, side=_CELL, letters=32, font=12).save(temporary, format="PNG")
 
 
 def _small(picture: np.ndarray) -> np.ndarray:

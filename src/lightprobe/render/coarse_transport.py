@@ -49,6 +49,11 @@ class CoarseTransport:
                 matrix[channel].addcmul_(factor[:, channel, None], average)
         return CoarseTransport(matrix)
 
+    def broader(self, side: int) -> Tensor:
+        """Return the matrices (3, P, T) from lights of T = 6 `side`^2 texels, constant over blocks of the 384."""
+        block = BLOCKS // side
+        return self.matrix.unflatten(2, (6, side, block, side, block)).sum((4, 6)).flatten(2)
+
     def solve(self, observed: Tensor, weight: Tensor, level: Tensor, strengths: tuple[float, ...]) -> Tensor:
         """Return the lights (S, 384, 3) closest to `observed` (P, 3), pulled towards a grey `level` ().
 

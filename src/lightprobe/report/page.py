@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from urllib.parse import quote
 
-from lightprobe.prediction.color_scale import css_gradient, ticks
+from lightprobe.prediction.confidence import css_gradient, ticks
 from lightprobe.report.pictures import CONFIDENCE, PICTURE_HINTS
 
 Links = dict[str, Path]  # what a file is -> where it is

@@ -14,7 +14,7 @@ from lightprobe.imaging import read_hdr, shrink_area, srgb_encode
 from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import plane
-from lightprobe.prediction.color_scale import RANGE, confidence_colors
+from lightprobe.prediction.confidence import RANGE, confidence_colors
 
 _SIDE = 256  # pixels of a picture that explains
 _LARGE = 384  # and of those that lead a page

@@ -9,7 +9,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import extract_frames
 from lightprobe.preparation import HIDDEN, Prepared, PrepareOptions, check_output, prepare
 from lightprobe.runs.progress import OnProgress, silent
-from lightprobe.scene.plain_inspection import VIDEO_FRAMES, only_video
+from lightprobe.scene.plain_photos import VIDEO_FRAMES, only_video
 
 _NAMED = 16  # digits of a video's checksum that name the folder of its frames
 SCENE = "scene"  # the folder in a run that holds what was made of plain photos

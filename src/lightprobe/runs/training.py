@@ -29,6 +29,7 @@ from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.plain_inspection import is_plain
+from lightprobe.scene.plain_photos import is_plain
 
 
 def train_run(

@@ -1,8 +1,7 @@
 """A folder of photos in, a `Scene` out: cameras, masks, splits and the similarity to the normalised frame."""
 
 from lightprobe.scene.camera import Camera, Similarity
-from lightprobe.scene.carving import carved_hull
-from lightprobe.scene.hull import Hull, visual_hull
+from lightprobe.scene.hull import Hull, carved_hull, visual_hull
 from lightprobe.scene.loading import load_scene
 from lightprobe.scene.new_photo import load_photo, new_photo, read_camera
 from lightprobe.scene.photo import Photo, Pixels, Scene, Truth

@@ -31,9 +31,9 @@ class Background:
     def of(color: np.ndarray, white: np.ndarray, alpha: np.ndarray, camera: Camera) -> "Background":
         """Return the background of an opaque photo at 256 pixels.
 
-        color (H, W, 3) linear, what lies around the object included; white (H, W, 3) the share in [0, 1] of a
-        pixel where the photo's white hides how bright it was, or bool; alpha (H, W) the object's coverage in
-        [0, 1]. Pixels without any light are not counted: they lie beyond what a lens showed.
+        color (H, W, 3) linear, background included; white (H, W, 3) the share in [0, 1] of a pixel where the
+        photo's white hides how bright it was, or bool; alpha (H, W) the object's coverage in [0, 1]. Pixels
+        without any light do not count: they lie beyond what a lens showed.
         """
         small, cover = shrink_area(color, _SIDE), shrink_area(alpha, _SIDE)
         seen = ~scipy.ndimage.binary_dilation(cover > _HAZE, iterations=_MARGIN) & (small > 0).any(-1)
@@ -43,9 +43,7 @@ class Background:
 
 
 def load_background(photo: Photo) -> Background | None:
-    """Return what a photo shows around the object, or None for a photo that is cut out; errors as
-    `load_pixels`.
-    """
+    """Return what a photo shows around the object, None for a cut-out photo; errors as `load_pixels`."""
     if photo.mask_path is None or not is_opaque(photo.image_path):
         return None
     color, alpha, white = load_shown(photo, _SIDE)
@@ -53,5 +51,5 @@ def load_background(photo: Photo) -> Background | None:
 
 
 def is_opaque(image: Path) -> bool:
-    """Return whether a photo shows what is around the object: it has no alpha channel, or one without holes."""
+    """Return whether a photo shows what is around the object: it has no transparent pixels."""
     return file_kind(image) is FileKind.JPEG or alpha_range(image)[0] == 1

@@ -13,8 +13,7 @@ import numpy as np
 from lightprobe.core.errors import InputError, shown
 from lightprobe.scene.lens import Lens
 
-# Beyond these no camera has ever been, and arithmetic ends: photos are found damaged by them, never merely
-# unusual.
+# Beyond these no camera has ever been, and arithmetic ends: a photo beyond them is damaged, not unusual.
 _SIDE = 1_000_000  # pixels
 _FOCAL = 1e-3, 1e5  # least and greatest focal length, in the longer side of the image
 _CENTER = 1e3  # distance of the principal point from the image's corner, likewise; photos may be crops of larger ones
@@ -75,9 +74,7 @@ class Camera:
     cy: float
     width: int
     height: int
-    lens: Lens | None = (
-        None  # how the photo's file departs from this pinhole; undone while its pixels are read
-    )
+    lens: Lens | None = None  # how the photo's file departs from this pinhole; undone while it is read
 
     @property
     def position(self) -> np.ndarray:
@@ -87,26 +84,15 @@ class Camera:
     def resized(self, width: int, height: int) -> "Camera":
         """Return the camera of the same view in an image of another size."""
         sx, sy = width / self.width, height / self.height
-        return replace(
-            self,
-            fx=self.fx * sx,
-            fy=self.fy * sy,
-            cx=self.cx * sx,
-            cy=self.cy * sy,
-            width=width,
-            height=height,
-        )
+        across, down = {"fx": self.fx * sx, "cx": self.cx * sx}, {"fy": self.fy * sy, "cy": self.cy * sy}
+        return replace(self, width=width, height=height, **across, **down)  # type: ignore[arg-type]
 
     def scaled(self, factor: float) -> "Camera":
-        """Return the camera of the same view in an image whose sides are `factor` times as long, at least a
-        pixel.
-        """
+        """Return the camera of the same view with `factor` times as long sides, of at least a pixel."""
         return self.resized(*(max(1, round(side * factor)) for side in (self.width, self.height)))
 
     def within(self, side: int) -> "Camera":
-        """Return the camera of the same view in an image no longer than `side` pixels, itself where it is
-        none.
-        """
+        """Return the camera of the same view with sides of at most `side` pixels, itself where it fits."""
         longest = max(self.width, self.height)
         return self if longest <= side else self.scaled(side / longest)
 
@@ -117,28 +103,19 @@ class Camera:
         return replace(self, camera_to_world=moved)
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Project world points (N, 3) to (N, 3) float64: pixel x, pixel y, depth along the view axis (> 0 in
-        front).
-        """
+        """Project world points (N, 3) to (N, 3) float64: pixel x, y and depth along the view axis."""
         local = (np.asarray(points, np.float64) - self.position) @ self.camera_to_world[:3, :3]
         depth = -local[:, 2]
         safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
-        return np.stack(
-            [self.cx + self.fx * local[:, 0] / safe, self.cy - self.fy * local[:, 1] / safe, depth], axis=-1
-        )
+        x, y = self.cx + self.fx * local[:, 0] / safe, self.cy - self.fy * local[:, 1] / safe
+        return np.stack([x, y, depth], axis=-1)
 
     def to_json(self) -> dict[str, Any]:
         """Return the camera as the JSON that `--camera` reads."""
-        lens = {} if self.lens is None else {"lens": self.lens.to_json()}
         return {
             "camera_to_world": [[float(v) for v in row] for row in self.camera_to_world],
-            "fx": self.fx,
-            "fy": self.fy,
-            "cx": self.cx,
-            "cy": self.cy,
-            "width": self.width,
-            "height": self.height,
-            **lens,
+            **{key: getattr(self, key) for key in ("fx", "fy", "cx", "cy", "width", "height")},
+            **({} if self.lens is None else {"lens": self.lens.to_json()}),
         }
 
     @staticmethod
@@ -166,9 +143,7 @@ class Camera:
         return camera
 
     def check(self, source: str) -> None:
-        """Raise `InputError` naming `source` unless the pose is finite and rigid and the intrinsics are
-        plausible.
-        """
+        """Raise `InputError` naming `source` unless the pose is rigid and the intrinsics are plausible."""
         pose = self.camera_to_world
         if pose.shape != (4, 4):
             shape = "x".join(map(str, pose.shape)) or "a number"
@@ -190,10 +165,6 @@ class Camera:
             )
         if min(self.fx, self.fy) <= 0 or min(self.width, self.height) <= 0:
             raise InputError(f"{source}: focal lengths and image size must be positive.")
-        self._check_range(source)
-
-    def _check_range(self, source: str) -> None:
-        """Raise `InputError` naming `source` where no lens or image could have the intrinsics."""
         longest = max(self.width, self.height)
         if longest > _SIDE:
             raise InputError(
@@ -213,9 +184,7 @@ class Camera:
 
 
 def mean_up(axes: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the direction (3,) float64 that is up for most cameras, by their upward axes (3,); +z if they
-    disagree.
-    """
+    """Return the mean direction (3,) float64 of cameras' upward axes (3,), or +z if they disagree."""
     up = np.mean(np.asarray(axes, np.float64), axis=0)
     length = float(np.linalg.norm(up))
     return up / length if length > _AGREEING else np.array([0.0, 0.0, 1.0])

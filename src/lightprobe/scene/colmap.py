@@ -21,31 +21,13 @@ from lightprobe.scene.frame import Frame, Problems
 from lightprobe.scene.lens import Lens
 
 _MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
-# COLMAP's model numbers: name, number of parameters
-_MODELS = {
-    0: ("SIMPLE_PINHOLE", 3),
-    1: ("PINHOLE", 4),
-    2: ("SIMPLE_RADIAL", 4),
-    3: ("RADIAL", 5),
-    4: ("OPENCV", 8),
-    5: ("OPENCV_FISHEYE", 8),
-    6: ("FULL_OPENCV", 12),
-    7: ("FOV", 5),
-    8: ("SIMPLE_RADIAL_FISHEYE", 4),
-    9: ("RADIAL_FISHEYE", 5),
-    10: ("THIN_PRISM_FISHEYE", 12),
-    11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
-    12: ("SIMPLE_DIVISION", 4),
-    13: ("DIVISION", 5),
-    14: ("SIMPLE_FISHEYE", 3),
-    15: ("FISHEYE", 4),
-    16: ("EUCM", 6),
-    17: ("EQUIRECTANGULAR", 2),
-}
-_COUNTS = dict(_MODELS.values())
-_ONE_FOCAL = frozenset(
-    {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
-)
+# COLMAP's camera models by their numbers
+_NAMES = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV"]
+_NAMES += ["FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"]
+_NAMES += ["RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM"]
+_NAMES += ["EQUIRECTANGULAR"]
+_PARAMETERS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2)
+_COUNTS = dict(zip(_NAMES, _PARAMETERS, strict=True))
 # What follows focal lengths and principal point in the parameters of each model that is read
 _LENSES: dict[str, Callable[..., Lens]] = {
     "SIMPLE_PINHOLE": Lens,
@@ -93,15 +75,12 @@ class _View:
 def find_model(root: Path) -> Path | None:
     """Return the first folder of `root` that holds a COLMAP model, or a part of one, or None."""
     names = [f"{part}.{kind}" for part in ("cameras", "images") for kind in ("bin", "txt")]
-    return next(
-        (root / sub for sub in _MODEL_FOLDERS if any((root / sub / name).is_file() for name in names)), None
-    )
+    folders = (root / sub for sub in _MODEL_FOLDERS)
+    return next((model for model in folders if any((model / name).is_file() for name in names)), None)
 
 
 def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
-    """Return the frames of the model in folder `model`; photos are looked for in `root/images`, else in
-    `root`.
-    """
+    """Return the frames of the model in folder `model`, with photos of `root/images`, else of `root`."""
     suffix = "bin" if any((model / f"{part}.bin").is_file() for part in ("cameras", "images")) else "txt"
     paths = [model / f"{part}.{suffix}" for part in ("cameras", "images")]
     for path in paths:
@@ -110,8 +89,7 @@ def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
                 f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}."
             )
         check_file(path, LARGEST_MODEL)
-    lenses: dict[int, _Model] = {}
-    views: list[_View] = []
+    lenses, views = dict[int, _Model](), list[_View]()
     with problems.guard():
         lenses = (_read_cameras_binary if suffix == "bin" else _read_cameras_text)(paths[0], problems)
     with problems.guard():
@@ -149,23 +127,15 @@ def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Model], view: _Vi
             f"{paths[1]}: '{shown(view.name)}' uses camera {shown(view.lens)}, which is not in {paths[0].name}."
         )
     source = f"{paths[1]} ({shown(view.name)})"
-
-    def camera(width: int, height: int) -> Camera:
-        return _camera(lenses[view.lens], view, source)
-
-    return Frame(image, source, camera)
+    return Frame(image, source, lambda width, height: _camera(lenses[view.lens], view, source))
 
 
 def _camera(lens: _Model, view: _View, source: str) -> Camera:
     """Return the pinhole camera of a view, with its lens; raise `InputError` for models that are not read."""
     if lens.model not in _LENSES:
         raise InputError(f"{source} has the camera model {shown(lens.model)}, which is not read; {ADVICE}.")
-    split = 1 if lens.model in _ONE_FOCAL else 2
-    focal, (cx, cy), distortion = (
-        lens.parameters[:split],
-        lens.parameters[split : split + 2],
-        lens.parameters[split + 2 :],
-    )
+    split = 1 if lens.model.startswith(("SIMPLE", "RADIAL")) else 2  # focal lengths
+    focal, (cx, cy, *distortion) = lens.parameters[:split], lens.parameters[split:]
     camera = Camera(_pose(view, source), focal[0], focal[-1], cx, cy, lens.width, lens.height)
     camera.check(source)
     return with_lens(camera, _LENSES[lens.model](*distortion), source=source)
@@ -224,15 +194,15 @@ class _Binary:
 
 
 def _read_cameras_binary(path: Path, problems: Problems) -> dict[int, _Model]:
-    """Return the cameras by number, as far as the file is sound: behind a broken part nothing has its place."""
+    """Return the cameras by number, up to a broken part of the file, behind which nothing has its place."""
     file, lenses = _Binary(path), {}
     with problems.guard():
         for _ in range(file.take("Q")[0]):
             number, model, width, height = file.take("iiQQ")
-            if model not in _MODELS:
+            if not 0 <= model < len(_NAMES):
                 raise InputError(f"{path} has the unknown camera model number {model}.")
-            name, count = _MODELS[model]
-            lenses[number] = _Model(name, width, height, file.take(f"{count}d"))
+            name = _NAMES[model]
+            lenses[number] = _Model(name, width, height, file.take(f"{_COUNTS[name]}d"))
     return lenses
 
 

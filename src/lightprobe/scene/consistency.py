@@ -4,6 +4,7 @@ Overlap is intersection over union (IoU) of silhouette and mask in pixels: 1 is 
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,11 +14,7 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.normalise import find_similarity
 
-_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = (
-    24,
-    96,
-    48,
-)  # few, small and coarse: each hypothesis carves a hull
+_TRIAL_PHOTOS, _TRIAL_SIDE, _TRIAL_RESOLUTION = 24, 96, 48  # few, small, coarse: each trial carves a hull
 _CLEARLY_BETTER, _CONVINCING = 0.1, 0.6  # gain in IoU, and IoU, that make a suspicion worth a word
 
 
@@ -29,8 +26,7 @@ def fitted_hull(
     *,
     agreement: float | None = None,
 ) -> Hull:
-    """Return the hull in the normalised frame on a grid that fits it closely; `cameras` are in the input
-    frame.
+    """Return the hull, in the normalised frame, of input-frame `cameras` on a grid that fits it closely.
 
     alphas: a mask (H, W) for each camera.
     """
@@ -60,16 +56,12 @@ def look_inverted(alphas: Sequence[np.ndarray]) -> bool:
     The hull cannot tell: the space around an object is as consistent as the object.
     """
     rims = [np.concatenate([alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]]) >= 0.5 for alpha in alphas]
-    holes = [
-        rim.mean() > 0.9 and (alpha < 0.5).mean() > 0.01 for rim, alpha in zip(rims, alphas, strict=True)
-    ]
-    return sum(holes) > len(alphas) / 2
+    pairs = zip(rims, alphas, strict=True)
+    return sum(rim.mean() > 0.9 and (alpha < 0.5).mean() > 0.01 for rim, alpha in pairs) > len(alphas) / 2
 
 
 def better_turn(mask: np.ndarray, picture: np.ndarray) -> tuple[str, float] | None:
-    """Return how a mask (h, w) bool is to be turned to fit the hull's silhouette much better, and its IoU
-    then.
-    """
+    """Return how a mask (h, w) bool must turn to fit the hull's silhouette much better, and its IoU then."""
     turned = [(words, turn(mask)) for words, turn in _TURNS]
     fits = [(words, overlap(shape, picture)) for words, shape in turned if shape.shape == picture.shape]
     words, best = max(fits, key=lambda fit: fit[1])
@@ -88,9 +80,8 @@ def diagnose(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: flo
     best, sentence = max(trials, key=lambda trial: trial[0])
     if best < max(found + _CLEARLY_BETTER, _CONVINCING):
         return None
-    return (
-        f"{sentence} (the visual hull then agrees with the masks at IoU {best:.2f} instead of {found:.2f})."
-    )
+    better = f"IoU {best:.2f} instead of {found:.2f}"
+    return f"{sentence} (the visual hull then agrees with the masks at {better})."
 
 
 Change = Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]
@@ -99,7 +90,7 @@ Change = Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]
 def _trial(views: Sequence[tuple[Camera, np.ndarray]], change: Change) -> float:
     """Return the median overlap after `change`; 0 when no hull exists."""
     changed = [change(*view) for view in views]
-    cameras, alphas = [camera for camera, _ in changed], [alpha for _, alpha in changed]
+    cameras, alphas = zip(*changed, strict=True)
     if any(alpha.max() < 0.5 for alpha in alphas):
         return 0.0
     try:
@@ -110,19 +101,15 @@ def _trial(views: Sequence[tuple[Camera, np.ndarray]], change: Change) -> float:
     return float(np.median([overlap(a >= 0.5, silhouette(hull, c, similarity, a.shape)) for c, a in changed]))
 
 
-def _with_pose(camera: Camera, pose: np.ndarray) -> Camera:
-    return Camera(pose, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
-
-
 def _columns(camera: Camera, axes: np.ndarray) -> Camera:
     """Return the camera with its axes [right, up, back] recombined by the (3, 3) matrix `axes`."""
     pose = camera.camera_to_world.copy()
     pose[:3, :3] = pose[:3, :3] @ axes
-    return _with_pose(camera, pose)
+    return replace(camera, camera_to_world=pose, lens=None)
 
 
 def _inverse(camera: Camera) -> Camera:
-    return _with_pose(camera, np.linalg.inv(camera.camera_to_world))
+    return replace(camera, camera_to_world=np.linalg.inv(camera.camera_to_world), lens=None)
 
 
 _OPENCV = np.diag([1.0, -1.0, -1.0])

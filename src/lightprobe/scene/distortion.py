@@ -70,9 +70,7 @@ class Resampling:
 
 
 def span(places: np.ndarray, shown: np.ndarray) -> tuple[int, int]:
-    """Return (first, last) of the photo's rows that `bilinear` needs for `places` (h, W, 2), `shown` (h, W)
-    bool.
-    """
+    """Return (first, last) of the photo's rows that `bilinear` needs for the `shown` places (h, W, 2)."""
     rows = places[..., 1][shown]
     if not rows.size:
         return 0, 1
@@ -80,9 +78,7 @@ def span(places: np.ndarray, shown: np.ndarray) -> tuple[int, int]:
 
 
 def bilinear(planes: np.ndarray, top: int, places: np.ndarray) -> np.ndarray:
-    """Return the values of `planes` (h, W, C), whose first row is row `top` of the photo, at `places` (...,
-    2).
-    """
+    """Return the values of `planes` (h, W, C), the photo's rows from `top` on, at `places` (..., 2)."""
     height, width = planes.shape[:2]
     x, y = places[..., 0] - 0.5, places[..., 1] - 0.5 - top
     left = np.clip(np.floor(x), 0, max(width - 2, 0)).astype(np.intp)
@@ -92,18 +88,15 @@ def bilinear(planes: np.ndarray, top: int, places: np.ndarray) -> np.ndarray:
     flat = planes.reshape(height * width, -1)
     corner = above * width + left
     right, below = min(1, width - 1), width * min(1, height - 1)
-    upper = np.take(flat, corner, axis=0) * (1 - across) + np.take(flat, corner + right, axis=0) * across
-    lower = (
-        np.take(flat, corner + below, axis=0) * (1 - across)
-        + np.take(flat, corner + below + right, axis=0) * across
-    )
-    return upper * (1 - down) + lower * down
+
+    def row(left: np.ndarray) -> np.ndarray:
+        return np.take(flat, left, axis=0) * (1 - across) + np.take(flat, left + right, axis=0) * across
+
+    return row(corner) * (1 - down) + row(corner + below) * down
 
 
 def _edges(camera: Camera) -> np.ndarray:
-    """Return the middles of the image's edges on the image plane, (4, 2), beside the axis where it passes
-    them.
-    """
+    """Return the middles of the image's edges on the image plane, (4, 2), beside the axis if it is there."""
     w, h = camera.width, camera.height
     cx, cy = np.clip(camera.cx, 0.1 * w, 0.9 * w), np.clip(camera.cy, 0.1 * h, 0.9 * h)
     pixels = np.array([[0, cy], [w, cy], [cx, 0], [cx, h]])
@@ -111,7 +104,7 @@ def _edges(camera: Camera) -> np.ndarray:
 
 
 def _largest_shift(camera: Camera, lens: Lens) -> float:
-    """Return by how many pixels the lens moves some point of the image; NaN or infinity where it overflows."""
+    """Return by how many pixels the lens moves some point of the image; NaN or inf where that overflows."""
     u, v = np.meshgrid(np.linspace(0, camera.width, 9), np.linspace(0, camera.height, 9))
     points = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy], axis=-1)
     shift = (lens.distort(points) - points) * (camera.fx, camera.fy)

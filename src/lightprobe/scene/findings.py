@@ -1,7 +1,10 @@
-"""Lines of a report on photos, which inspections of scenes and of plain photos have in common."""
+"""Lines and sentences about photos that inspections of scenes and of plain photos have in common."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+
+from lightprobe.imaging import UNREADABLE
+from lightprobe.scene.photo import Photo
 
 _SHOWN = 20  # problems printed
 
@@ -28,3 +31,20 @@ def exposures(values: Sequence[float | None]) -> str:
     if not known:
         return "exposure not in the files"
     return f"exposure EV100 {min(known):.2f} to {max(known):.2f} ({len(known)} of {len(values)} photos)"
+
+
+def encoding_sentences(photos: Sequence[Photo]) -> list[str]:
+    """Return a sentence about the photos whose colours cannot be converted, if there are any."""
+    names = [photo.image_path.name for photo in photos if photo.encoding == UNREADABLE]
+    if not names:
+        return []
+    return [
+        f"{len(names)} of {len(photos)} photos {'is' if len(names) == 1 else 'are'} encoded with an {UNREADABLE}, such "
+        f"as {names[0]}; their colours are taken as sRGB and may come out wrong: convert them to sRGB."
+    ]
+
+
+def converted_encodings(encodings: Iterable[str | None]) -> str:
+    """Return the photos' encodings that are converted while they are read, each with its number of photos."""
+    counts = Counter(encoding for encoding in encodings if encoding not in (None, UNREADABLE))
+    return ", ".join(f"{name} ({count})" for name, count in counts.most_common())

@@ -13,9 +13,7 @@ from lightprobe.imaging import IMAGE_SUFFIXES
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Truth
 
-_NAME_BYTES = (
-    120  # of a photo's name: with `.confidence.exr` far from the 255, or 143 if encrypted, of file systems
-)
+_NAME_BYTES = 120  # of a photo's name: with `.confidence.exr` far from the 255, or 143, of file systems
 
 
 class Split(enum.Enum):
@@ -47,9 +45,7 @@ class Problems:
 
     @contextmanager
     def guard(self) -> Iterator[None]:
-        """Run the block for one photo; when collecting, an `InputError` in it is kept and only that photo is
-        lost.
-        """
+        """Run the block for one photo; when collecting, keep an `InputError` and lose only that photo."""
         try:
             yield
         except InputError as error:
@@ -61,16 +57,14 @@ class Problems:
 def list_images(folder: Path) -> list[Path]:
     """Return the image files of `folder` and its subfolders in sorted order, without hidden ones."""
     found = (path for path in folder.rglob("*") if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file())
-    return sorted(
-        path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts)
-    )
+    hidden = re.compile(r"(^|/)\.")
+    return sorted(path for path in found if not hidden.search(path.relative_to(folder).as_posix()))
 
 
 def unique_names(paths: Sequence[Path], root: Path) -> list[str]:
-    """Return one name per path, unique whatever the case, and safe as a file name: the stem where that is
-    enough.
+    """Return one name per path, safe as a file name and unique whatever the case: the stem if that suffices.
 
-    Names have at most 120 bytes; what makes a cut one unique stays.
+    Names have at most 120 bytes; what makes a cut name unique stays.
     """
     stems = [path.stem for path in paths]
     if len({stem.casefold() for stem in stems}) < len(stems):

@@ -1,6 +1,4 @@
-"""A look at a scene before an hour is spent on it: what was found, every problem at once, and the hull's
-verdict.
-"""
+"""A look at a scene before an hour is spent on it: every problem at once, and what the hull says."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -20,13 +18,11 @@ from lightprobe.scene.consistency import (
     overlap,
     silhouette,
 )
-from lightprobe.scene.encoding import converted_encodings, encoding_sentences
-from lightprobe.scene.findings import exposures, numbered, sizes
+from lightprobe.scene.findings import converted_encodings, encoding_sentences, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, Split
 from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
-from lightprobe.scene.masks import no_background_sentence, without_background
+from lightprobe.scene.masks import without_background
 from lightprobe.scene.normalise import ROUGH_AGREEMENT, find_similarity
-from lightprobe.scene.photo import Photo
 from lightprobe.scene.pixels import load_thumbnail
 
 _SIDE = 192  # longer side of the thumbnails everything is measured on
@@ -74,25 +70,28 @@ class Inspection:
 
     def lines(self) -> list[str]:
         """Return the findings as text for a terminal: facts, then the first 20 problems, then the hints."""
-        return [printable(line) for line in self._lines()]
-
-    def _lines(self) -> list[str]:
+        said = numbered("problem", self.problems)
         if self.format is None:
-            return [f"scene    {self.root}", *numbered("problem", self.problems)]
-        facts = [f"scene    {self.root} ({self.format} layout)", f"photos   {_counts(self.photos)}"]
+            return [printable(line) for line in (f"scene    {self.root}", *said)]
+        facts, counts = (
+            [f"scene    {self.root} ({self.format} layout)"],
+            Counter(p.split for p in self.photos),
+        )
+        facts.append("photos   " + ", ".join(f"{counts[split]} {split.value}" for split in Split))
         if self.photos:
             facts.append(sizes([(photo.width, photo.height) for photo in self.photos]))
-            facts += [exposures([photo.ev100 for photo in self.photos]), _coverage(self.photos)]
+            shares = [100 * photo.mask.mean() for photo in self.photos]
+            covered = f"{min(shares):.0f} to {max(shares):.0f} % of a photo, mean {np.mean(shares):.0f} %"
+            facts += [exposures([photo.ev100 for photo in self.photos]), f"masks    object covers {covered}"]
         if self.encodings:
             facts.append(f"colours  converted to sRGB: {self.encodings}")
         if self.similarity is not None:
             center = ", ".join(f"{value:.4g}" for value in self.similarity.center)
-            facts.append(
-                f"object   centre ({center}), radius {self.similarity.scale:.4g} in the scene's units"
-            )
+            radius = f"{self.similarity.scale:.4g}"
+            facts.append(f"object   centre ({center}), radius {radius} in the scene's units")
         if self.mean_iou is not None:
             facts.append(_agreement(self.photos, self.mean_iou))
-        return [*facts, *numbered("problem", self.problems), *numbered("hint", self.hints)]
+        return [printable(line) for line in (*facts, *said, *numbered("hint", self.hints))]
 
 
 def inspect(path: Path) -> Inspection:
@@ -104,9 +103,9 @@ def inspect(path: Path) -> Inspection:
     if reading is None:
         return Inspection(Path(path), None, (), None, tuple(problems.messages), ())
     photos, alphas = _measure(reading, problems)
-    problems.messages += encoding_sentences([photo for _, photo in reading.all_photos()])
-    if bare := without_background(alphas):
-        problems.messages.append(no_background_sentence(bare, len(alphas)))
+    every = [photo for _, photo in reading.all_photos()]
+    problems.messages += encoding_sentences(every)
+    problems.messages += [sentence] if (sentence := without_background(alphas)[1]) else []
     similarity, photos = _carve(reading, photos, alphas, problems)
     return Inspection(
         reading.root,
@@ -115,13 +114,8 @@ def inspect(path: Path) -> Inspection:
         similarity,
         tuple(problems.messages),
         tuple(_hints(reading, photos, alphas)),
-        converted_encodings([photo for _, photo in reading.all_photos()]),
-        tuple(
-            p
-            for _, photo in reading.all_photos()
-            for p in (photo.image_path, photo.mask_path)
-            if p is not None
-        ),
+        converted_encodings(photo.encoding for photo in every),
+        tuple(path for photo in every for path in (photo.image_path, photo.mask_path) if path is not None),
     )
 
 
@@ -129,21 +123,15 @@ def _measure(reading: Reading, problems: Problems) -> tuple[tuple[PhotoReport, .
     """Decode every photo; return the reports of the sound ones and their small masks by name."""
     splits = {photo.name: split for split, photo in reading.all_photos()}
     reports, alphas = [], {}
-    for photo, result in in_parallel(_thumbnails, [photo for _, photo in reading.all_photos()]):
+    every = [photo for _, photo in reading.all_photos()]
+    for photo, result in in_parallel(lambda photo: load_thumbnail(photo, _SIDE), every):
         with problems.guard():
-            picture, alpha = result()
+            color, alpha = result()
+            picture = np.clip(srgb_encode(color) * 255 + 0.5, 0, 255).astype(np.uint8)
             alphas[photo.name] = alpha
-            size = (photo.camera.width, photo.camera.height)
-            reports.append(
-                PhotoReport(photo.name, splits[photo.name], *size, photo.ev100, picture, alpha >= 0.5)
-            )
+            size, split = (photo.camera.width, photo.camera.height), splits[photo.name]
+            reports.append(PhotoReport(photo.name, split, *size, photo.ev100, picture, alpha >= 0.5))
     return tuple(reports), alphas
-
-
-def _thumbnails(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
-    """Return the whole photo as (h, w, 3) uint8 sRGB and its alpha (h, w), both small."""
-    color, alpha = load_thumbnail(photo, _SIDE)
-    return np.clip(srgb_encode(color) * 255 + 0.5, 0, 255).astype(np.uint8), alpha
 
 
 def _carve(
@@ -192,10 +180,8 @@ def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, n
     if not reports:
         return hints
     if look_inverted(list(alphas.values())):
-        return [
-            *hints,
-            "The masks look inverted: they fill the rim of most photos; the object must be white.",
-        ]
+        inverted = "The masks look inverted: they fill the rim of most photos; the object must be white."
+        return [*hints, inverted]
     median = _median_iou(reports)
     if median >= _LOW_MEDIAN:
         return hints + [hint for report in reports if (hint := _outlier(report, median)) is not None]
@@ -203,10 +189,8 @@ def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, n
     if len(train) < 2:
         return hints
     reason = diagnose([photo.camera for photo in train], [alphas[photo.name] for photo in train], median)
-    return [
-        *hints,
-        reason or "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks.",
-    ]
+    bad = "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks."
+    return [*hints, reason or bad]
 
 
 def _outlier(report: PhotoReport, median: float) -> str | None:
@@ -227,20 +211,9 @@ def _outlier(report: PhotoReport, median: float) -> str | None:
     return f"{report.name}: mask or pose disagrees with the other photos (IoU {report.iou:.2f}, median {median:.2f})."
 
 
-def _counts(photos: Sequence[PhotoReport]) -> str:
-    counts = Counter(photo.split for photo in photos)
-    return ", ".join(f"{counts[split]} {split.value}" for split in Split)
-
-
-def _coverage(photos: Sequence[PhotoReport]) -> str:
-    shares = [100 * photo.mask.mean() for photo in photos]
-    return f"masks    object covers {min(shares):.0f} to {max(shares):.0f} % of a photo, mean {np.mean(shares):.0f} %"
-
-
 def _agreement(photos: Sequence[PhotoReport], mean: float) -> str:
     scored = [(photo.iou, photo.name) for photo in photos if photo.iou is not None]
     worst, name = min(scored)
     median = float(np.median([value for value, _ in scored]))
-    return (
-        f"hull     agrees with the masks at IoU {mean:.3f} (median {median:.3f}, worst {worst:.3f}: {name})"
-    )
+    scores = f"IoU {mean:.3f} (median {median:.3f}, worst {worst:.3f}: {name})"
+    return f"hull     agrees with the masks at {scores}"

@@ -40,23 +40,20 @@ class Lens:
     prism_fourth: tuple[float, float] = (0.0, 0.0)  # t1, t2
     fisheye: bool = False
     fov: float = 0.0  # w in radians, of which the model FOV has one; 0 for other lenses
-    radial_first: bool = (
-        False  # whether tangential and prism terms are of the point that the polynomial has moved
-    )
-    zoom: float = (
-        1.0  # focal length of the pinhole camera that the photo is resampled to, over the photo's own
-    )
+    radial_first: bool = False  # whether tangential and prism terms are of the point after the polynomial
+    zoom: float = 1.0  # focal length of the pinhole that the photo is resampled to, over the photo's own
 
     @property
     def is_pinhole(self) -> bool:
         """Whether nothing is bent."""
-        numbers = (*self.radial, *self.tangential, *self.rational, *self.prism, *self.prism_fourth, self.fov)
-        return not self.fisheye and not any(numbers)
+        return not self.fisheye and not any(self._numbers)
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        return (*self.radial, *self.tangential, *self.rational, *self.prism, *self.prism_fourth, self.fov)
 
     def distort(self, points: np.ndarray) -> np.ndarray:
-        """Return where the lens moves points (..., 2) of the image plane, float64; overflow is infinite or
-        NaN.
-        """
+        """Return where the lens moves points (..., 2) of the image plane, float64; overflow is inf or NaN."""
         x, y = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             if self.fisheye or self.fov:
@@ -70,22 +67,16 @@ class Lens:
                 x, y = bent_x, bent_y
                 r2 = x * x + y * y
             (p1, p2), (s1, s2), (t1, t2) = self.tangential, self.prism, self.prism_fourth
-            return np.stack(
-                [
-                    bent_x + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + (s1 + t1 * r2) * r2,
-                    bent_y + 2 * p2 * x * y + p1 * (r2 + 2 * y * y) + (s2 + t2 * r2) * r2,
-                ],
-                axis=-1,
-            )
+            across = bent_x + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + (s1 + t1 * r2) * r2
+            down = bent_y + 2 * p2 * x * y + p1 * (r2 + 2 * y * y) + (s2 + t2 * r2) * r2
+            return np.stack([across, down], axis=-1)
 
     def _angle(self, r: Any) -> Any:
         """Return what a lens that measures angles makes of r."""
         return np.arctan(2 * r * np.tan(self.fov / 2)) / self.fov if self.fov else np.arctan(r)
 
     def undistort(self, points: np.ndarray) -> np.ndarray:
-        """Return the points (..., 2) that `distort` moves to `points`, float64, by Newton's method; NaN for
-        none.
-        """
+        """Return the points (..., 2) that `distort` moves to `points`, by Newton's method; NaN for none."""
         target = np.asarray(points, np.float64)
         found = target.copy()
         if self.fov:
@@ -105,12 +96,9 @@ class Lens:
         return np.where(missed, np.nan, found)
 
     def fold_radius(self) -> float:
-        """Return the least r at which the lens stops spreading points outwards and folds back, or infinity."""
-        radii = (
-            np.linspace(0, _WIDEST, _STEPS)
-            if not self.fisheye
-            else np.tan(np.linspace(0, np.radians(85), _STEPS))
-        )
+        """Return the least r at which the lens folds points back instead of spreading them, or infinity."""
+        even = np.linspace(0, np.radians(85), _STEPS)
+        radii = np.tan(even) if self.fisheye else np.linspace(0, _WIDEST, _STEPS)
         angles = np.linspace(0, 2 * np.pi, _AZIMUTHS, endpoint=False)
         axes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         reached = (self.distort(radii[:, None, None] * axes) * axes).sum(axis=-1)  # (_STEPS, _AZIMUTHS)
@@ -119,9 +107,8 @@ class Lens:
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON value; `from_json` is its inverse."""
-        value: dict[str, Any] = {
-            key: list(getattr(self, key)) for key in ("radial", "tangential", "rational", "prism")
-        }
+        lists = ("radial", "tangential", "rational", "prism")
+        value: dict[str, Any] = {key: list(getattr(self, key)) for key in lists}
         value |= {"fisheye": self.fisheye, "zoom": self.zoom}
         # Only where a lens has them: records of other lenses stay those that earlier versions wrote.
         value |= {"prism_fourth": list(self.prism_fourth)} if any(self.prism_fourth) else {}
@@ -132,41 +119,24 @@ class Lens:
     def from_json(value: Any, *, source: str) -> "Lens":
         """Return the lens written by `to_json`; `source` names the file in errors."""
         try:
-            radial, tangential, rational, prism = (
-                tuple(float(number) for number in value[key])
-                for key in ("radial", "tangential", "rational", "prism")
-            )
-            fourth = tuple(float(number) for number in value.get("prism_fourth", (0.0, 0.0)))
-            radial_first = value.get("radial_first", False)
-            if not isinstance(radial_first, bool):
-                raise TypeError(radial_first)
-            lens = Lens(
-                radial,
-                _pair(tangential),
-                rational,
-                _pair(prism),
-                _pair(fourth),
-                fisheye=bool(value["fisheye"]),
-                fov=float(value.get("fov", 0.0)),
-                radial_first=radial_first,
-                zoom=float(value["zoom"]),
-            )
+            value = {"prism_fourth": (0.0, 0.0), "fov": 0.0, "radial_first": False, **value}
+            keys = ("radial", "tangential", "rational", "prism", "prism_fourth")
+            lists: dict[str, Any] = {key: tuple(float(number) for number in value[key]) for key in keys}
+            pairs = all(len(lists[key]) == 2 for key in ("tangential", "prism", "prism_fourth"))
+            if not pairs or not isinstance(value["radial_first"], bool):
+                raise ValueError(value)
+            single: dict[str, Any] = {"fov": float(value["fov"]), "zoom": float(value["zoom"])}
+            lens = Lens(**lists, **single, fisheye=bool(value["fisheye"]), radial_first=value["radial_first"])
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{source}: the lens is not described as lightprobe writes it.") from error
-        numbers = [*radial, *tangential, *rational, *prism, *fourth, lens.fov]
-        if (
-            len(radial) > 6
-            or len(rational) > 3
-            or not 0.1 <= lens.zoom <= 1
-            or not np.isfinite(numbers).all()
-        ):
+        is_long = len(lens.radial) > 6 or len(lens.rational) > 3
+        if is_long or not 0.1 <= lens.zoom <= 1 or not np.isfinite(lens._numbers).all():
             raise InputError(f"{source}: the lens has values that no lens has.")
         return lens
 
     def check(self, source: str) -> None:
         """Raise `InputError` naming `source` when a coefficient is not finite or beyond all lenses."""
-        numbers = (*self.radial, *self.tangential, *self.rational, *self.prism, *self.prism_fourth)
-        if not all(abs(value) <= _LARGEST for value in numbers) or not 0 <= self.fov < np.pi:
+        if not all(abs(value) <= _LARGEST for value in self._numbers) or not 0 <= self.fov < np.pi:
             raise InputError(
                 f"{source} has lens distortion with coefficients that no lens has; estimate the camera again."
             )
@@ -179,9 +149,8 @@ class Lens:
             for axis in np.eye(2)
         ]
         slopes = np.stack(columns, axis=-1)
-        singular = ~np.isfinite(slopes).all(axis=(-2, -1)) | (
-            np.abs(np.linalg.det(np.nan_to_num(slopes))) < 1e-12
-        )
+        singular = np.abs(np.linalg.det(np.nan_to_num(slopes))) < 1e-12
+        singular |= ~np.isfinite(slopes).all(axis=(-2, -1))
         return np.where(singular[..., None, None], np.eye(2), slopes)
 
 
@@ -191,8 +160,3 @@ def _polynomial(coefficients: tuple[float, ...], r2: np.ndarray) -> np.ndarray:
     for coefficient in reversed(coefficients):
         value = (value + coefficient) * r2
     return value + 1
-
-
-def _pair(values: tuple[float, ...]) -> tuple[float, float]:
-    first, second = values
-    return first, second

@@ -1,6 +1,4 @@
-"""From a folder to a `Scene`: which layout it has, its photos with masks and names, the split, the
-similarity.
-"""
+"""From a folder to a `Scene`: its layout, its photos with masks and names, the split, the similarity."""
 
 import os
 import warnings
@@ -10,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.imaging import foreign_encoding, image_size, read_exif_ev100
 from lightprobe.scene import colmap, nerd, transforms
-from lightprobe.scene.encoding import encoding_sentences
+from lightprobe.scene.findings import encoding_sentences
 from lightprobe.scene.frame import Frame, Problems, Split, list_images, unique_names
-from lightprobe.scene.masks import MaskFolder, no_background_sentence, without_background
+from lightprobe.scene.masks import MaskFolder, without_background
 from lightprobe.scene.normalise import find_similarity
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.scene.pixels import fit_camera, load_alpha
@@ -56,9 +52,15 @@ def load_scene(path: Path) -> Scene:
     """
     problems = Problems()
     reading = read_folder(Path(path), problems)
-    masks = load_masks([photo for _, photo in reading.all_photos()], _THUMBNAIL, problems)
-    _check_backgrounds(reading, masks)
-    for sentence in encoding_sentences([photo for _, photo in reading.all_photos()]):
+    photos = [photo for _, photo in reading.all_photos()]
+    found = in_parallel(lambda photo: load_alpha(photo, _THUMBNAIL), photos)
+    masks = {photo.name: result() for photo, result in found}
+    bare, sentence = without_background(masks)
+    if 2 * bare >= len(masks) > 0:  # a close-up of the object alone is possible, but not of most photos
+        raise InputError(f"{reading.root}: {sentence}")
+    if bare:
+        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
+    for sentence in encoding_sentences(photos):
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)
     train = reading.photos[Split.TRAIN]
     similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
@@ -89,36 +91,10 @@ def read_folder(path: Path, problems: Problems) -> Reading:
     return Reading(root, layout, {split: tuple(found) for split, found in photos.items()}, files)
 
 
-def load_masks(photos: Iterable[Photo], max_side: int, problems: Problems) -> dict[str, np.ndarray]:
-    """Return the masks (h, w) by photo name, scaled to `max_side`; photos without a usable one go to
-    `problems`.
-    """
-    found = {}
-    for photo, result in in_parallel(lambda photo: load_alpha(photo, max_side), photos):
-        with problems.guard():
-            found[photo.name] = result()
-    return found
-
-
-def _check_backgrounds(reading: Reading, masks: dict[str, np.ndarray]) -> None:
-    """Raise `InputError` when half of the masks or more show no background, and warn when some do not.
-
-    A close-up of the object alone is possible; most photos being ones is a scene without masks.
-    """
-    bare = without_background(masks)
-    if not bare:
-        return
-    sentence = no_background_sentence(bare, len(masks))
-    if 2 * len(bare) >= len(masks):
-        raise InputError(f"{reading.root}: {sentence}")
-    warnings.warn(sentence, LightprobeWarning, stacklevel=3)
-
-
 def in_parallel(
     work: Callable[[Photo], T], photos: Iterable[Photo]
 ) -> Iterator[tuple[Photo, Callable[[], T]]]:
-    """Do `work` on all photos in threads (decoding releases the interpreter lock); yield each photo in order
-    with a function that returns its result or raises its error."""
+    """Do `work` on photos in threads; yield each with a function that returns or raises its outcome."""
     photos = list(photos)
     largest = max((photo.camera.width * photo.camera.height for photo in photos), default=1)
     with ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, _PIXELS_AT_ONCE // largest))) as pool:
@@ -146,23 +122,16 @@ def has_cameras(root: Path) -> bool:
 
 
 def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]]:
-    """Return (scene folder, layout, frames) by the camera files present; `InputError` lists the layouts if
-    none is.
-    """
+    """Return (scene folder, layout, frames) by the camera files there; `InputError` lists the layouts."""
     if any((root / name).is_file() for name in (transforms.TRAIN, transforms.SINGLE)):
         return root, "transforms", transforms.read_transforms(root, problems)
     if (root / nerd.POSES).is_file():
         return root, "nerd", nerd.read_nerd(root)
     model = colmap.find_model(root)
     if model is None:
-        content = (
-            "is empty"
-            if not any(root.iterdir())
-            else "holds photos but no cameras"
-            if list_images(root)
-            else ""
-        )
-        raise InputError(f"{root} {content or 'is not a scene'}; a scene folder has {_LAYOUTS}.")
+        content = "holds photos but no cameras" if list_images(root) else "is not a scene"
+        content = content if any(root.iterdir()) else "is empty"
+        raise InputError(f"{root} {content}; a scene folder has {_LAYOUTS}.")
     if model == root:  # the model itself was named: the photos lie beside it or above
         root = next((folder for folder in (root, *root.parents[:2]) if (folder / "images").is_dir()), root)
     return root, "colmap", colmap.read_colmap(root, model, problems)
@@ -175,7 +144,7 @@ def _refuse_second(frame: Frame, first: Frame) -> None:
     try:
         size = image_size(frame.image)
         cameras = [found.camera(*size).to_json() for found in (first, frame)]
-    except InputError:  # that of the first has been told
+    except InputError:  # the first frame's error has been told
         cameras = [{}, {}]
     differ = "" if cameras[0] == cameras[1] else ", with different cameras"
     raise InputError(

@@ -15,15 +15,14 @@ _SAME_SHAPE = 0.02  # of the ratio of width and height, which rounding changes i
 
 
 class MaskFolder:
-    """The mask files of a scene, found by the photo's name: `a.png` or `a.jpg.png` (COLMAP) for
-    `images/a.jpg`.
+    """The mask files of a scene by photo: `a.png`, or COLMAP's `a.jpg.png`, for `images/a.jpg`.
 
     A photo of a subfolder has its mask in a subfolder of the same name. A mask outside of it serves by its
     bare name, but only one photo.
     """
 
     def __init__(self, root: Path, images: Iterable[Path]):
-        """Look through the mask folders of the scene `root`; `images` are all its photos that name no mask."""
+        """Look through the mask folders of the scene `root`; `images`: all photos that name no mask."""
         self._root = root
         self._files: dict[str, Path] = {}
         for folder in (root / name for name in _FOLDERS if (root / name).is_dir()):
@@ -69,10 +68,9 @@ class MaskFolder:
 
 
 def mask_turn(mask: Path, image: Path, size: tuple[int, int]) -> int:
-    """Return the EXIF orientation that a photo's mask is turned by; `size`: (width, height) of the photo
-    upright.
+    """Return the EXIF orientation that a mask is turned by; `size`: (width, height) of its photo upright.
 
-    The mask's own. One that has none is turned along with its photo, unless its shape fits only unturned.
+    The mask's own. A mask without one is turned along with its photo, unless its shape fits only unturned.
     """
     own, tag = read_orientation(mask), read_orientation(image) or 1
     stored = image_size(mask, orient=False)
@@ -81,20 +79,14 @@ def mask_turn(mask: Path, image: Path, size: tuple[int, int]) -> int:
 
 
 def same_shape(size: tuple[int, int], photo: tuple[int, int]) -> bool:
-    """Return whether a mask of `size` (width, height) has the shape of a photo of that size, or of a smaller
-    copy.
-    """
+    """Return whether a mask of `size` (width, height) has the shape of its `photo`, whatever the scale."""
     return abs(size[0] * photo[1] - size[1] * photo[0]) <= _SAME_SHAPE * size[1] * photo[0]
 
 
-def without_background(alphas: Mapping[str, np.ndarray]) -> list[str]:
-    """Return the names of the photos whose mask (h, w) shows nothing but the object."""
-    return [name for name, alpha in alphas.items() if alpha.min() >= 0.5]
-
-
-def no_background_sentence(names: list[str], photos: int) -> str:
-    """Return what is wrong with the masks of `names`, of a scene's `photos`."""
-    return (
-        f"{len(names)} of {photos} masks show no background, such as that of {names[0]}: "
-        "the object must be white (or opaque) and all else black (or transparent), so that its outline can be seen."
+def without_background(alphas: Mapping[str, np.ndarray]) -> tuple[int, str]:
+    """Return how many masks (h, w), by photo, show nothing but the object, and a sentence about them."""
+    names = [name for name, alpha in alphas.items() if alpha.min() >= 0.5]
+    return len(names), "" if not names else (
+        f"{len(names)} of {len(alphas)} masks show no background, such as that of {names[0]}: the object must be "
+        "white (or opaque) and all else black (or transparent), so that its outline can be seen."
     )

@@ -1,11 +1,9 @@
-"""The NeRD / LLFF layout: `poses_bounds.npy`, one row per photo of `images/` in sorted order, masks in
-`masks/`.
+"""The NeRD / LLFF layout: `poses_bounds.npy`, one row per photo of `images/` in sorted order, and `masks/`.
 
 A row is 15 pose values and two depth bounds (not needed here). The pose is 3x5 with the columns
 [down, right, backwards, position, (height, width, focal)], camera to world.
 """
 
-import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -16,44 +14,26 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.frame import Frame, list_images
 
 POSES = "poses_bounds.npy"
-# What NumPy's parser of a header and the mapping of a file run into.
-_NO_ARRAY = (
-    OSError,
-    ValueError,
-    TypeError,
-    OverflowError,
-    EOFError,
-    SyntaxError,
-    RecursionError,
-    MemoryError,
-    tokenize.TokenError,
-)
 
 
 def read_nerd(root: Path) -> list[Frame]:
-    """Return the frames of a NeRD/LLFF folder; raise `InputError` when poses and photos do not belong
-    together.
-    """
+    """Return the frames of a NeRD/LLFF folder; raise `InputError` when poses and photos do not match."""
     path = root / POSES
     check_file(path, LARGEST_TEXT)
     rows = _rows(path)
     images = list_images(root / "images") if (root / "images").is_dir() else []
     if len(images) != len(rows):
         raise InputError(f"{path} holds {len(rows)} poses, but {root / 'images'} holds {len(images)} photos.")
-    return [
-        _frame(path, index, row, image) for index, (row, image) in enumerate(zip(rows, images, strict=True))
-    ]
+    pairs = enumerate(zip(rows, images, strict=True))
+    return [_frame(path, index, row, image) for index, (row, image) in pairs]
 
 
 def _rows(path: Path) -> np.ndarray:
-    """Return the array (N, 15 | 17) float64 of the file; `InputError` for an archive, for objects, for what
-    is cut.
-    """
+    """Return the array (N, 15 | 17) float64 of the file; raise `InputError` for anything else."""
     try:
-        # Unlike `np.load` this opens nothing but an array, and reserves no memory that a broken header asks
-        # for.
+        # Unlike `np.load` this opens nothing but an array, and reserves no memory for a broken header.
         rows = np.lib.format.open_memmap(path, mode="r")
-    except _NO_ARRAY as error:
+    except Exception as error:  # whatever NumPy's parser of a header runs into
         reason = shown(str(error) or type(error).__name__).rstrip(".")
         raise InputError(f"{path} cannot be read as a NumPy array: {reason}.") from error
     if rows.ndim != 2 or rows.shape[1] not in (15, 17) or rows.dtype.kind not in "fiu":

@@ -13,7 +13,7 @@ from lightprobe.core.errors import InputError, LightprobeWarning, shown
 from lightprobe.core.files import checksum, read_json, resolved
 from lightprobe.imaging import foreign_encoding, image_size
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.encoding import encoding_sentences
+from lightprobe.scene.findings import encoding_sentences
 from lightprobe.scene.photo import Photo, Pixels
 from lightprobe.scene.pixels import fit_camera, load_pixels
 from lightprobe.scene.record import SPLITS
@@ -26,9 +26,7 @@ _NAMED = 3  # cameras of a file, in a sentence about it
 def load_photo(
     image: Path | str, camera: Path | str, mask: Path | str | None = None
 ) -> tuple[Pixels, Camera]:
-    """Return the pixels of a photo and its input-frame camera, as `Predictor.predict` takes them; see
-    `new_photo`.
-    """
+    """Return the pixels of a photo and its input-frame camera for `Predictor.predict`; see `new_photo`."""
     return load_pixels(new_photo(Path(image), Path(camera), None if mask is None else Path(mask)))
 
 
@@ -61,9 +59,7 @@ def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | N
         settings = {**common, **_pick(_framed(value["frames"], path), image, path)}
         return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
     found = Camera.from_json(value, source=str(path))
-    if (
-        image is not None and size is None and not os.path.isfile(image)
-    ):  # False as well for what cannot be a file's
+    if image is not None and size is None and not os.path.isfile(image):  # False for an impossible name, too
         raise InputError(
             f"{path} holds one camera, of no named photo; leave out the name '{shown(str(image))}'."
         )
@@ -80,11 +76,7 @@ def _recorded(record: _Entry, path: Path) -> list[tuple[Path, str, _Entry]]:
                 f"{path}: the photos of '{split}' are not an object with a camera for each name."
             )
         for name, photo in photos.items():
-            if (
-                not isinstance(photo, dict)
-                or not isinstance(photo.get("image"), str)
-                or "camera" not in photo
-            ):
+            if not (isinstance(photo, dict) and isinstance(photo.get("image"), str) and "camera" in photo):
                 raise InputError(f"{path}: the photo '{shown(name)}' has no 'image' and 'camera'.")
             found.append((Path(root, photo["image"]), name, photo))
     return found
@@ -104,9 +96,7 @@ def _text(value: object, key: str, path: Path) -> str:
 
 
 def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: Path) -> _Entry:
-    """Return that of (file, name, entry) whose file, content or name is `image`'s, in this order; or the only
-    one.
-    """
+    """Return the entry of `image`'s file, content or name, in this order; or the only one."""
     if not entries:
         raise InputError(f"{source} holds no camera of a photo; give a file with the camera of the photo.")
     if image is None and len(entries) == 1:
@@ -122,11 +112,17 @@ def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: P
             if len(same) == 1:
                 return same[0]
         if len(entries) == 1:
-            return _only(entries[0], image, source)
+            _, name, found = entries[0]
+            if not image.is_file():
+                raise InputError(
+                    f"{source} holds no camera of '{shown(str(image))}', only that of '{shown(name)}'."
+                )
+            only = f"{source} holds the camera of '{shown(name)}', which is taken for {image}."
+            warnings.warn(only, LightprobeWarning, stacklevel=2)
+            return found
     wanted = f"not exactly one for {image}" if image else "and this command takes one"
-    some = ", ".join(shown(name) for _, name, _ in entries[:_NAMED]) + (
-        ", ..." if len(entries) > _NAMED else ""
-    )
+    listed = [shown(name) for _, name, _ in entries[:_NAMED]]
+    some = ", ".join(listed + (["..."] if len(entries) > _NAMED else []))
     raise InputError(
         f"{source} holds {len(entries)} cameras ({some}), {wanted}; give a file with the one camera, or name one of "
         "them where there is an option --frame."
@@ -140,19 +136,6 @@ def _of_content(entries: list[_Entry], image: Path) -> list[_Entry]:
         return []
     digest = checksum(image)
     return [entry for entry in known if entry["image_checksum"] == digest][:1]
-
-
-def _only(entry: tuple[Path, str, _Entry], image: Path, source: Path) -> _Entry:
-    """Return the only camera of a file for a photo of another name, with a warning; no photo, no camera."""
-    _, name, found = entry
-    if not image.is_file():
-        raise InputError(f"{source} holds no camera of '{shown(str(image))}', only that of '{shown(name)}'.")
-    warnings.warn(
-        f"{source} holds the camera of '{shown(name)}', which is taken for {image}.",
-        LightprobeWarning,
-        stacklevel=2,
-    )
-    return found
 
 
 def _written_size(settings: _Entry, path: Path) -> tuple[int, int]:

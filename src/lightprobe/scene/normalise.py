@@ -29,12 +29,10 @@ _SEEN_BY_SOME, _SEEN_BY_MANY = 0.1, 0.3
 def find_similarity(
     cameras: Sequence[Camera], alphas: Sequence[np.ndarray], *, agreement: float | None = None
 ) -> Similarity:
-    """Return the similarity of the object in the `alphas` (H, W) seen by input-frame `cameras`;
-    deterministic.
+    """Return the similarity of the object in the `alphas` (H, W) of input-frame `cameras`; deterministic.
 
-    `agreement` is that of `visual_hull`; where it leaves nothing, a lower one is tried.
-    Raises `InputError` when no point of space lies inside the masks: poses and masks then do not belong
-    together.
+    agreement: as in `visual_hull`; where it leaves nothing, a lower one is tried. Raises `InputError` when no
+    point of space lies inside the masks: poses and masks then do not belong together.
     """
     center, radius = first_guess(cameras, alphas)
     usual = usual_agreement(len(alphas)) if agreement is None else agreement
@@ -57,9 +55,7 @@ def _search(
     agreement: float,
     seen_by: float,
 ) -> Similarity | None:
-    """Return the similarity of the hull found from a first place and size, or None when it is empty or has no
-    end.
-    """
+    """Return the similarity of the hull found from a first place and size, None if it has no end."""
 
     def carve(resolution: int) -> Hull:
         return visual_hull(cameras, alphas, resolution, lo=low, hi=high, agreement=agreement, seen_by=seen_by)
@@ -80,12 +76,9 @@ def _search(
 def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
     """Return a point (3,) near the object's middle and a rough radius around it, in the cameras' frame.
 
-    Masks cut by the photo's border say little about middle and size, and are used only when there are no
-    others.
+    Masks that the photo's border cuts say little about middle and size; they count only without others.
     """
-    shown = [
-        i for i, alpha in enumerate(alphas) if (alpha >= 0.5).any()
-    ]  # a few specks vanish in a small picture
+    shown = [i for i, alpha in enumerate(alphas) if (alpha >= 0.5).any()]  # specks vanish in a small picture
     if not shown:
         raise InputError("No mask shows more than a few specks; run `lightprobe inspect` to see them.")
     whole = [i for i in _whole(alphas) if i in shown]
@@ -125,8 +118,7 @@ def _better_box(hull: Hull) -> tuple[tuple[np.ndarray, np.ndarray], bool]:
 
 
 def _enclosing(hull: Hull) -> Similarity:
-    """Return the similarity that maps the hull's bounding-box centre to 0 and its farthest point to distance
-    1.
+    """Return the similarity that maps the hull's box centre to 0, its farthest point to distance 1.
 
     The object may reach a voxel past the farthest centre that won the vote; with that voxel it stays inside.
     """

@@ -43,9 +43,7 @@ class Photo:
 
 
 def clipped(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Return where the object's colours (H, W, 3), linear and straight, reach the photo's white, (H, W, 3)
-    bool.
-    """
+    """Return where the object's linear straight colours (H, W, 3) reach the photo's white, (H, W, 3) bool."""
     return (color >= CLIPPED) & (alpha[..., None] > 0)
 
 
@@ -55,9 +53,7 @@ def has_white(color: np.ndarray) -> bool:
 
 
 def reduced_size(size: tuple[int, int], opaque: float, most: int) -> tuple[int, int]:
-    """Return the (height, width) at which about `most` of a photo's pixels are `OPAQUE`, of which it has
-    `opaque`.
-    """
+    """Return the (height, width) at which about `most` of a photo's `opaque` `OPAQUE` pixels are left."""
     if opaque <= most:
         return size
     shrink = math.sqrt(most / opaque)
@@ -70,9 +66,7 @@ class Pixels:
 
     color: np.ndarray  # (H, W, 3) float32, linear, straight
     alpha: np.ndarray  # (H, W) float32 in [0, 1], coverage of the object
-    clipped: (
-        np.ndarray
-    )  # (H, W, 3) bool: the photo's white hides how bright the object was somewhere in the pixel
+    clipped: np.ndarray  # (H, W, 3) bool: the photo's white hides how bright the object was in the pixel
 
     @staticmethod
     def of(color: np.ndarray, alpha: np.ndarray) -> "Pixels":
@@ -91,11 +85,9 @@ class Pixels:
         """
         if (height, width) == self.alpha.shape:
             return self
-        return averaged(
-            lambda first, last: (self.color[first:last], self.alpha[first:last], self.clipped[first:last]),
-            (self.alpha.shape[0], self.alpha.shape[1]),
-            (height, width),
-        )
+        planes = self.color, self.alpha, self.clipped
+        whole = self.alpha.shape[0], self.alpha.shape[1]
+        return averaged(lambda *rows: tuple(part[slice(*rows)] for part in planes), whole, (height, width))
 
 
 def averaged(

@@ -10,7 +10,7 @@ orientation if its file has one; without one it lies on the photo's stored pixel
 them, unless it fits only unturned.
 
 A photo whose camera has a lens is resampled to the pinhole camera's picture before all else, and its mask
-with it.
+too.
 """
 
 import functools
@@ -20,16 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lightprobe import imaging
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import (
-    PhotoFile,
-    image_size,
-    read_orientation,
-    resize_rows,
-    turned_size,
-    undo,
-    worked_size,
-)
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import Resampling, bilinear, span
 from lightprobe.scene.masks import mask_turn
@@ -37,14 +29,12 @@ from lightprobe.scene.photo import OPAQUE, Photo, Pixels, averaged, reduced_size
 
 
 def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Camera]:
-    """Decode a photo and its mask, scaled down so that no side exceeds `max_side`, and return the camera to
-    match.
+    """Decode a photo and its mask, reduced to at most `max_side` pixels, and return the camera to match.
 
     Colour is linear and straight; it is 0 where alpha is 0. Raises `InputError` naming the file when the
     photo or mask is missing or damaged, when their sizes differ, or when the mask shows no object.
     """
-    width, height = target_size(photo.camera, max_side)
-    return _pixels(_Opened(photo), height, width)
+    return _pixels(_Opened(photo), *_size_within(photo.camera, max_side))
 
 
 def load_observed(photo: Photo, most_opaque: int) -> tuple[Pixels, Camera]:
@@ -55,7 +45,9 @@ def load_observed(photo: Photo, most_opaque: int) -> tuple[Pixels, Camera]:
     """
     opened = _Opened(photo)
     opaque = sum(int((opened.alpha_rows(*strip) >= OPAQUE).sum()) for strip in opened.strips())
-    height, width = worked_size(photo.image_path, opened.size, reduced_size(opened.size, opaque, most_opaque))
+    height, width = imaging.worked_size(
+        photo.image_path, opened.size, reduced_size(opened.size, opaque, most_opaque)
+    )
     return _pixels(opened, height, width)
 
 
@@ -71,8 +63,7 @@ def _pixels(opened: "_Opened", height: int, width: int) -> tuple[Pixels, Camera]
 
 
 def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return linear straight colour (h, w, 3), background included, and alpha (h, w), each area-averaged for
-    itself.
+    """Return linear straight colour (h, w, 3), background included, and alpha (h, w), averaged separately.
 
     Size and errors as `load_pixels`.
     """
@@ -80,36 +71,30 @@ def load_thumbnail(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def load_shown(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `load_thumbnail` and the share (h, w, 3) of each pixel where the photo's white hides how bright
-    it was.
-    """
-    width, height = target_size(photo.camera, max_side)
-    return _Opened(photo).shown(height, width)
+    """Return `load_thumbnail` and the share (h, w, 3) of each pixel that the photo's white hides."""
+    return _Opened(photo).shown(*_size_within(photo.camera, max_side))
 
 
 def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
     """Return only the coverage of a photo, (H, W) float32 in [0, 1]; otherwise as `load_pixels`."""
     opened = _Opened(photo)
-    width, height = target_size(photo.camera, max_side)
-    alpha = resize_rows(opened.alpha_rows, opened.size, height, width)
+    alpha = imaging.resize_rows(opened.alpha_rows, opened.size, *_size_within(photo.camera, max_side))
     opened.check_seen()
     return alpha
 
 
 def fit_camera(camera: Camera, image_path: Path, source: str) -> Camera:
-    """Return `camera` for the pixels of its image file, which may have been scaled since the camera was
-    estimated.
+    """Return `camera` for the pixels of its image file, which may have been scaled since its estimate.
 
     Programs differ in whether they turn photos by their EXIF orientation; the shape of the image decides
     which was meant. Raises `InputError` naming `source` when the shape fits neither way.
     """
-    sizes = [image_size(image_path), image_size(image_path, orient=False)]
+    sizes = [imaging.image_size(image_path), imaging.image_size(image_path, orient=False)]
     for width, height in sizes:
         scale = max(width, height) / max(camera.width, camera.height)
         if max(abs(camera.width * scale - width), abs(camera.height * scale - height)) <= 1.5:
-            return (
-                camera if (width, height) == (camera.width, camera.height) else camera.resized(width, height)
-            )
+            is_same = (width, height) == (camera.width, camera.height)
+            return camera if is_same else camera.resized(width, height)
     raise InputError(
         f"{image_path} has {sizes[0][0]} x {sizes[0][1]} pixels, but {source} describes a camera of "
         f"{camera.width} x {camera.height}; use the photos the cameras were estimated from, uncropped."
@@ -126,7 +111,7 @@ class _Opened:
         self._photo = photo
         self._mask_file = photo.mask_path or photo.image_path
         self._turn, mask_turn = _turns(photo)
-        self._mask = None if photo.mask_path is None else PhotoFile(photo.mask_path, turn=mask_turn)
+        self._mask = None if photo.mask_path is None else imaging.PhotoFile(photo.mask_path, turn=mask_turn)
         self._highest = 0.0  # of the coverage handed out
         self._resampling = None if photo.camera.lens is None else Resampling(photo.camera)
         self.camera = photo.camera
@@ -134,17 +119,14 @@ class _Opened:
         self._check_mask()
 
     @functools.cached_property
-    def _image(self) -> PhotoFile:
-        return PhotoFile(self._photo.image_path, turn=self._turn)
+    def _image(self) -> imaging.PhotoFile:
+        return imaging.PhotoFile(self._photo.image_path, turn=self._turn)
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of the rows first..last
-        - 1.
-        """
-        color, alpha, clipped = (
-            self._stored(first, last) if self._resampling is None else self._undistorted(first, last)
-        )
-        self._note(alpha)
+        """Return linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of some rows."""
+        read = self._stored if self._resampling is None else self._undistorted
+        color, alpha, clipped = read(first, last)
+        self._highest = max(self._highest, float(alpha.max()))
         return color, alpha, clipped
 
     def strips(self) -> Iterator[tuple[int, int]]:
@@ -156,7 +138,7 @@ class _Opened:
         if self._mask is None or self._resampling is not None:
             return self.rows(first, last)[1]
         alpha = self._mask.mask_rows(first, last)
-        self._note(alpha)
+        self._highest = max(self._highest, float(alpha.max()))
         return alpha
 
     def _stored(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -170,8 +152,8 @@ class _Opened:
     def _undistorted(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return `rows` of the pinhole's picture.
 
-        The object's colour is averaged with its coverage as weight, where it has any: none of the background
-        bleeds in.
+        The object's colour is averaged with its coverage as weight, where it has any: no background bleeds
+        in.
         """
 
         def planes(first: int, last: int) -> np.ndarray:
@@ -184,9 +166,7 @@ class _Opened:
         return np.where(alpha[..., None] > 1e-6, own, found[..., 4:7]), alpha, found[..., 7:] > 0
 
     def _straight(self, read: Callable[[int, int], np.ndarray], first: int, last: int) -> np.ndarray:
-        """Return rows first..last - 1 (h, W, C) of the pinhole's picture; `read` returns such rows of the
-        lens' one.
-        """
+        """Return rows first..last - 1 (h, W, C) of the pinhole's picture; `read` returns the lens' rows."""
         if self._resampling is None:
             raise ValueError("The photo has no lens.")
         places, shown = self._resampling.places(first, last)
@@ -194,9 +174,7 @@ class _Opened:
         return bilinear(read(top, min(bottom, self.size[0])), top, places) * shown[..., None]
 
     def whole(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return linear straight colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3)
-        bool.
-        """
+        """Return linear colour (H, W, 3), background included, alpha (H, W), and clipped (H, W, 3) bool."""
         color, alpha = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
         clipped = np.empty((*self.size, 3), bool)
         for first, last in self.strips():
@@ -211,28 +189,21 @@ class _Opened:
         return pixels
 
     def shown(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return straight colour (height, width, 3), alpha (height, width) and the share (height, width, 3)
-        of white.
-
-        Each area-averaged for itself.
-        """
-        small = resize_rows(lambda *rows: np.dstack(self._everything(*rows)), (*self.size, 7), height, width)
-        self.check_seen()
-        color, alpha, white = small[..., :3], small[..., 3], small[..., 4:]
-        return np.ascontiguousarray(color), np.ascontiguousarray(alpha), np.ascontiguousarray(white)
-
-    def _everything(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return `rows`, the photo's white beside the object included, (h, W, 3) float32 in [0, 1]."""
-        color, alpha, _ = self.rows(first, last)
+        """Return colour (height, width, 3), alpha (height, width) and the share of white, each for itself."""
 
         def white(first: int, last: int) -> np.ndarray:
             return self._image.clipped_rows(first, last).astype(np.float32)
 
-        return (
-            color,
-            alpha,
-            white(first, last) if self._resampling is None else self._straight(white, first, last),
-        )
+        def planes(first: int, last: int) -> np.ndarray:
+            color, alpha, _ = self.rows(first, last)
+            plain = self._resampling is None
+            share = white(first, last) if plain else self._straight(white, first, last)
+            return np.dstack([color, alpha, share])
+
+        small = imaging.resize_rows(planes, (*self.size, 7), height, width)
+        self.check_seen()
+        color, alpha, share = (np.ascontiguousarray(part) for part in np.split(small, [3, 4], axis=2))
+        return color, alpha[..., 0], share
 
     def check_seen(self) -> None:
         """Raise `InputError` when all coverage has been handed out and no pixel shows the object."""
@@ -241,9 +212,6 @@ class _Opened:
                 f"{self._mask_file} shows no object (its brightest pixel is {self._highest * 255:.0f} of 255); "
                 "the object must be white, or remove the photo."
             )
-
-    def _note(self, alpha: np.ndarray) -> None:
-        self._highest = max(self._highest, float(alpha.max()))
 
     def _check_mask(self) -> None:
         """Raise `InputError` unless there is a mask, and of the photo's size."""
@@ -262,27 +230,22 @@ class _Opened:
 
 
 def _turns(photo: Photo) -> tuple[int, int]:
-    """Return the EXIF orientations that the photo's stored pixels and its mask's are turned by; 1 is not at
-    all.
-    """
+    """Return the EXIF orientations, 1 for none, by which the photo's stored pixels and its mask's turn."""
     size = (photo.camera.width, photo.camera.height)
-    stored = image_size(photo.image_path, orient=False)
-    tag = read_orientation(photo.image_path) or 1
-    turn = next((turn for turn in (tag, 1) if turned_size(stored, turn) == size), None)
+    stored = imaging.image_size(photo.image_path, orient=False)
+    tag = imaging.read_orientation(photo.image_path) or 1
+    turn = next((turn for turn in (tag, 1) if imaging.turned_size(stored, turn) == size), None)
     if turn is None:
         raise InputError(f"{photo.image_path} no longer has the {size[0]} x {size[1]} pixels of its camera.")
     if photo.mask_path is None:
         return turn, turn
     if turn == tag:
         return turn, mask_turn(photo.mask_path, photo.image_path, size)
-    mask = image_size(photo.mask_path, orient=False)  # the camera is for the stored photo
-    return turn, next((turn for turn in (1, undo(tag)) if turned_size(mask, turn) == size), 1)
+    mask = imaging.image_size(photo.mask_path, orient=False)  # the camera is for the stored photo
+    return turn, next((turn for turn in (1, imaging.undo(tag)) if imaging.turned_size(mask, turn) == size), 1)
 
 
-def target_size(camera: Camera, max_side: int | None) -> tuple[int, int]:
-    """Return (width, height) of a photo scaled down so that no side exceeds `max_side`."""
-    longest = max(camera.width, camera.height)
-    if max_side is None or max_side >= longest:
-        return camera.width, camera.height
-    scale = max_side / longest
-    return max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
+def _size_within(camera: Camera, max_side: int | None) -> tuple[int, int]:
+    """Return the (height, width) of a photo scaled down so that no side exceeds `max_side`."""
+    camera = camera if max_side is None else camera.within(max_side)
+    return camera.height, camera.width

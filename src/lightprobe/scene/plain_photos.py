@@ -1,5 +1,4 @@
-"""Photos without cameras and masks: which files they are, and what can be measured on them before cameras are
-sought.
+"""Plain photos, without cameras and masks: which files they are, what is measured on them, and what may fail.
 
 Sharpness compares detail with what is left of it after blurring, as a picture that is blurred already loses
 little (Crété et al., "The blur effect", 2007); texture counts corners, which are what photos are matched by
@@ -9,37 +8,38 @@ little (Crété et al., "The blur effect", 2007); texture counts corners, which 
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import scipy
 
-from lightprobe.imaging import (
-    LUMA,
-    RAW_SUFFIXES,
-    PhotoFile,
-    focal_ratio,
-    foreign_encoding,
-    gravity,
-    read_exif_ev100,
-    resize_rows,
-    shrink_area,
-    srgb_encode,
-)
-from lightprobe.imaging.video import difference
+from lightprobe import imaging
+from lightprobe.core.errors import printable
+from lightprobe.imaging.video import FrameChoice, choose_frames, difference, measure_frames
+from lightprobe.scene.findings import converted_encodings, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, list_images
+from lightprobe.scene.loading import has_cameras
 
 SAME = 0.04  # difference of two photos' thumbnails, in standard deviations, below which they show the same
-_SIDE = 1280  # pixels of the longer side that sharpness and texture are measured on, about what features are found on
+_SIDE = 1280  # pixels of the longer side that sharpness and texture are measured on, as features are found
 _THUMBNAIL = 48  # pixels of the longer side that photos are compared on
 _MASKS = frozenset({"masks", "mask"})  # folders that hold no photos
 _MADE = (".prepare", "prepare.json", "config.json")  # in folders that `prepare` and `train` have made
 _BLUR = 9  # pixels of the running mean that detail is compared across
 _CELL = 16  # pixels of a side of the cells of which texture is the share with a corner
-_CORNER = 15.0  # squared grey levels of 255 for each pixel of a cell's smaller eigenvalue; noise of 10 levels makes 4
+_CORNER = 15.0  # squared grey levels per pixel of a cell's smaller eigenvalue; noise of 10 levels makes 4
 _DARK = 0.002  # linear value below which 8 bits tell nothing
 _THREADS = 2  # photos decoded at the same time at most: each takes memory
+VIDEO_FRAMES = 60  # photos that a video is to give
+_FEWEST, _ENOUGH = 8, 25  # different sharp photos: below, cameras are seldom found; below, parts stay unseen
+_BLURRED, _FAR_BELOW = 0.3, 0.6  # sharpness of a blurred photo, and relative to the photos' median
+_BARE = 0.005  # share of a photo with corners: below, nothing can be matched
+_CLIPPED, _DARK_SHARE = 0.1, 0.9  # share of a photo at white, and as good as black, that spoils it
+_ZOOMED = 0.03  # relative difference of focal lengths of one lens
+_SMALL = 640  # pixels of the longer side below which little can be matched
+_EXPOSURES = 1.0  # EV between the darkest and the brightest photo that count as different lights
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,7 @@ class PlainPhoto:
 
 
 def list_photos(folder: Path) -> list[Path]:
-    """Return the photos in a folder and its subfolders, or in its `images` folder if it has one, without
-    masks.
+    """Return the photos in a folder, or in its `images` if it has one, and in subfolders, without masks.
 
     Of a raw file and its camera's picture of the same name only the raw file is taken, which is linear.
     Scenes and runs that were made in a subfolder hold no photos of their own.
@@ -72,13 +71,14 @@ def list_photos(folder: Path) -> list[Path]:
     images = list_images(folder)
     inner = {parent for path in images for parent in path.parents if folder in parent.parents}
     apart = {parent for parent in inner if any((parent / name).exists() for name in _MADE)}
-    found = [
+    images = [path for path in images if not _MASKS & set(path.relative_to(folder).parts[:-1])]
+    found = [path for path in images if apart.isdisjoint(path.parents)]
+    raw = {path.with_suffix("") for path in found if path.suffix.lower() in imaging.RAW_SUFFIXES}
+    return [
         path
-        for path in images
-        if not _MASKS & set(path.relative_to(folder).parts[:-1]) and apart.isdisjoint(path.parents)
+        for path in found
+        if path.suffix.lower() in imaging.RAW_SUFFIXES or path.with_suffix("") not in raw
     ]
-    raw = {path.with_suffix("") for path in found if path.suffix.lower() in RAW_SUFFIXES}
-    return [path for path in found if path.suffix.lower() in RAW_SUFFIXES or path.with_suffix("") not in raw]
 
 
 def bright_level(luma: np.ndarray) -> float:
@@ -92,38 +92,36 @@ def bright_level(luma: np.ndarray) -> float:
 
 def measure_photo(path: Path) -> PlainPhoto:
     """Return what is measured on one photo; raise `InputError` naming the file when it cannot be read."""
-    photo = PhotoFile(path)
+    photo = imaging.PhotoFile(path)
     scale = min(1.0, _SIDE / max(photo.width, photo.height))
     height, width = (max(1, round(length * scale)) for length in (photo.height, photo.width))
 
     def planes(first: int, last: int) -> np.ndarray:
         color, _ = photo.rows(first, last)
-        return np.dstack([color @ LUMA, photo.clipped_rows(first, last).any(axis=2)])
+        return np.dstack([color @ imaging.LUMA, photo.clipped_rows(first, last).any(axis=2)])
 
-    small = resize_rows(planes, (photo.height, photo.width, 2), height, width)
+    small = imaging.resize_rows(planes, (photo.height, photo.width, 2), height, width)
     light = small[..., 0]
     bright = light if photo.has_white else light / bright_level(light)
-    grey = np.clip(srgb_encode(bright), 0, 1) * 255
+    grey = np.clip(imaging.srgb_encode(bright), 0, 1) * 255
     return PlainPhoto(
         Path(path),
         photo.width,
         photo.height,
-        focal_ratio(path),
-        read_exif_ev100(path),
-        gravity(path),
-        foreign_encoding(path),
+        imaging.focal_ratio(path),
+        imaging.read_exif_ev100(path),
+        imaging.gravity(path),
+        imaging.foreign_encoding(path),
         sharpness(grey),
         texture(grey),
         float(small[..., 1].mean()),
         float((bright < _DARK).mean()),
-        np.rint(shrink_area(grey, _THUMBNAIL)).astype(np.uint8),
+        np.rint(imaging.shrink_area(grey, _THUMBNAIL)).astype(np.uint8),
     )
 
 
 def measure_photos(paths: Iterable[Path], problems: Problems) -> list[PlainPhoto]:
-    """Return the photos that can be read, measured, in order; what is wrong with the others goes to
-    `problems`.
-    """
+    """Return the photos that can be read, measured, in order; what is wrong goes to `problems`."""
     found = []
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
         for waiting in [pool.submit(measure_photo, path) for path in paths]:
@@ -147,7 +145,7 @@ def sharpness(grey: np.ndarray) -> float:
 
 
 def texture(grey: np.ndarray) -> float:
-    """Return the share of cells of 16 x 16 pixels of a picture that hold a corner; grey (h, w), 0 to 255."""
+    """Return the share of cells of 16 x 16 pixels of a picture (h, w), 0 to 255, that hold a corner."""
     if min(grey.shape) < 2:
         return 0.0
     smooth = scipy.ndimage.gaussian_filter(grey.astype(np.float32), 1.0)
@@ -173,3 +171,209 @@ def _cell_means(values: np.ndarray) -> np.ndarray:
     """Return the means (h // 16, w // 16) of `values` (h, w) over its cells."""
     height, width = (length // _CELL for length in values.shape)
     return values[: height * _CELL, : width * _CELL].reshape(height, _CELL, width, _CELL).mean(axis=(1, 3))
+
+
+@dataclass(frozen=True)
+class PlainInspection:
+    """Everything found on plain photos.
+
+    Problems say that cameras can hardly be found; hints, that the result will be poor; advice, what to
+    photograph next.
+    """
+
+    root: Path
+    photos: tuple[PlainPhoto, ...] = ()
+    problems: list[str] = field(default_factory=list)
+    hints: list[str] = field(default_factory=list)
+    advice: list[str] = field(default_factory=list)
+    video: FrameChoice | None = None  # for a video, in place of photos
+
+    def lines(self) -> list[str]:
+        """Return the findings as text for a terminal: facts, problems, hints, and what to photograph next."""
+        facts = [f"{'photos' if self.video is None else 'video '}   {self.root} (no cameras yet)"]
+        facts += _photo_facts(self.photos) if self.video is None else _video_facts(self.video)
+        said = [*numbered("problem", self.problems), *numbered("hint", self.hints)]
+        return [printable(line) for line in (*facts, *said, *(f"next     {line}" for line in self.advice))]
+
+
+def is_plain(path: Path) -> bool:
+    """Return whether `path` is a video, or a folder with photos or a video, but without cameras."""
+    if not path.is_dir():
+        return path.is_file() and imaging.is_video(path)
+    return not has_cameras(path) and bool(list_photos(path) or _videos(path))
+
+
+def only_video(path: Path) -> Path | None:
+    """Return `path` if it is a video, or the only video in a folder without photos, else None."""
+    if not path.is_dir():
+        return path if path.is_file() and imaging.is_video(path) else None
+    found = [] if list_photos(path) else _videos(path)
+    return found[0] if len(found) == 1 else None
+
+
+def inspect_plain(path: Path) -> PlainInspection:
+    """Examine plain photos in a folder, or a video, without stopping at what is wrong with one of them."""
+    if not path.is_dir() or only_video(path) is not None:
+        return _inspect_video(only_video(path) or path)
+    problems = Problems(collect=True)
+    photos = measure_photos(list_photos(path), problems)
+    found = PlainInspection(path, tuple(photos), problems.messages)
+    _judge_number(found)
+    _judge_quality(found)
+    _judge_cameras(found)
+    values = [photo.ev100 for photo in photos if photo.ev100 is not None]
+    if len(values) == len(photos) and values and max(values) - min(values) <= _EXPOSURES:
+        found.advice.append(
+            "the object under other lights: all photos have about the same exposure, as if taken under one."
+        )
+    if extra := _videos(path):
+        found.hints.append(f"{len(extra)} videos beside the photos are left out, such as {extra[0].name}.")
+    return found
+
+
+def blurred(photos: Sequence[PlainPhoto]) -> list[PlainPhoto]:
+    """Return the photos that are blurred, by themselves or beside the others."""
+    if not photos:
+        return []
+    least = max(_BLURRED, _FAR_BELOW * float(np.median([photo.sharpness for photo in photos])))
+    return [photo for photo in photos if photo.sharpness < least]
+
+
+def _inspect_video(path: Path) -> PlainInspection:
+    problems, choice = Problems(collect=True), FrameChoice((), 0, 0, 0)
+    with problems.guard():
+        choice = choose_frames(measure_frames(path), VIDEO_FRAMES)
+    found = PlainInspection(path, problems=problems.messages, video=choice)
+    if found.problems:
+        return found
+    count = len(choice.frames)
+    if count < _FEWEST:
+        found.problems.append(
+            f"The video gives {_count(count, 'different sharp frame')} of {choice.total}; {_FEWEST} or more are needed."
+        )
+        found.advice.append(
+            "film again, walking slowly around the object, with the camera always on it and in focus."
+        )
+    elif count < _ENOUGH:
+        found.hints.append(
+            f"The video gives {count} different sharp frames; about {VIDEO_FRAMES} are better."
+        )
+        found.advice.append("film longer: once around at the object's height, once from above.")
+    if choice.blurred * 4 > count:
+        found.hints.append(
+            f"{choice.blurred} stretches of the video have no sharp frame: move more slowly, in more light."
+        )
+    found.hints.append(
+        "A video shows the object under one light; photos under other lights tell light and surface apart."
+    )
+    return found
+
+
+def _judge_number(found: PlainInspection) -> None:
+    """Add what is to be said of how many different photos there are."""
+    alike = copies(found.photos)
+    different = len(found.photos) - len(alike)
+    if alike:
+        verb = "shows" if len(alike) == 1 else "show"
+        found.hints.append(
+            f"{_count(len(alike), 'photo')} {verb} the same as another, such as {alike[0].path.name}; "
+            "copies add nothing."
+        )
+    if different < _FEWEST:
+        found.problems.append(
+            f"{_count(different, 'different photo')} of the object; {_FEWEST} or more are needed."
+        )
+    if different < _ENOUGH:
+        found.advice.append(
+            f"about {_ENOUGH - different} more photos: all around at the object's height, every 15 degrees, and once "
+            "more from above, each sharing most of what it shows with the one before."
+        )
+
+
+def _judge_quality(found: PlainInspection) -> None:
+    """Add what is to be said of blur, texture, exposure, size and encoding."""
+    photos = found.photos
+    unsharp, bare = blurred(photos), [photo for photo in photos if photo.texture < _BARE]
+    if unsharp:
+        is_poor = 2 * len(unsharp) > len(photos)
+        (found.problems if is_poor else found.hints).append(_such_as(unsharp, photos, "blurred"))
+        found.advice.append("the blurred views again, with the camera at rest, in more light or on a stand.")
+    if 2 * len(bare) > len(photos):
+        found.problems.append(_such_as(bare, photos, "without texture that can be matched"))
+        found.advice.append(
+            "the object on something richly patterned, such as a newspaper, which moves along with it."
+        )
+    for bad, words in (
+        (
+            [photo for photo in photos if photo.clipped > _CLIPPED],
+            f"at white in more than {_CLIPPED:.0%} of the picture: expose less",
+        ),
+        (
+            [photo for photo in photos if photo.dark > _DARK_SHARE],
+            f"as good as black in more than {_DARK_SHARE:.0%} of the picture: expose more",
+        ),
+        (
+            [photo for photo in photos if max(photo.width, photo.height) < _SMALL],
+            f"of fewer than {_SMALL} pixels: give the camera's own files",
+        ),
+        (
+            [photo for photo in photos if photo.encoding == imaging.UNREADABLE],
+            f"encoded with an {imaging.UNREADABLE}, and taken as sRGB",
+        ),
+    ):
+        if bad:
+            found.hints.append(_such_as(bad, photos, words))
+
+
+def _judge_cameras(found: PlainInspection) -> None:
+    """Add what is to be said of focal lengths, which the search for cameras starts from."""
+    unknown = [photo for photo in found.photos if photo.focal is None]
+    known = sorted(photo.focal for photo in found.photos if photo.focal is not None)
+    if unknown:
+        words = "without a focal length, which is then guessed: give unedited files"
+        found.hints.append(_such_as(unknown, found.photos, words))
+    lenses = 1 + sum(later > earlier * (1 + _ZOOMED) for earlier, later in pairwise(known))
+    if known and lenses > 1:
+        found.hints.append(
+            f"The photos have {lenses} focal lengths, from {known[0]:.2f} to {known[-1]:.2f} of the longer side; one "
+            "lens without zoom gives better cameras."
+        )
+
+
+def _photo_facts(photos: Sequence[PlainPhoto]) -> list[str]:
+    if not photos:
+        return ["readable none"]
+    focal = [photo.focal for photo in photos if photo.focal is not None]
+    lengths = f"{min(focal):.2f} to {max(focal):.2f} of the longer side" if focal else "not in the files"
+    differ = len(photos) - len(copies(photos))
+    facts = [
+        f"readable {len(photos)}, of which {differ} differ and {len(blurred(photos))} are blurred",
+        sizes([(photo.width, photo.height) for photo in photos]),
+        f"focal    {lengths}" + (f" ({len(focal)} of {len(photos)} photos)" if focal else ""),
+        exposures([photo.ev100 for photo in photos]),
+    ]
+    level = sum(photo.up is not None for photo in photos)
+    facts += [f"gravity  in {level} of {len(photos)} photos"] if level else []
+    converted = converted_encodings(photo.encoding for photo in photos)
+    return facts + ([f"colours  converted to sRGB: {converted}"] if converted else [])
+
+
+def _video_facts(choice: FrameChoice) -> list[str]:
+    if not choice.total:
+        return []
+    left = f"left out: {choice.blurred} blurred, {choice.alike} like the one before"
+    return [f"frames   {choice.total}, of which {len(choice.frames)} would be used ({left})"]
+
+
+def _videos(folder: Path) -> list[Path]:
+    found = (path for path in folder.iterdir() if path.suffix.lower() in imaging.VIDEO_SUFFIXES)
+    return sorted(path for path in found if path.is_file())
+
+
+def _such_as(some: Sequence[PlainPhoto], photos: Sequence[PlainPhoto], what: str) -> str:
+    verb, name = "is" if len(some) == 1 else "are", some[0].path.name
+    return f"{len(some)} of {len(photos)} photos {verb} {what}, such as {name}."
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""What a run remembers of its scene: where it lay, every camera, and a checksum of every file it came from."""
+"""What a run remembers of its scene: where it lay, every camera, and a checksum of every file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,23 +9,18 @@ from lightprobe.core.files import checksum, is_file_name
 from lightprobe.core.run import REMAKE, RunFolder
 from lightprobe.core.stored import checked_object, damaged, remedied
 from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.frame import Split
 from lightprobe.scene.photo import Photo, Scene
 
-SPLITS = ("train", "test", "relight")
+SPLITS = tuple(split.value for split in Split)
 
 
 def scene_record(scene: Scene) -> dict[str, Any]:
-    """Return the JSON value of scene.json: root, format, similarity, and per photo its split, camera and
-    checksums.
-    """
+    """Return the JSON value of scene.json: root, format, similarity, photos' cameras and checksums."""
     root = scene.root.resolve()
     photos = {split: {p.name: _photo_record(p, root) for p in getattr(scene, split)} for split in SPLITS}
-    return {
-        "root": str(root),
-        "format": scene.format,
-        "similarity": scene.similarity.to_json(),
-        "photos": photos,
-    }
+    head = {"root": str(root), "format": scene.format, "similarity": scene.similarity.to_json()}
+    return {**head, "photos": photos}
 
 
 @dataclass(frozen=True)
@@ -38,9 +33,7 @@ class StoredScene:
 
 
 def read_record(run: RunFolder) -> StoredScene:
-    """Return the checked content of scene.json; raise `InputError` naming the file when a part cannot be
-    used.
-    """
+    """Return the checked content of scene.json; raise `InputError` naming the file if it cannot be used."""
     path, record = run.scene_file, run.scene()
     with remedied(REMAKE):
         similarity = Similarity.from_json(record.get("similarity"), source=str(path))
@@ -52,9 +45,7 @@ def read_record(run: RunFolder) -> StoredScene:
 
 
 def recorded_mask(run: RunFolder, entry: dict[str, Any]) -> Path | None:
-    """Return the mask of a photo by its `entry` in scene.json; None when it had none, or it is gone or
-    another now.
-    """
+    """Return the mask of a photo by its `entry` in scene.json; None if there is none, or another now."""
     name, digest = entry.get("mask"), entry.get("mask_checksum")
     if not isinstance(name, str) or "\0" in name:
         return None
@@ -75,13 +66,8 @@ def _cameras(path: Path, photos: dict[str, Any]) -> dict[str, Camera]:
 
 
 def _photo_record(photo: Photo, root: Path) -> dict[str, Any]:
-    record: dict[str, Any] = {
-        "camera": photo.camera.to_json(),
-        **_file_record("image", photo.image_path, root),
-    }
-    if photo.mask_path is not None:
-        record |= _file_record("mask", photo.mask_path, root)
-    return record
+    mask = {} if photo.mask_path is None else _file_record("mask", photo.mask_path, root)
+    return {"camera": photo.camera.to_json(), **_file_record("image", photo.image_path, root), **mask}
 
 
 def _file_record(key: str, path: Path, root: Path) -> dict[str, str]:

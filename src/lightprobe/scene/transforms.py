@@ -1,5 +1,5 @@
-"""Scenes described by `transforms*.json`: Blender's (`camera_angle_x`), nerfstudio's and instant-ngp's
-(`fl_x`, ...).
+"""Scenes described by `transforms*.json`: Blender's (`camera_angle_x`), nerfstudio's, instant-ngp's (`fl_x`,
+...).
 
 `transform_matrix` is camera-to-world with OpenGL axes. Intrinsics may stand in the frame or beside `frames`.
 Photos are split by file (`transforms_train.json`, `_test`, `_val` when there is no `_test`, `_relight`), else
@@ -30,13 +30,8 @@ _GUESSED_SUFFIXES = (
 )
 _PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
 _FISHEYE_MODELS = frozenset({"OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"})
-_TRUTH_KEYS = {
-    "environment": "env_path",
-    "linear": "hdr_path",
-    "base_color": "basecolor_path",
-    "orm": "orm_path",
-    "normal": "normal_path",
-}
+_TRUTH_KEYS = {"environment": "env_path", "linear": "hdr_path"}
+_TRUTH_KEYS |= {"base_color": "basecolor_path", "orm": "orm_path", "normal": "normal_path"}
 
 
 def read_transforms(root: Path, problems: Problems) -> list[Frame]:
@@ -52,9 +47,8 @@ def _files(root: Path) -> list[tuple[str, Split | None]]:
     """Return the camera files that apply, each with the split of its frames; None where none is given."""
     if not (root / TRAIN).is_file():
         return [(SINGLE, None)]
-    test = next(
-        (name for name in ("transforms_test.json", "transforms_val.json") if (root / name).is_file()), None
-    )
+    names = ("transforms_test.json", "transforms_val.json")
+    test = next((name for name in names if (root / name).is_file()), None)
     files: list[tuple[str, Split | None]] = [(TRAIN, Split.TRAIN if test else None)]
     files += [(test, Split.TEST)] if test else []
     return files + ([(RELIGHT, Split.RELIGHT)] if (root / RELIGHT).is_file() else [])
@@ -64,7 +58,10 @@ def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) 
     data = read_json(path)
     if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
         raise InputError(f"{path} has no list of 'frames'.")
-    train, test = _lists(data, path) if split is None else (set(), set())
+    train, test = set[str](), set[str]()
+    if split is None:
+        train = _names(data, "train_filenames", path)
+        test = _names(data, "test_filenames", path) or _names(data, "val_filenames", path)
     named = train | test
     common = {key: value for key, value in data.items() if key != "frames"}
     found = []
@@ -78,14 +75,6 @@ def _read_file(root: Path, path: Path, split: Split | None, problems: Problems) 
             listed = Split.TEST if file in test or (train and file not in train) else Split.TRAIN
             found.append(_frame(root, path, {**common, **entry}, listed if named else split))
     return found
-
-
-def _lists(data: dict[str, Any], path: Path) -> tuple[set[str], set[str]]:
-    """Return the file paths of nerfstudio's training photos and of those to test on; empty without such a
-    list.
-    """
-    test = _names(data, "test_filenames", path) or _names(data, "val_filenames", path)
-    return _names(data, "train_filenames", path), test
 
 
 def _names(data: dict[str, Any], key: str, path: Path) -> set[str]:
@@ -106,10 +95,8 @@ def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None
                 f"{source} names the mask '{shown(settings['mask_path'])}', which does not exist."
             )
 
-    def camera(width: int, height: int) -> Camera:
-        return frame_camera(settings, source, width, height)
-
-    return Frame(_image(root, path, settings), source, camera, mask, split, _truth(root, path, settings))
+    image, truth = _image(root, path, settings), _truth(root, path, settings)
+    return Frame(image, source, lambda *size: frame_camera(settings, source, *size), mask, split, truth)
 
 
 def _image(root: Path, path: Path, settings: dict[str, Any]) -> Path:
@@ -164,15 +151,12 @@ def frame_camera(settings: dict[str, Any], source: str, image_width: int, image_
     camera = Camera(_pose(settings, source), fx, fy, *center, round(width), round(height))
     camera.check(source)
     fisheye = model in _FISHEYE_MODELS or bool(settings.get("is_fisheye"))
-    return with_lens(
-        camera, _lens(settings, source, fisheye=fisheye, full=model == "FULL_OPENCV"), source=source
-    )
+    lens = _lens(settings, source, fisheye=fisheye, full=model == "FULL_OPENCV")
+    return with_lens(camera, lens, source=source)
 
 
 def _lens(settings: dict[str, Any], source: str, *, fisheye: bool, full: bool) -> Lens:
-    """Return the lens of k1..k4, p1 and p2; OpenCV's full model has k4..k6 below the fraction line, and
-    s1..s4.
-    """
+    """Return the lens of k1..k4, p1, p2; the full model has k4..k6 below the fraction, and s1..s4."""
     keys = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4")
     k1, k2, k3, k4, k5, k6, p1, p2, s1, s2, s3, s4 = (_number(settings, key, source) or 0.0 for key in keys)
     if fisheye:
@@ -199,9 +183,7 @@ def _number(settings: dict[str, Any], key: str, source: str) -> float | None:
 
 
 def _focal(angle: float | None, extent: float) -> float | None:
-    """Return the focal length in pixels for a field of view of `angle` radians over `extent` pixels; -1 for
-    no lens.
-    """
+    """Return the focal length in pixels for a field of view of `angle` over `extent` pixels; -1 for none."""
     return None if angle is None else 0.5 * extent / math.tan(0.5 * angle) if 1e-9 < angle < math.pi else -1.0
 
 

@@ -22,9 +22,9 @@ from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_mask, w
 from lightprobe.light import cubemap
 from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import plane
-from lightprobe.localization.located import write_overlay
+from lightprobe.localization.locator import write_overlay
 from lightprobe.prediction import Prediction
-from lightprobe.prediction.color_scale import confidence_colors
+from lightprobe.prediction.confidence import confidence_colors
 from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.runs.locations import LocationFiles
 from lightprobe.runs.new_photos import NewPhoto, PhotoFiles

@@ -12,7 +12,7 @@ from PIL import Image
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import inside, read_json, shell_word
 from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_area, write_mask
-from lightprobe.preparation.hints import store_hint, stored_hint
+from lightprobe.preparation.options import store_hint, stored_hint
 from lightprobe.scene.masks import same_shape
 from lightprobe.scene.plain_photos import list_photos
 from lightprobe.view.sources import PREPARED, SceneSource

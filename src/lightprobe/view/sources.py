@@ -10,7 +10,7 @@ from lightprobe.core.files import inside, read_json
 from lightprobe.core.run import RunFolder
 from lightprobe.core.stored import is_finite_number
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.plain_inspection import is_plain
+from lightprobe.scene.plain_photos import is_plain
 from lightprobe.scene.record import SPLITS, read_record
 
 PREPARED = "prepare.json"  # marks a scene that `lightprobe prepare` made

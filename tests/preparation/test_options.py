@@ -6,7 +6,7 @@ from PIL import Image
 
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.imaging import write_mask, write_png
-from lightprobe.preparation.hints import STORED, all_hints, read_hint, store_hint, stored_hint
+from lightprobe.preparation.options import STORED, all_hints, read_hint, store_hint, stored_hint
 from lightprobe.preparation.photos import SourcePhoto
 
 
