@@ -41,6 +41,6 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> Visibil
     dispatch.require_index("faces", faces, screen.shape[0])
     if height < 1 or width < 1:
         raise ValueError(f"The image must have at least one pixel, not {height} x {width}.")
-    body = dispatch.choose("rasterize", screen, faces)
+    backend = dispatch.choose("rasterize", screen, faces)
     with torch.no_grad():
-        return Visibility(*body.rasterize(screen, faces, height, width))
+        return Visibility(*backend.rasterize(screen, faces, height, width))

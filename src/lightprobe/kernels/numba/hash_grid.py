@@ -1,4 +1,4 @@
-"""Numba body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
+"""Numba backend of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
 
 Forward goes level by level, so that one level's table stays in the cache, with the points shared among
 threads. Backward to the table shares out the levels: no two threads add to one table, and each sum runs in

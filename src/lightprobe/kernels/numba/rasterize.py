@@ -1,4 +1,4 @@
-"""Numba body of the rasteriser: faces are sorted into horizontal bands, and each thread draws its own bands.
+"""Numba backend of the rasteriser: faces are sorted into horizontal bands, and each thread draws its own bands.
 
 Within a band faces come in index order and replace only what is strictly farther, so ties go to the lower
 index. The arithmetic is float64 and, without fused operations, the reference's to the bit.

@@ -1,4 +1,4 @@
-"""Plain body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`."""
+"""Reference of the hash grid; symbols as in `lightprobe.kernels.hash_grid`."""
 
 from collections.abc import Iterator
 

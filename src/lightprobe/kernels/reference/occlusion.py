@@ -1,6 +1,4 @@
-"""Plain body of the occluded light; symbols as in `lightprobe.kernels.occlusion`. A slab of pixels exists at
-a time.
-"""
+"""Reference of the occluded light; symbols as in `lightprobe.kernels.occlusion`; slab by slab of pixels."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Plain body of the rasteriser: every pixel of every face's bounding box, then the best of each pixel.
+"""Reference of the rasteriser: every pixel of every face's bounding box, then the best of each pixel.
 
 A pair of (pixel, face) competes by one 64-bit key, the bits of its float32 inverse depth above the complement
 of its face index: the bits of positive floats order like the floats, so the largest key is the nearest,

@@ -1,4 +1,4 @@
-"""Triton body of the stacking; symbols as in `lightprobe.kernels.stacking` and `lobe_frames`.
+"""Triton backend of the stacking; symbols as in `lightprobe.kernels.stacking`.
 
 Forward: a program holds a block of texels and walks through a share of the pixels; backward: it holds a block
 of pixels and walks through a share of the texels. What it walks through is read as scalars, which every lane
@@ -12,7 +12,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from lightprobe.kernels.lobe_frames import lobe_frames
+from lightprobe.kernels.stacking import lobe_frames
 
 TEXELS = 1024  # of one program, forward
 PIXELS = 256  # of one program, backward
@@ -93,24 +93,10 @@ def _stack(lobes, directions, parts, pixels, texels, share, CHUNK: tl.constexpr,
         r, g, b = w, w, w
         for p in range(first, tl.minimum(first + CHUNK, end)):
             at = lobes + p * 17
-            lobe = _lobe(
-                tl.load(at),
-                tl.load(at + 1),
-                tl.load(at + 2),
-                tl.load(at + 3),
-                tl.load(at + 4),
-                tl.load(at + 5),
-                tl.load(at + 6),
-                tl.load(at + 7),
-                tl.load(at + 8),
-                tl.load(at + 9),
-                tl.load(at + 10),
-                tl.load(at + 11),
-                tl.load(at + 12),
-                x,
-                y,
-                z,
-            )
+            tx, ty, tz, tv = tl.load(at), tl.load(at + 1), tl.load(at + 2), tl.load(at + 3)
+            bx, by, bz, bv = tl.load(at + 4), tl.load(at + 5), tl.load(at + 6), tl.load(at + 7)
+            nx, ny, nz, nv = tl.load(at + 8), tl.load(at + 9), tl.load(at + 10), tl.load(at + 11)
+            lobe = _lobe(tx, ty, tz, tv, bx, by, bz, bv, nx, ny, nz, nv, tl.load(at + 12), x, y, z)
             w += tl.load(at + 13) * lobe
             r += tl.load(at + 14) * lobe
             g += tl.load(at + 15) * lobe
