@@ -6,8 +6,7 @@ import scipy.sparse
 import torch
 
 from lightprobe.light import cubemap
-from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
-from lightprobe.light.orbits import Orbits
+from lightprobe.light.lobes import Nodes, Orbits, narrow_rows, wide_rows
 from lightprobe.light.prefilter import Accuracy, _lobe_matrix, accuracy_for, plan_levels
 from lightprobe.light.sparse import SparseOperator
 

@@ -1,6 +1,4 @@
-"""A decomposition in files other programs read: GLB, USD, textures and environment maps, all in the user's
-frame.
-"""
+"""A decomposition in files for other programs: GLB, USD, textures and environment maps, user's frame."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,8 +33,7 @@ class SceneLight:
 
 
 def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> tuple[GltfMesh, GltfPictures]:
-    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png beside it; return its
-    parts.
+    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png; return its parts.
 
     Positions are in the user's frame and units, turned to glTF's y-up axes.
     """

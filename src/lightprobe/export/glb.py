@@ -1,5 +1,4 @@
-"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual) where there
-are some.
+"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual).
 
 Layout: a 12-byte header, a JSON chunk padded with spaces and a binary chunk padded with zeros, each to four
 bytes; every array and picture starts at a multiple of four (glTF 2.0, sections 3.6 and 4.4).
@@ -86,9 +85,7 @@ def write_glb(
 def encode_glb(
     mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object", lights: Sequence[DirectionalLight] = ()
 ) -> bytes:
-    """Return the bytes of a GLB file with one mesh of one metallic-roughness material, and a node for each
-    light.
-    """
+    """Return the bytes of a GLB file with one mesh of one material, and a node for each light."""
     binary = _Binary()
     attributes = {
         "POSITION": binary.array(mesh.positions, "VEC3", bounds=True),

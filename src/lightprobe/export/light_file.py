@@ -101,8 +101,7 @@ def _map_and_sources(
 
 
 def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
-    """Return the sources in the JSON beside a map and whether the map has them; None where there is no such
-    file.
+    """Return the sources in the JSON beside a map and whether the map has them; None without such a file.
 
     Nor where it is that of the other format's map of the same name.
     Raises `InputError` for a file that is not of this format and version, or says what no source can be.
@@ -129,8 +128,7 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
 
 
 def is_calibrated(map_path: Path) -> bool | None:
-    """Return whether a predicted map has been through a calibration; None where no JSON tells of a
-    prediction.
+    """Return whether a predicted map is calibrated; None where no JSON tells of a prediction.
 
     One that cannot be read tells nothing here; `read_sources` refuses it.
     """
@@ -174,9 +172,7 @@ def _temperature(color: list[float]) -> float | None:
 
 
 def _photometry(ev100: float | None, calibration: Calibration | None) -> dict[str, Any]:
-    """Return how many cd/m^2 a unit of radiance is; the gauge between light and albedo is in it unless
-    calibrated.
-    """
+    """Return how many cd/m^2 a unit of radiance is; includes the scale's uncertainty unless calibrated."""
     return {
         "cd_per_m2_per_unit": candela_per_unit(ev100),
         "source": None if ev100 is None else "EXIF: saturation-based, 1.2 * 2^EV100",

@@ -1,6 +1,4 @@
-"""Pictures in files: renders, and the material as the three PNG files of glTF: base colour sRGB, the others
-linear.
-"""
+"""Renders in files, and the material as the three PNG files of glTF: base colour sRGB, others linear."""
 
 from pathlib import Path
 
@@ -18,9 +16,7 @@ NAMES = ("base_color", "orm", "normal")
 
 
 def write_pictures(asset: Asset, folder: Path) -> GltfPictures:
-    """Write base_color.png, orm.png (R occlusion, G roughness, B metallic) and normal.png; return their
-    bytes.
-    """
+    """Write base_color.png, orm.png (R occlusion, G roughness, B metallic), normal.png; return the bytes."""
     textures = asset.textures
     color, roughness, metallic, normal = (
         t.detach().cpu().numpy()
@@ -42,9 +38,7 @@ def _occlusion(asset: Asset) -> np.ndarray:
 
 
 def write_picture(path: Path, image: torch.Tensor, cover: torch.Tensor) -> None:
-    """Write a premultiplied linear image (H, W, 3) with coverage (H, W): straight sRGB PNG, or premultiplied
-    EXR.
-    """
+    """Write a premultiplied linear image and coverage (H, W): straight sRGB PNG or premultiplied EXR."""
     color, alpha = image.cpu().numpy(), cover.cpu().numpy()
     if path.suffix.lower() == ".exr":
         write_exr(path, np.concatenate([color, alpha[..., None]], axis=2))

@@ -19,9 +19,7 @@ from lightprobe.kernels import dispatch
 
 @dataclass(frozen=True)
 class Visibility:
-    """What each pixel sees: `face` (H, W) int32, -1 for nothing; `inverse_depth` (H, W) float32, 0 for
-    nothing.
-    """
+    """What each pixel sees: `face` (H, W) int32, -1 for none; `inverse_depth` (H, W) float32, 0 for none."""
 
     face: Tensor
     inverse_depth: Tensor

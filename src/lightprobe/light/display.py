@@ -9,8 +9,7 @@ from lightprobe.imaging import LUMA, srgb_encode
 
 
 def exposure(image: np.ndarray) -> float:
-    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, whatever suns it
-    has.
+    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, suns or not.
 
     Most of it may be black. 1 for an image that is black all over.
     """

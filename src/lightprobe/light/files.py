@@ -17,9 +17,7 @@ FORMAT = "lightprobe light"  # of such a file
 
 
 def environment_files(folder: Path) -> list[Path]:
-    """Return every .exr and .hdr file of a folder in the order of their names; raise `InputError` when it has
-    none.
-    """
+    """Return every .exr and .hdr file of a folder, sorted by name; raise `InputError` when there is none."""
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder of environment maps.")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
@@ -34,10 +32,7 @@ def light_file(map_path: Path) -> Path:
 
 
 def other_map(map_path: Path) -> Path | None:
-    """Return the map in another format that the JSON beside `map_path` is of, if it is there; else None.
-
-    A JSON that cannot be read is nobody's.
-    """
+    """Return the map in another format that the JSON beside `map_path` describes, None where there is none."""
     try:
         told = read_json(light_file(map_path))["map"]
         other = map_path.with_name(Path(told["file"]).name)
@@ -47,16 +42,13 @@ def other_map(map_path: Path) -> Path | None:
 
 
 def tells_of(told: dict[str, Any], map_path: Path) -> bool:
-    """Return whether a JSON's "map" is the one at `map_path`: NAME.exr and NAME.hdr share NAME.light.json.
-
-    One that was renamed together with its map is still of it.
-    """
+    """Return whether a JSON's "map", which may have been renamed, is at `map_path`: .exr and .hdr share a JSON."""
     name = str(told.get("file", map_path.name))
     return Path(name).stem != map_path.stem or map_path.name in (name, *told.get("copies", []))
 
 
 def _forget_facts(map_path: Path) -> None:
-    """Take a map out of the JSON beside it, and the JSON away where it is of no other map that is there."""
+    """Take a map out of the JSON beside it; remove the JSON where it describes no other map."""
     path = light_file(map_path)
     try:
         value = read_json(path)
@@ -75,24 +67,19 @@ def _forget_facts(map_path: Path) -> None:
 
 
 def panorama(cube: Tensor) -> np.ndarray:
-    """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32 in the convention of the
-    files.
-    """
+    """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32, as files have it."""
     return equirect.from_cubemap(cube, 2 * cube.shape[1]).detach().cpu().numpy()
 
 
 def write_map(path: Path, image: np.ndarray) -> None:
     """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
 
-    What a .light.json tells of the map that was there is forgotten first: suns that the new one has in it, or
-    has not. Raises `ConfigError` for any other suffix, `ConvergenceError` for NaN or infinity, which no other
-    program reads.
+    The .light.json of an older map is dropped first, as its suns are not the new map's. Raises `ConfigError` for
+    any other suffix, `ConvergenceError` for NaN or infinity, which no other program reads.
     """
     check_map_name(path)
     if not np.isfinite(image).all():
-        raise ConvergenceError(
-            f"The light for {path} holds NaN or infinity, so it is not written; train the run anew."
-        )
+        raise ConvergenceError(f"The light for {path} holds NaN or infinity; it is not written. Train anew.")
     _forget_facts(path)
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 

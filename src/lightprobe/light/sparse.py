@@ -16,9 +16,7 @@ _ENTRIES_PER_PART = 1 << 16  # with fewer, adding the partial sums up costs more
 
 @dataclass(frozen=True)
 class SparseOperator:
-    """A constant matrix, and its transpose once somebody asks for it: some rows of it (`ChosenRows`) do
-    without.
-    """
+    """A constant matrix, and its transpose, found when first asked for: `ChosenRows` do without."""
 
     forward: CompressedRows
 
@@ -43,11 +41,8 @@ class SparseOperator:
     def matrix(self) -> scipy.sparse.csr_array:
         """Return the SciPy matrix, float32."""
         held = self.forward
-        entries = (
-            held.value.cpu().numpy(),
-            held.column.cpu().numpy().astype(np.int32),
-            held.start.cpu().numpy(),
-        )
+        value, column, start = (part.cpu().numpy() for part in (held.value, held.column, held.start))
+        entries = value, column.astype(np.int32), start
         return scipy.sparse.csr_array(entries, shape=(len(held.start) - 1, held.columns))
 
     def apply(self, x: Tensor) -> Tensor:

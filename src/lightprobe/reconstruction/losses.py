@@ -6,7 +6,8 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.light.photometry import one_sided, srgb_encode, tone_map
+from lightprobe.imaging import srgb_encode
+from lightprobe.light.photometry import one_sided, tone_map
 from lightprobe.reconstruction.photos import Target
 
 USUAL_ROUGHNESS = 0.4  # what the prior pulls to; docs/decisions/material-priors.md

@@ -62,9 +62,7 @@ class Asset:
 
     @staticmethod
     def from_tensors(tensors: dict[str, Tensor], source: Path, remedy: str) -> "Asset":
-        """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` when they make no
-        sound one.
-        """
+        """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` for unsound ones."""
         sees = "openness" in tensors
         rules = _RULES | (_VISIBILITY if sees else {})
         rules |= {"normal_faces": TensorRule(("F", 3), torch.int32, 0)} if "normal_faces" in tensors else {}

@@ -79,9 +79,7 @@ def _dense_prefilter(device: torch.device) -> tuple[prefilters.Prefilter, Tensor
 
 
 def _open_averages(visibility: PointVisibility, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the weights (P, 384) of `kernels.occluded_light`'s diffuse and ambient light, and its open share
-    (P,).
-    """
+    """Return the weights (P, 384) of `kernels.occluded_light`'s diffuse and ambient light, and open (P,)."""
     directions = cubemap.directions(BLOCKS, normal.device).reshape(-1, 3)
     angle = cubemap.solid_angles(BLOCKS, normal.device).reshape(-1)
     seen = torch.zeros(len(normal), TEXELS, device=normal.device)

@@ -30,9 +30,7 @@ class DepthMaps:
 
     @staticmethod
     def of(vertices: Tensor, faces: Tensor, points: Tensor, normals: Tensor, side: int) -> "DepthMaps":
-        """Return maps of `side` x `side` pixels of a mesh (V, 3), (F, 3), for surface points and normals (P,
-        3).
-        """
+        """Return `side` x `side` maps of a mesh (V, 3), (F, 3) for surface points and normals (P, 3)."""
         extent = 1.02 * float(vertices.norm(dim=1).max())
         pixel = 2 * extent / side
         corners = torch.cat([vertices, points + _BIAS * pixel * normals])
@@ -42,8 +40,7 @@ class DepthMaps:
         return DepthMaps(faces, outward, corners, len(vertices), scale, middle, pixel, side)
 
     def visibility(self, axes: Tensor) -> tuple[Tensor, Tensor]:
-        """Return how much (P,) of the direction axes[2] each point has open, and the face before it (P,), -1
-        if none.
+        """Return how open (P,) direction axes[2] is at each point, and the face before it (P,), -1 if none.
 
         Four pixels around the point are asked for the one, the nearest for the other. axes: (3, 3)
         orthonormal rows.

@@ -75,9 +75,7 @@ class GBuffer:
 
     @staticmethod
     def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
-        """Return several views of one object as a single picture, each below the one before, as wide as the
-        widest.
-        """
+        """Return several views of one object as one picture, each below the one before."""
         width, top, pixels = max(part.width for part in parts), 0, []
         for part in parts:
             row, column = torch.div(part.pixel, part.width, rounding_mode="floor"), part.pixel % part.width

@@ -49,8 +49,7 @@ def _finds_llvm() -> bool:
 
 
 def tamed(renders: np.ndarray) -> np.ndarray:
-    """Return the mean (..., 4) float64 of G renders (G, ..., 4) of radiance and coverage, rare bright samples
-    tamed.
+    """Return the mean (..., 4) float64 of G renders of radiance and coverage, bright outliers tamed.
 
     A value above three times the pixel's median over the renders plus 0.02 is scaled down to that.
     """
@@ -63,8 +62,7 @@ def tamed(renders: np.ndarray) -> np.ndarray:
 
 
 def environment_rows(radiance: np.ndarray) -> np.ndarray:
-    """Resample (H, W, 3) to 2H + 1 rows, (2H + 1, W, 3), so that Mitsuba's bilinear look-up is that of
-    `equirect`.
+    """Resample (H, W, 3) to (2H + 1, W, 3), so that Mitsuba's bilinear look-up is that of `equirect`.
 
     Mitsuba puts its first and last row on the poles. With rows at multiples of half a texel every texel
     centre of ours is a row of its, those between are midpoints, also at the poles, beyond which a row goes on
@@ -170,9 +168,7 @@ def _directions(camera: Camera, pixel: np.ndarray, rng: np.random.Generator) -> 
 
 
 def _framed(vertices: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the row-major pixels (P,) of the rectangle around the vertices, all when some are behind the
-    camera.
-    """
+    """Return the row-major pixels (P,) of the rectangle around the vertices; all if some are behind."""
     seen = camera.project(vertices)
     low, high = np.zeros(2), np.array([camera.width, camera.height], float)
     if (seen[:, 2] > 0).all():

@@ -62,8 +62,7 @@ class Picture:
         return torch.cat(images), torch.cat(covers)
 
     def bands(self, lights: Sequence[Tensor]) -> Iterator[tuple[slice, list[tuple[Tensor, Tensor]]]]:
-        """Yield rows (h) of the picture from the top, and the image (h, W, 3) and coverage (h, W) under each
-        light.
+        """Yield rows (h) of the picture from the top, with image (h, W, 3) and coverage (h, W) per light.
 
         What `render` returns of every light, without holding a picture of any as a whole.
         """

@@ -27,8 +27,7 @@ class Crossings:
 
 
 def outline_vertices(screen: Tensor, faces: Tensor) -> Tensor:
-    """Return (V,) bool, the vertices that an edge of the outline can have; `screen` (V, 3) projected
-    vertices.
+    """Return (V,) bool, the vertices that an edge of the outline can have; `screen` (V, 3): projected.
 
     Front- and back-facing triangles meet there, or the triangles around do not close: then the sum over them
     of the vertex after it less the one before it is not zero. `edge_faces` of these alone is what an outline
@@ -93,8 +92,7 @@ def _axis_crossings(ends: Tensor, covered: Tensor, along: int) -> tuple[Tensor, 
 def silhouette_crossings(
     screen: Tensor, faces: Tensor, edges: EdgeFaces, pixel: Tensor, view: View
 ) -> Crossings:
-    """Return the outline's crossings; `screen` (V, 3) projected vertices, `pixel` (P,) those the rasteriser
-    covered.
+    """Return the outline's crossings; `screen` (V, 3): projected vertices, `pixel` (P,): covered ones.
 
     edges: all of the mesh, or those of `outline_vertices`.
     """

@@ -64,8 +64,7 @@ def dielectric_part(f0: Tensor, a: Tensor, b: Tensor) -> Tensor:
 
 @functools.lru_cache(maxsize=8)
 def _table(device: torch.device, dtype: torch.dtype) -> Tensor:
-    """Return the table (64 * 64, 12) for `brdf.view_taps`: the parameters at F0 = 1, their change to the
-    dielectric.
+    """Return the table (64 * 64, 12) of parameters at F0 = 1 and their change to the dielectric.
 
     The parameters are two bends, two factors on the roughness, two shares.
     """

@@ -65,8 +65,7 @@ def _by_block(texels: Tensor) -> Tensor:
 def sharpened(
     gbuffer: GBuffer, mesh: Mesh, suns: Suns, others: Sequence[tuple[Tensor, Tensor]] = ()
 ) -> Tensor:
-    """Return by how much the diffuse light (P, 3) of `PointVisibility.light` changes when suns cast sharp
-    shadows.
+    """Return by how much sharp shadows of suns change the diffuse light (P, 3) of `PointVisibility.light`.
 
     others: vertices (V, 3) and faces (F, 3) of what else casts shadows, known to the G-buffer's visibility as
     well.

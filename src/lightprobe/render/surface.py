@@ -49,9 +49,7 @@ class View:
         )
 
     def rays(self, pixel: Tensor) -> Tensor:
-        """Return ray directions (P, 3) in world axes through pixel centres, not normalised; `pixel` is
-        row-major.
-        """
+        """Return ray directions (P, 3) in world axes through centres of row-major pixels, not normalised."""
         row = torch.div(pixel, self.width, rounding_mode="floor")
         x, y = (place.to(self.focal.dtype) + 0.5 for place in (pixel % self.width, row))
         x, y = (x - self.center[0]) / self.focal[0], -(y - self.center[1]) / self.focal[1]
@@ -78,8 +76,7 @@ class Surface:
 
 
 def visible_surface(vertices: Tensor, faces: Tensor, view: View, screen: Tensor | None = None) -> Surface:
-    """Return the surface of a mesh (V, 3), (F, 3) seen by `view`; differentiable in the vertices, not in
-    visibility.
+    """Return the visible surface of a mesh (V, 3), (F, 3); differentiable in the vertices, not in visibility.
 
     screen (V, 3): `view.project(vertices)`, where the caller has it.
     """

@@ -29,9 +29,7 @@ class SparseTaps:
 
     @functools.cached_property
     def _operators(self) -> tuple[PrefilterPart, SparseOperator]:
-        """The levels that are looked up, and the look-ups; made for those who apply it, not for those who
-        select.
-        """
+        """The levels that are looked up, and the look-ups; made at the first application."""
         used, matrix = _tap_matrix(self._taps, self._prefilter.total)
         return PrefilterPart(self._prefilter, used), SparseOperator.build(matrix)
 
@@ -82,9 +80,7 @@ def look_up(device: torch.device) -> type[SparseTaps] | type[GatheredTaps]:
 
 
 def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]:
-    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (rows,
-    U).
-    """
+    """Return the looked-up texels (U,) int64 among `count`, and the look-ups as a matrix (rows, U)."""
     index = np.concatenate([index.numpy().ravel() for index, _ in taps])
     weight = np.concatenate([weight.numpy().ravel() for _, weight in taps])
     lengths = np.repeat([index.shape[1] for index, _ in taps], [len(index) for index, _ in taps])

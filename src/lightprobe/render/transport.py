@@ -37,9 +37,7 @@ class LitPixels:
 
 
 class Transport:
-    """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of the chosen pixels; no
-    autograd.
-    """
+    """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of pixels; no autograd."""
 
     @torch.no_grad()
     def __init__(self, gbuffer: GBuffer, prefilter: Prefilter, rows: Tensor | None = None):
@@ -99,8 +97,7 @@ def solve_light(
     start: LitPixels | None = None,
     chroma: float = 0.0,
 ) -> LitPixels:
-    """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`;
-    deterministic.
+    """Return the light E (6, R, R, 3) >= 0 that explains the photo and stays near `prior`; deterministic.
 
     Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,
 
@@ -144,9 +141,7 @@ def _conjugate(
     direction: Tensor | None,
     previous: tuple[Tensor, Tensor] | None,
 ) -> Tensor:
-    """Return the next search direction (Polak and Ribiere, never a negative share, restarted when it points
-    uphill).
-    """
+    """Return the next search direction (Polak and Ribiere, share >= 0, restarted when it points uphill)."""
     if direction is None or previous is None:
         return -scaled
     old_gradient, old_product = previous
@@ -157,8 +152,7 @@ def _conjugate(
 
 @dataclass(frozen=True)
 class _ChannelCoupling:
-    """The last term of `solve_light` but for gain^2 and solid angle: chroma g^2 |U - mean_c U|^2 / (1 + u), U
-    = E / m.
+    """The last term of `solve_light`: chroma g^2 |U - mean_c U|^2 / (1 + u), U = E / m.
 
     m is the mean colour of the prior, g the mean of its channels, and u the mean of U over channels in the
     light that the search starts from: bright places may be coloured, too. Lights differ far more in
@@ -254,8 +248,7 @@ class _Problem:
         return gradient if self.coupling is None else gradient + self.coupling.gradient(state.light)
 
     def step(self, state: LitPixels, move: Tensor, gradient: Tensor) -> tuple[LitPixels, Tensor]:
-        """Return the best state between the present one and `move` away, and which share () of the move that
-        is.
+        """Return the best state between the present one and `move` away, and its share () of the move.
 
         Exact while no clipped pixel changes sides on the way.
         """

@@ -1,6 +1,4 @@
-"""What points see of a mesh, its own vertices as a rule: one depth map per direction, as for a sun standing
-there.
-"""
+"""Visibility from points past a mesh, usually their own: one depth map for each direction."""
 
 import torch
 from torch import Tensor
@@ -16,8 +14,7 @@ _HORIZON = -0.2  # directions further below a vertex's horizon are blocked, what
 
 
 def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> VertexVisibility:
-    """Return what the vertices (V, 3) of a mesh (F, 3) with base colours (F, 3) see; `side`: pixels of a
-    depth map.
+    """Return what the vertices (V, 3) of a mesh with base colours (F, 3) see; `side`: pixels of a depth map.
 
     What nothing blocks gets the mean colour as that of its blockers, which matters to no one.
     """

@@ -1,5 +1,4 @@
-"""Visibility of the environment from a surface: which directions the object itself occludes, and of what
-colour it is.
+"""Visibility of the environment from a surface: the directions that the object occludes, and its colour.
 
 It depends on the shape alone, and is known before any light. Per vertex it is found by
 `render.vertex_visibility`; here it is interpolated at the pixels of a view.
@@ -61,18 +60,14 @@ class PointVisibility:
         return PointVisibility(self.vertices.brightened(factor), self.index, self.weight)
 
     def light(self, blocks: Tensor, normal: Tensor) -> Tensor:
-        """Return `kernels.occluded_light` (P, 7) of the light `blocks` (384, 3), its average over each
-        direction.
-        """
+        """Return `kernels.occluded_light` (P, 7) of `blocks` (384, 3), a light's averages by direction."""
         directions, angles = _sphere(blocks.device, blocks.dtype)
         return occluded_light(
             blocks, normal, self.vertices.unoccluded, self.index, self.weight, directions, angles
         )
 
     def adjoint(self, diffuse: Tensor, ambient: Tensor, normal: Tensor) -> Tensor:
-        """Return the transpose of the first six columns of `light`, (384, 3), on (P, 3) each; not
-        differentiable.
-        """
+        """Return the transpose of `light`'s first six columns, (384, 3), on (P, 3) each; no gradient."""
         directions, angles = _sphere(diffuse.device, diffuse.dtype)
         arriving = torch.cat([diffuse, ambient], 1)
         return occluded_light_adjoint(

@@ -1,5 +1,4 @@
-"""Blender add-on: the object of `lightprobe export` and a light of `lightprobe predict`, as mesh, world and
-sun lamps.
+"""Blender add-on: an object of `lightprobe export` and a light of `lightprobe predict`, with sun lamps.
 
 Install it with Edit > Preferences > Add-ons > Install from Disk; it is then in File > Import > lightprobe. It
 also runs as a module of Blender's own Python:
@@ -147,9 +146,7 @@ def _add_lamp(lamp: dict[str, Any], index: int) -> Any:
 
 
 def _collection() -> Any:
-    """Return the present scene's collection of lamps; another scene of the file has its own, which stays as
-    it is.
-    """
+    """Return the present scene's collection of lamps; other scenes keep their own."""
     root = bpy.context.scene.collection
     found = next((one for one in root.children_recursive if one.get(_OWN) or one.name == _NAME), None)
     if found is None:
@@ -167,9 +164,7 @@ def set_plain_colors() -> None:
 
 
 def light_of(mesh: Path) -> Path | None:
-    """Return the map that belongs to an exported mesh: light.exr or .hdr beside it, else the first one in
-    env/.
-    """
+    """Return the map of an exported mesh: light.exr or .hdr beside it, else the first one in env/."""
     beside = [mesh.with_name(f"light{suffix}") for suffix in _MAPS]
     folder = mesh.parent / "env"
     stored = (

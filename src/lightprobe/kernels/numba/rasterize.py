@@ -90,9 +90,7 @@ def _draw(points, faces, first, order, workers, face_out, depth_out):
 
 @compiled()
 def _edge(points, p, q, sign):
-    """Return start x, start y, run and rise of an edge, from its lexicographically smaller end, times its
-    sign.
-    """
+    """Return start x, y, run and rise of an edge, from its lexicographically smaller end, times its sign."""
     px, py = np.float64(points[p, 0]), np.float64(points[p, 1])
     qx, qy = np.float64(points[q, 0]), np.float64(points[q, 1])
     if qx < px or (qx == px and qy < py):
