@@ -6,7 +6,7 @@ import torch
 
 from lightprobe.insertion.occlusion import SurfacePoints, past, simplified
 from lightprobe.insertion.thing import load_thing
-from lightprobe.render.vertex_visibility import point_visibility
+from lightprobe.render.visibility import point_visibility
 from tests.insertion.glbs import box, write
 from tests.shapes import sphere
 

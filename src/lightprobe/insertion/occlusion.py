@@ -22,8 +22,7 @@ from lightprobe.light import cubemap
 from lightprobe.light.photometry import luma
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.depth_maps import frames
-from lightprobe.render.vertex_visibility import point_visibility
-from lightprobe.render.visibility import VertexVisibility, ambient_occlusion
+from lightprobe.render.visibility import VertexVisibility, ambient_occlusion, point_visibility
 
 _POINTS = 40_000  # of visibility, about; more are thinned out
 _CASTER_FACES = 20_000  # of a mesh that casts shadows; finer ones are simplified

@@ -1,8 +1,8 @@
 """The photo as a linear function of a coarse light, written out as matrices, and the light that inverts them.
 
-At 6 x 8 x 8 texels (eleven degrees) the operator A of `render.transport` is small enough to be stored, and
-its least-squares inverse is exact and takes milliseconds. It is blurred, and may be negative where the photo
-contradicts itself: it is evidence for what knows better, not a prediction.
+At 6 x 8 x 8 texels (eleven degrees) the operator A of `render.transport` is small enough to be stored, and the
+least-squares light is found exactly within milliseconds. That light is blurred, and may be negative where the photo
+contradicts itself: it is evidence for other estimates, not a prediction.
 """
 
 import functools
@@ -64,10 +64,8 @@ class CoarseTransport:
             normal, right = weighted.T @ a, weighted.T @ (observed[:, channel] - level * white)
             gain = (w * white.square()).sum()
             for strength in strengths:
-                ridge = torch.diag(strength * gain * angle + 1e-9)
-                lights.append(
-                    torch.cholesky_solve(right[:, None], torch.linalg.cholesky(normal + ridge))[:, 0] + level
-                )
+                factor = torch.linalg.cholesky(normal + torch.diag(strength * gain * angle + 1e-9))
+                lights.append(torch.cholesky_solve(right[:, None], factor)[:, 0] + level)
         return torch.stack(lights, 1).reshape(TEXELS, 3, len(strengths)).permute(2, 0, 1).contiguous()
 
 

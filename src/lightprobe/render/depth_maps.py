@@ -55,9 +55,8 @@ class DepthMaps:
         place = (point[:, :2] - 0.5).clamp(0, self.side - 1.001)
         low = place.floor()
         (fx, fy), first = (place - low).unbind(1), (low[:, 1] * self.side + low[:, 0]).long()
-        limit = 1 / (
-            point[:, 2] - _BIAS * self.pixel
-        )  # what is nearer has more inverse depth, and nothing has none
+        # What is nearer has more inverse depth, and the background has none.
+        limit = 1 / (point[:, 2] - _BIAS * self.pixel)
         sides = ((0, 1 - fy, 1 - fx), (1, 1 - fy, fx), (self.side, fy, 1 - fx), (self.side + 1, fy, fx))
         lit = torch.zeros_like(fx)
         for step, down, across in sides:
@@ -71,8 +70,7 @@ class DepthMaps:
 
 def frames(directions: Tensor) -> Tensor:
     """Return orthonormal axes (K, 3, 3) whose third row is the unit direction (K, 3)."""
-    across = torch.where(
-        directions[:, :1].abs() < 0.6, directions.new_tensor([1.0, 0, 0]), directions.new_tensor([0.0, 1, 0])
-    )
+    x, y = directions.new_tensor([[1.0, 0, 0], [0.0, 1, 0]])
+    across = torch.where(directions[:, :1].abs() < 0.6, x, y)
     first = torch.nn.functional.normalize(torch.linalg.cross(directions, across), dim=1)
     return torch.stack([first, torch.linalg.cross(directions, first), directions], 1)

@@ -56,9 +56,8 @@ def tamed(renders: np.ndarray) -> np.ndarray:
     brightness = renders[..., :3].max(axis=-1)
     limit = 3.0 * np.median(brightness, axis=0) + 0.02
     factor = np.minimum(1.0, limit / np.maximum(brightness, 1e-9))[..., None]
-    return np.concatenate([renders[..., :3] * factor, renders[..., 3:]], axis=-1).mean(
-        axis=0, dtype=np.float64
-    )
+    limited = np.concatenate([renders[..., :3] * factor, renders[..., 3:]], axis=-1)
+    return limited.mean(axis=0, dtype=np.float64)
 
 
 def environment_rows(radiance: np.ndarray) -> np.ndarray:
@@ -89,17 +88,12 @@ class PathTracer:
 
         from lightprobe.render.gltf_bsdf import VARIANT
 
-        self._passes, self._seed, self._variant, self._mi = (
-            max(1, round(samples / _GROUPS)),
-            seed,
-            VARIANT,
-            mi,
-        )
+        self._passes = max(1, round(samples / _GROUPS))
+        self._seed, self._variant, self._mi = seed, VARIANT, mi
         with mi.scoped_set_variant(VARIANT):
             self._mesh = _mitsuba_mesh(mi, asset)
-            self._integrator = mi.load_dict(
-                {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 64, "hide_emitters": True}
-            )
+            paths = {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 64, "hide_emitters": True}
+            self._integrator = mi.load_dict(paths)
         self._vertices = asset.mesh.vertices.detach().cpu().numpy()
         self._lit: tuple[Tensor, Any] | None = None  # the last light and its scene
 
@@ -116,11 +110,8 @@ class PathTracer:
             pixel = _framed(self._vertices, camera)
             for chosen in np.array_split(pixel, -(-len(pixel) // _RAYS)) if len(pixel) else ():
                 picture[chosen] = self._traced(scene, camera, chosen, rng)
-        image = (
-            torch.from_numpy(picture.astype(np.float32))
-            .reshape(camera.height, camera.width, 4)
-            .to(light.device)
-        )
+        image = torch.from_numpy(picture.astype(np.float32)).to(light.device)
+        image = image.reshape(camera.height, camera.width, 4)
         return image[..., :3], image[..., 3]
 
     def _traced(self, scene: Any, camera: Camera, pixel: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -134,10 +125,8 @@ class PathTracer:
                 rays = np.tile(pixel, count)
                 sampler.seed(int(rng.integers(2**31)), len(rays))
                 direction = _directions(camera, rays, rng)
-                ray = mi.RayDifferential3f(
-                    mi.Point3f(*camera.position.tolist()),
-                    mi.Vector3f(np.ascontiguousarray(direction.T, np.float32)),
-                )
+                towards = mi.Vector3f(np.ascontiguousarray(direction.T, np.float32))
+                ray = mi.RayDifferential3f(mi.Point3f(*camera.position.tolist()), towards)
                 radiance, hit, _ = self._integrator.sample(scene, sampler, ray)
                 values = np.concatenate([np.array(radiance).T, np.array(hit, np.float32)[:, None]], axis=1)
                 group += values.reshape(count, len(pixel), 4).sum(axis=0) / self._passes

@@ -61,7 +61,7 @@ def specular_taps(r: Reflectance, normal: Tensor, prefilter: Prefilter) -> tuple
 
 @dataclass(frozen=True)
 class Shading:
-    """All that P pixels' `shade` does not take from the light; no autograd."""
+    """All of P pixels' `shade` that does not depend on the light; no autograd."""
 
     taps: list[tuple[Tensor, Tensor]]  # of the specular lobe and, with nothing in the way, of the diffuse one
     factors: Tensor  # (2 or 3, P, 3) what is reflected of the specular, the diffuse and the bounced light
@@ -72,7 +72,7 @@ class Shading:
     @staticmethod
     @torch.no_grad()
     def of(gbuffer: GBuffer, prefilter: Prefilter) -> "Shading":
-        """Return it for all pixels of a G-buffer."""
+        """Return the factors and look-ups of all pixels of a G-buffer."""
         r = reflectance(gbuffer)
         taps, factors = [specular_taps(r, gbuffer.normal, prefilter)], [r.specular, r.diffuse]
         if gbuffer.visibility is None:
@@ -115,9 +115,9 @@ def shade_under(gbuffer: GBuffer, light: Tensor) -> Tensor:
 def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, Tensor]:
     """Return the open share (P, 1) of the specular lobe, and the light (P, 3) off what blocks the rest.
 
-    The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. The
-    second is what comes by way of the surfaces in the way: they have the mean base colour of what blocks it,
-    and are taken to stand in the mean light of its open directions.
+    The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. Blocking
+    surfaces have the mean base colour of all blockers, and are taken to stand in the mean light of the pixel's
+    open directions.
     """
     if gbuffer.visibility is None:
         raise ValueError("The G-buffer has no visibility.")

@@ -39,14 +39,9 @@ class View:
         x, y, z = ((points - self.position) @ self.rotation).unbind(1)
         depth = -z
         inverse = 1 / torch.where(depth.abs() < 1e-6, torch.full_like(depth, 1e-6), depth)
-        return torch.stack(
-            [
-                self.center[0] + self.focal[0] * x * inverse,
-                self.center[1] - self.focal[1] * y * inverse,
-                depth,
-            ],
-            1,
-        )
+        column = self.center[0] + self.focal[0] * x * inverse
+        row = self.center[1] - self.focal[1] * y * inverse
+        return torch.stack([column, row, depth], 1)
 
     def rays(self, pixel: Tensor) -> Tensor:
         """Return ray directions (P, 3) in world axes through centres of row-major pixels, not normalised."""

@@ -1,6 +1,7 @@
 """Pixels' look-ups in the levels of a prefiltered light, as one linear map of the light and its transpose."""
 
 import functools
+from typing import Self
 
 import numpy as np
 import scipy.sparse
@@ -11,21 +12,37 @@ from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light.prefilter import Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
 
-Taps = list[
-    tuple[Tensor, Tensor]
-]  # look-ups of index (P, K) and weight (P, K); their rows stand one below the other
+# look-ups of index (P, K) and weight (P, K); their rows stand one below the other
+Taps = list[tuple[Tensor, Tensor]]
 
 
-class SparseTaps:
-    """A CPU's look-ups in a light's levels: only texels that somebody looks up are prefiltered."""
+class GatheredTaps:
+    """Look-ups in all levels of a prefiltered light: for a GPU."""
 
     def __init__(self, taps: Taps, prefilter: Prefilter):
         """Take the look-ups in the levels of `prefilter`."""
         self._taps, self._prefilter = taps, prefilter
 
-    def select(self, rows: Tensor) -> "SparseTaps":
+    def select(self, rows: Tensor) -> Self:
         """Return the look-ups of the pixels at `rows` (K,)."""
-        return SparseTaps(_selected(self._taps, rows), self._prefilter)
+        return type(self)([(index[rows], weight[rows]) for index, weight in self._taps], self._prefilter)
+
+    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
+        levels, blocks = self._prefilter.apply(env).tensor_split([self._prefilter.first_block])
+        return torch.cat([weighted_gather(levels, *taps) for taps in self._taps]), blocks
+
+    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
+        """Return the transpose of `apply`, (6, R, R, 3)."""
+        count = self._prefilter.first_block
+        levels = lobes.new_zeros(count, 3)
+        for part, taps in zip(lobes.split([len(index) for index, _ in self._taps]), self._taps, strict=True):
+            levels += weighted_scatter(part, *taps, count)
+        return self._prefilter.adjoint(torch.cat([levels, blocks]))
+
+
+class SparseTaps(GatheredTaps):
+    """Look-ups in those texels of the levels that they need: for a CPU; a GPU would take longer to find them."""
 
     @functools.cached_property
     def _operators(self) -> tuple[PrefilterPart, SparseOperator]:
@@ -45,36 +62,7 @@ class SparseTaps:
         return part.adjoint(torch.cat([taps.adjoint(lobes), blocks]))
 
 
-class GatheredTaps:
-    """The same on a GPU, where finding out which texels these are would take longer than they do."""
-
-    def __init__(self, taps: Taps, prefilter: Prefilter):
-        """Take the look-ups in the levels of `prefilter`."""
-        self._taps, self._prefilter = taps, prefilter
-
-    def select(self, rows: Tensor) -> "GatheredTaps":
-        """Return the look-ups of the pixels at `rows` (K,)."""
-        return GatheredTaps(_selected(self._taps, rows), self._prefilter)
-
-    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
-        levels, blocks = self._prefilter.apply(env).tensor_split([self._prefilter.first_block])
-        return torch.cat([weighted_gather(levels, *taps) for taps in self._taps]), blocks
-
-    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
-        """Return the transpose of `apply`, (6, R, R, 3)."""
-        count = self._prefilter.first_block
-        levels = lobes.new_zeros(count, 3)
-        for part, taps in zip(lobes.split([len(index) for index, _ in self._taps]), self._taps, strict=True):
-            levels += weighted_scatter(part, *taps, count)
-        return self._prefilter.adjoint(torch.cat([levels, blocks]))
-
-
-def _selected(taps: Taps, rows: Tensor) -> Taps:
-    return [(index[rows], weight[rows]) for index, weight in taps]
-
-
-def look_up(device: torch.device) -> type[SparseTaps] | type[GatheredTaps]:
+def look_up(device: torch.device) -> type[GatheredTaps]:
     """Return the class of look-ups for a device."""
     return SparseTaps if device.type == "cpu" else GatheredTaps
 
@@ -88,10 +76,9 @@ def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]
     looked_up = np.zeros(count, bool)
     looked_up[index[filled]] = True
     place = np.cumsum(looked_up) - 1
-    # Texels that only weightless taps name get some place; it does not matter which.
-    start = np.concatenate([[0], np.cumsum(lengths)])
+    column = np.where(
+        filled, place[index], 0
+    )  # taps without weight get some column; it does not matter which
     used = np.flatnonzero(looked_up)
-    column = np.where(filled, place[index], 0)
-    return torch.from_numpy(used), scipy.sparse.csr_array(
-        (weight, column, start), shape=(len(lengths), len(used))
-    )
+    entries = weight, column, np.concatenate([[0], np.cumsum(lengths)])
+    return torch.from_numpy(used), scipy.sparse.csr_array(entries, shape=(len(lengths), len(used)))

@@ -22,10 +22,7 @@ from lightprobe.render.taps import look_up
 
 _TINY = 1e-30  # keeps a division by nothing finite
 _LEAST_SHARE = 0.05  # of the mean channel: fainter ones are compared as if they were this bright
-_FIRST_TRIAL, _LEAST_TRIAL = (
-    4.0,
-    0.5,
-)  # steps along a direction before the line search; 1 is safe, 4 still common
+_FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps before the line search; 1 is safe, 4 still common
 
 
 @dataclass(frozen=True)
@@ -55,12 +52,12 @@ class Transport:
         part._normal, part._factors = self._normal[rows], self._factors[:, rows]
         part._visibility = None if self._visibility is None else self._visibility.select(rows)
         part._looked_up = self._looked_up.select(rows)
-        part.__dict__.pop("white", None)  # that of all pixels
+        part.__dict__.pop("white", None)  # the cached value is of all pixels
         return part
 
     @functools.cached_property
     def white(self) -> Tensor:
-        """The radiance (P, 3) under a light of 1 everywhere: that of a constant one is its colour times this."""
+        """The radiance (P, 3) under a light of 1 everywhere; a constant light's is its colour times this."""
         return self.apply(torch.ones(6, self.resolution, self.resolution, 3, device=self._normal.device))
 
     def lit(self, env: Tensor) -> LitPixels:
@@ -112,8 +109,7 @@ def solve_light(
     Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0,
     and an exact line search follows between the light and the projected point: all of that segment is valid,
     so an iteration costs one application and one adjoint. The preconditioner M is the majorant of the Hessian
-    that comes free with A >= 0 (`_Problem`). `start` (default: the prior) warms up the search. The light
-    comes with A E, which is known by then.
+    that comes free with A >= 0 (`_Problem`). The search begins at `start`, by default at the prior.
     """
     state = start or transport.lit(prior)
     coupling = _ChannelCoupling.of(state.light, prior, chroma)
@@ -166,7 +162,7 @@ class _ChannelCoupling:
 
     @staticmethod
     def of(light: Tensor, prior: Tensor, chroma: float) -> "_ChannelCoupling | None":
-        """Return it for a search that starts from `light` (6, R, R, 3), or None where it weighs nothing."""
+        """Return the term for a search that starts from `light` (6, R, R, 3), None where it weighs nothing."""
         if chroma == 0:
             return None
         mean = prior.mean((0, 1, 2))
@@ -233,9 +229,8 @@ class _Problem:
         if coupling is not None:
             coupling = coupling.weighted(unit)
             majorant = majorant + coupling.majorant()
-        return _Problem(
-            transport, observed, weight, clipped, prior, stiffness, majorant.clamp(min=_TINY), coupling
-        )
+        majorant = majorant.clamp(min=_TINY)
+        return _Problem(transport, observed, weight, clipped, prior, stiffness, majorant, coupling)
 
     def residual(self, render: Tensor) -> Tensor:
         """Return render - observed, zero where a clipped pixel is rendered brighter."""
