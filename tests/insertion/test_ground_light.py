@@ -3,8 +3,7 @@ import math
 import pytest
 import torch
 
-from lightprobe.insertion.ground_light import Caster, plan_ground_light
-from lightprobe.insertion.sky_patches import SkyPatches
+from lightprobe.insertion.ground_light import Caster, SkyPatches, plan_ground_light
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 
@@ -19,9 +18,9 @@ def plate(height: float, radiance: float = 0.0) -> Caster:
     return Caster(v, torch.tensor([[0, 1, 2], [0, 2, 3]]).int(), torch.full((2, 3), radiance))
 
 
-def plan(sky: torch.Tensor, known: Caster, thing: Caster):
+def plan(sky: torch.Tensor, known: Caster, virtual: Caster):
     patches = SkyPatches.of(Environment(sky))
-    return plan_ground_light(patches, known, thing, 0.0, torch.tensor([-4.0, -4.0]), 0.05, 160), patches
+    return plan_ground_light(patches, known, virtual, 0.0, torch.tensor([-4.0, -4.0]), 0.05, 160), patches
 
 
 def sun(direction: tuple[float, float, float]) -> torch.Tensor:

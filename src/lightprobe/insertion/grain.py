@@ -38,9 +38,8 @@ class Grain:
             plane = np.asarray(shown[..., channel], np.float64)
             own = _blocks(plane)
             free = used & (own.max(-1) < _CLIPPED) & (own.min(-1) > 1 - _CLIPPED)
-            noise = np.median(np.abs(_blocks(scipy.ndimage.convolve(plane, _KERNEL, mode="nearest"))), -1)[
-                free
-            ]
+            response = np.abs(_blocks(scipy.ndimage.convolve(plane, _KERNEL, mode="nearest")))
+            noise = np.median(response, -1)[free]
             level = np.rint(own.mean(-1)[free] * (_LEVELS - 1)).astype(int)
             known = [k for k in range(_LEVELS) if (level == k).sum() >= _LEAST]
             if known:
@@ -49,8 +48,8 @@ class Grain:
         return Grain(deviation.clip(0, _LARGEST))
 
     def add(self, shown: np.ndarray, weight: np.ndarray, seed: int) -> np.ndarray:
-        """Return a displayed picture (H, W, 3) with noise of this strength times `weight` (H, W);
-        reproducible.
+        """Return a displayed picture (H, W, 3) with reproducible noise of this strength times `weight` (H,
+        W).
         """
         noise = np.random.default_rng(seed).standard_normal(shown.shape)
         levels = np.linspace(0, 1, len(self.deviation))
