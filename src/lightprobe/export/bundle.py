@@ -1,16 +1,16 @@
 """A decomposition in files for other programs: GLB, USD, textures and environment maps, user's frame."""
 
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from lightprobe.core.config.prediction import Sun
-from lightprobe.core.files import named_file
+from lightprobe.core.files import named_file, write_bytes
 from lightprobe.core.run import RunFolder
-from lightprobe.export.glb import GltfPictures, write_glb
+from lightprobe.export.glb import DirectionalLight, GltfPictures, write_glb
 from lightprobe.export.gltf_mesh import GltfMesh, gltf_mesh
-from lightprobe.export.lamps import DirectionalLight
 from lightprobe.export.light_file import write_sources
 from lightprobe.export.pictures import NAMES, write_pictures
 from lightprobe.export.usd import check_usd, write_usd
@@ -21,6 +21,8 @@ from lightprobe.light.upsampling import resized_map
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
+
+ADDON = "lightprobe_import.py"  # for Blender
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,8 @@ def export(
     """
     if usd:
         check_usd()
-    maps = {
-        named_file(folder / "env", name, suffix): name for name in environments for suffix in (".exr", ".hdr")
-    }
+    env, suffixes = folder / "env", (".exr", ".hdr")
+    maps = {named_file(env, name, suffix): name for name in environments for suffix in suffixes}
     mesh, pictures = write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
     written = [folder / name for name in ("mesh.glb", *(f"{name}.png" for name in NAMES))]
     for path, photo in maps.items():
@@ -82,11 +83,15 @@ def export(
         for name in ("light.exr", "light.hdr"):
             write_map(folder / name, image)
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
-        write_sources(
-            folder / "light.exr", len(image), light.lamps or light.inside, sun, copies=["light.hdr"]
-        )
+        write_sources(folder / "light.exr", len(image), light.lamps or light.inside, sun, ["light.hdr"])
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
         written += [folder / name for name in ("light.exr", "light.hdr", "light.light.json", "scene.glb")]
     if usd:
         written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps)
     return written
+
+
+def write_addon(folder: Path) -> Path:
+    """Write the add-on for Blender into `folder`, from where Blender installs it, and return its path."""
+    write_bytes(folder / ADDON, (resources.files("lightprobe") / "assets" / "blender" / ADDON).read_bytes())
+    return folder / ADDON

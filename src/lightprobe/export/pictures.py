@@ -18,10 +18,8 @@ NAMES = ("base_color", "orm", "normal")
 def write_pictures(asset: Asset, folder: Path) -> GltfPictures:
     """Write base_color.png, orm.png (R occlusion, G roughness, B metallic), normal.png; return the bytes."""
     textures = asset.textures
-    color, roughness, metallic, normal = (
-        t.detach().cpu().numpy()
-        for t in (textures.base_color, textures.roughness, textures.metallic, textures.normal)
-    )
+    parts = textures.base_color, textures.roughness, textures.metallic, textures.normal
+    color, roughness, metallic, normal = (part.detach().cpu().numpy() for part in parts)
     orm = np.stack([_occlusion(asset), roughness, metallic], axis=-1)
     for name, picture in zip(NAMES, (color, orm, 0.5 + 0.5 * normal), strict=True):
         write_png(folder / f"{name}.png", np.clip(picture, 0, 1), srgb=name == "base_color")

@@ -190,8 +190,8 @@ def _composed(
     photo: PhotoView, beauty: np.ndarray, shadow: np.ndarray, mask: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the picture (H, W, 3), linear and straight, and its alpha (H, W) if the photo is cut out."""
-    shown = srgb_encode(photo.color.clip(0, 1))
-    grain = Grain.of(shown, photo.mask > 0.99 if not photo.opaque else np.ones(mask.shape, bool))
+    displayed = srgb_encode(photo.color.clip(0, 1))
+    grain = Grain.of(displayed, photo.mask > 0.99 if not photo.opaque else np.ones(mask.shape, bool))
     if photo.opaque:
         picture = photo.color * shadow * (1 - mask[..., None]) + beauty
         return _grained(picture, grain, mask, seed), None
@@ -206,9 +206,9 @@ def _composed(
 
 def _grained(picture: np.ndarray, grain: Grain, mask: np.ndarray, seed: int) -> np.ndarray:
     """Return the linear picture (H, W, 3) with the photo's grain on the virtual object."""
-    shown = srgb_encode(picture.clip(0, 1))
-    grained = srgb_decode(grain.add(shown, mask, seed).clip(0, 1))
-    return (picture + grained - srgb_decode(shown)).astype(np.float32)
+    displayed = srgb_encode(picture.clip(0, 1))
+    grained = srgb_decode(grain.add(displayed, mask, seed).clip(0, 1))
+    return (picture + grained - srgb_decode(displayed)).astype(np.float32)
 
 
 def _exposure_warnings(change: KnownChange, photo: PhotoView) -> list[str]:

@@ -29,13 +29,13 @@ class Grain:
     deviation: np.ndarray  # (L, 3)
 
     @staticmethod
-    def of(shown: np.ndarray, counted: np.ndarray) -> "Grain":
+    def of(displayed: np.ndarray, counted: np.ndarray) -> "Grain":
         """Return the grain of a displayed photo (H, W, 3) in [0, 1], at the pixels `counted` (H, W) bool."""
         levels = np.linspace(0, 1, _LEVELS)
         deviation = np.zeros((_LEVELS, 3))
         used = _blocks(scipy.ndimage.binary_erosion(counted)).all(-1)
         for channel in range(3):
-            plane = np.asarray(shown[..., channel], np.float64)
+            plane = np.asarray(displayed[..., channel], np.float64)
             own = _blocks(plane)
             free = used & (own.max(-1) < _CLIPPED) & (own.min(-1) > 1 - _CLIPPED)
             response = np.abs(_blocks(scipy.ndimage.convolve(plane, _KERNEL, mode="nearest")))
@@ -47,14 +47,16 @@ class Grain:
                 deviation[:, channel] = np.interp(levels, levels[known], calm)
         return Grain(deviation.clip(0, _LARGEST))
 
-    def add(self, shown: np.ndarray, weight: np.ndarray, seed: int) -> np.ndarray:
+    def add(self, displayed: np.ndarray, weight: np.ndarray, seed: int) -> np.ndarray:
         """Return a displayed picture (H, W, 3) with reproducible noise of this strength times `weight` (H,
         W).
         """
-        noise = np.random.default_rng(seed).standard_normal(shown.shape)
+        noise = np.random.default_rng(seed).standard_normal(displayed.shape)
         levels = np.linspace(0, 1, len(self.deviation))
-        strength = np.stack([np.interp(shown[..., k], levels, self.deviation[:, k]) for k in range(3)], -1)
-        return shown + noise * strength * weight[..., None]
+        strength = np.stack(
+            [np.interp(displayed[..., k], levels, self.deviation[:, k]) for k in range(3)], -1
+        )
+        return displayed + noise * strength * weight[..., None]
 
 
 def _blocks(plane: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:
     return 1 - np.exp(-factor * np.maximum(image, 0))
 
 
-def shown(image: np.ndarray) -> np.ndarray:
+def displayed(image: np.ndarray) -> np.ndarray:
     """Return a linear HDR image (H, W, 3) exposed and tone-mapped, sRGB in [0, 1]."""
     return srgb_encode(tone_mapped(image, exposure(image)))
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
-from lightprobe.light.display import png, shown
+from lightprobe.light.display import displayed, png
 from lightprobe.light.files import environment_files, panorama, write_map
 from lightprobe.light.resize import resize_light, rotate_light
 from lightprobe.light.upsampling import resized_map
@@ -96,7 +96,7 @@ class Environment:
 
     def _repr_png_(self) -> bytes:
         """Return the map as notebooks show it: exposed, highlights bent."""
-        return png(shown(self.panorama()))
+        return png(displayed(self.panorama()))
 
     def save(self, path: Path | str, height: int | None = None) -> None:
         """Write an equirectangular .exr or .hdr of 2R rows or `height`; `ConfigError` for another suffix."""

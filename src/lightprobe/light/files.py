@@ -12,7 +12,7 @@ from lightprobe.imaging import write_exr, write_radiance
 from lightprobe.light import equirect
 
 _SUFFIXES = (".exr", ".hdr")
-_FACTS = ".light.json"
+_SUFFIX = ".light.json"
 FORMAT = "lightprobe light"  # of such a file
 
 
@@ -28,40 +28,40 @@ def environment_files(folder: Path) -> list[Path]:
 
 def light_file(map_path: Path) -> Path:
     """Return where the JSON of a map is, which tells of its sources and whether they are in it."""
-    return map_path.with_name(map_path.stem + _FACTS)
+    return map_path.with_name(map_path.stem + _SUFFIX)
 
 
 def other_map(map_path: Path) -> Path | None:
     """Return the map in another format that the JSON beside `map_path` describes, None where there is none."""
     try:
-        told = read_json(light_file(map_path))["map"]
-        other = map_path.with_name(Path(told["file"]).name)
-        return None if tells_of(told, map_path) or not other.is_file() else other
+        record = read_json(light_file(map_path))["map"]
+        other = map_path.with_name(Path(record["file"]).name)
+        return None if describes(record, map_path) or not other.is_file() else other
     except (InputError, KeyError, TypeError, ValueError, AttributeError):
         return None
 
 
-def tells_of(told: dict[str, Any], map_path: Path) -> bool:
+def describes(record: dict[str, Any], map_path: Path) -> bool:
     """Return whether a JSON's "map", which may have been renamed, is at `map_path`: .exr and .hdr share a JSON."""
-    name = str(told.get("file", map_path.name))
-    return Path(name).stem != map_path.stem or map_path.name in (name, *told.get("copies", []))
+    name = str(record.get("file", map_path.name))
+    return Path(name).stem != map_path.stem or map_path.name in (name, *record.get("copies", []))
 
 
-def _forget_facts(map_path: Path) -> None:
+def _forget_record(map_path: Path) -> None:
     """Take a map out of the JSON beside it; remove the JSON where it describes no other map."""
     path = light_file(map_path)
     try:
         value = read_json(path)
-        told = value["map"]
-        if value["format"] != FORMAT or not tells_of(told, map_path):
+        record = value["map"]
+        if value["format"] != FORMAT or not describes(record, map_path):
             return
-        names = [Path(name).name for name in (told["file"], *told.get("copies", []))]
+        names = [Path(name).name for name in (record["file"], *record.get("copies", []))]
     except (InputError, KeyError, TypeError, ValueError, AttributeError):  # none, or somebody else's
         return
     same = [name for name in names if Path(name).stem == map_path.stem and name != map_path.name]
     left = [name for name in same if map_path.with_name(name).is_file()]
     if left:
-        write_json(path, {**value, "map": {**told, "file": left[0], "copies": left[1:]}})
+        write_json(path, {**value, "map": {**record, "file": left[0], "copies": left[1:]}})
     else:
         remove(path)
 
@@ -80,7 +80,7 @@ def write_map(path: Path, image: np.ndarray) -> None:
     check_map_name(path)
     if not np.isfinite(image).all():
         raise ConvergenceError(f"The light for {path} holds NaN or infinity; it is not written. Train anew.")
-    _forget_facts(path)
+    _forget_record(path)
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 
 

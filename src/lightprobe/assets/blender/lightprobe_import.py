@@ -45,10 +45,10 @@ class LightFileError(Exception):
 def import_object(path: Path | str) -> list[Any]:
     """Import a GLB file and return its objects, their materials with glTF's own reflection.
 
-    Blender's importer leaves its default, which adds light scattered many times between the grains of rough
-    surfaces. glTF's material has none of it, nor has the one that lightprobe fitted to the photos: rough gold
-    would be brighter. Suns are taken as bright as the file has them, in the unit of the maps; by default the
-    importer takes them for lux and divides them by 683.
+    Blender's importer leaves its default distribution, which adds light scattered many times between the grains of
+    rough surfaces. Neither glTF's material nor lightprobe's fit to the photos has that light: rough gold would be
+    brighter. Suns are as bright as in the file, in the unit of the maps; by default the importer takes their
+    intensity for lux and divides by 683.
     """
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=str(path), export_import_convert_lighting_mode="COMPAT")
@@ -167,9 +167,7 @@ def light_of(mesh: Path) -> Path | None:
     """Return the map of an exported mesh: light.exr or .hdr beside it, else the first one in env/."""
     beside = [mesh.with_name(f"light{suffix}") for suffix in _MAPS]
     folder = mesh.parent / "env"
-    stored = (
-        sorted(path for path in folder.glob("*") if path.suffix.lower() in _MAPS) if folder.is_dir() else []
-    )
+    stored = sorted(path for path in folder.glob("*") if path.suffix.lower() in _MAPS)
     return next((path for path in (*beside, *stored) if path.is_file()), None)
 
 
@@ -196,9 +194,8 @@ class LIGHTPROBE_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 (as 
 
     def execute(self, context: Any) -> set[str]:
         """Import the chosen files."""
-        chosen = [Path(self.directory, item.name) for item in self.files if item.name] or [
-            Path(self.filepath)
-        ]
+        named = [Path(self.directory, item.name) for item in self.files if item.name]
+        chosen = named or [Path(self.filepath)]
         meshes = [path for path in chosen if path.suffix.lower() == ".glb"]
         maps = [path for path in chosen if path.suffix.lower() in _MAPS]
         if self.with_light and meshes and not maps:
