@@ -113,9 +113,8 @@ def test_the_virtual_object_shades_the_object_that_stands_by(studio):
     decomposition, light, photo, virtual = studio
     sky = torch.zeros_like(light.texels) + 0.05
     sky[2, :, :, :] = 3.0  # bright from +y, where the virtual object stands
-    near = insert(
-        decomposition, Environment(sky), photo, virtual, Placement(at=foot(studio, 0.3, 1.75), scale=0.8)
-    )
+    placement = Placement(at=foot(studio, 0.3, 1.75), scale=0.8)
+    near = insert(decomposition, Environment(sky), photo, virtual, placement)
     inside = (photo.mask > 0.99) & (near.mask == 0)
     left = near.shadow.mean(-1)[inside]
     assert left.min() < 0.85

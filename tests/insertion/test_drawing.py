@@ -18,9 +18,7 @@ def test_a_relief_on_the_back_of_a_sheet_is_that_of_the_front_reversed():
     """As glTF has it: the front's normal, bent by the map, is turned round as a whole."""
     up = torch.linalg.cross(CORNERS[1] - CORNERS[0], CORNERS[2] - CORNERS[0])
     up = (up / up.norm()).expand(3, 3)
-    faces = torch.tensor(
-        [[0, 1, 2], [3, 5, 4]], dtype=torch.int32
-    )  # the face, and its copy that looks the other way
+    faces = torch.tensor([[0, 1, 2], [3, 5, 4]]).int()  # the face, and its copy that looks the other way
     mesh = Mesh(CORNERS.repeat(2, 1), faces, UVS.repeat(2, 1), faces)
     normals, tangents = torch.cat([up, -up]), uv_tangents(mesh)
     virtual = SimpleNamespace(twin=torch.tensor([1, 0]))

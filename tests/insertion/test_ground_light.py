@@ -55,9 +55,8 @@ def test_a_plate_takes_the_form_factor_of_a_uniform_sky():
 def test_what_blocks_the_sky_gives_its_own_light():
     black, grey = (plan(torch.ones(6, R, R, 3), AWAY, plate(0.5, radiance))[0] for radiance in (0.0, 1.0))
     assert float(black.factor()[80, 80].mean()) < 0.5
-    torch.testing.assert_close(
-        grey.factor(), torch.ones(160, 160, 3), rtol=0, atol=0.01
-    )  # as bright as the sky
+    # as bright as the sky
+    torch.testing.assert_close(grey.factor(), torch.ones(160, 160, 3), rtol=0, atol=0.01)
 
 
 def test_a_suns_shadow_lies_where_the_sun_is_not():

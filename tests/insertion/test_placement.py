@@ -48,9 +48,8 @@ def test_by_default_it_stands_free_and_in_the_frame(virtual):
 
 
 def test_the_files_height_counts_where_it_is_plausible(virtual):
-    assert place(virtual, KNOWN, ONE, CAMERA, MASK, Placement(at=(150, 150))).scale == pytest.approx(
-        1.0, abs=0.01
-    )
+    scale = place(virtual, KNOWN, ONE, CAMERA, MASK, Placement(at=(150, 150))).scale
+    assert scale == pytest.approx(1.0, abs=0.01)
     odd = place(virtual, KNOWN, Similarity(np.zeros(3), 1e-3), CAMERA, MASK, Placement(at=(150, 150)))
     assert odd.scale == 0.6
     assert "--scale" in odd.warnings[0]
@@ -81,9 +80,8 @@ def test_a_place_in_the_object_is_told_and_the_sky_is_refused(virtual):
 @pytest.mark.parametrize("thickness", [0.0, 0.01])
 def test_a_flat_object_is_measured_by_its_longest_side(virtual, thickness):
     """A rug of twice the object's height is no towering slab, and one without thickness has a foot, too."""
-    rug = dataclasses.replace(
-        virtual, vertices=virtual.vertices * torch.tensor([4.0, 2.0, thickness]) / virtual.size.max()
-    )
+    shape = torch.tensor([4.0, 2.0, thickness]) / virtual.size.max()
+    rug = dataclasses.replace(virtual, vertices=virtual.vertices * shape)
     longest = float(rug.size.max())
     placed = place(rug, KNOWN, ONE, CAMERA, MASK, Placement(at=(150, 150)))
     assert not any("times as high" in warning for warning in placed.warnings)

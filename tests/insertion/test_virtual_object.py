@@ -23,10 +23,8 @@ def test_a_box_is_read_z_up_with_flat_outward_normals(tmp_path):
 def test_vertices_that_no_face_uses_are_no_part_of_an_object(tmp_path):
     made = Writer()
     corners = np.array([[0, 50, 0], [0, 0, 0], [1, 0, 0], [0, 0, 1]], np.float32)
-    attributes = {
-        "POSITION": made.array(corners, "VEC3"),
-        "NORMAL": made.array(np.eye(3, dtype=np.float32)[[1] * 4], "VEC3"),
-    }
+    ups = made.array(np.eye(3, dtype=np.float32)[[1] * 4], "VEC3")
+    attributes = {"POSITION": made.array(corners, "VEC3"), "NORMAL": ups}
     faces = made.array(np.array([[1], [3], [2]], np.uint32), "SCALAR")
     made.document["meshes"][0]["primitives"] = [{"attributes": attributes, "indices": faces}]
     virtual = load_virtual_object(write(tmp_path / "part.glb", made))
@@ -42,9 +40,8 @@ def test_nodes_turn_scale_and_mirror(tmp_path):
         {"mesh": 0, "scale": [3, 1, -1]},
     ]
     virtual = load_virtual_object(write(tmp_path / "box.glb", made))
-    assert np.allclose(
-        virtual.vertices.amin(0), [-2, -1, 2], atol=1e-5
-    )  # x <- -y, y <- x, turned about z, then z up
+    # x <- -y, y <- x, turned about z, then z up
+    assert np.allclose(virtual.vertices.amin(0), [-2, -1, 2], atol=1e-5)
     assert np.allclose(virtual.vertices.amax(0), [0, 1, 8], atol=1e-5)
     middles = virtual.vertices[virtual.faces.long()].mean(1) - virtual.vertices.mean(0)
     assert ((face_normals(virtual.vertices, virtual.faces) * middles).sum(1) > 0).all()

@@ -67,9 +67,7 @@ def test_dense_level_reproduces_a_linear_function():
 
 
 def test_corner_rows_follow_the_paper(backend):
-    points = (
-        torch.tensor([[5.0, 9, 14]], device=backend.device) / 32
-    )  # a lattice corner: one row has all weight
+    points = torch.tensor([[5.0, 9, 14]], device=backend.device) / 32  # a lattice corner has all weight
     grad_out, cells = torch.ones(1, 1, device=backend.device), torch.tensor([32])
     _, grad, _ = value_and_gradients(points, torch.zeros(1, 256, 1, device=backend.device), cells, grad_out)
     row = (5 ^ (9 * 2654435761 % 2**32) ^ (14 * 805459861 % 2**32)) % 256
@@ -112,9 +110,8 @@ def test_same_bits_again_and_on_one_thread(backend):
 
 def test_no_points_give_no_features_and_no_gradient(backend):
     _, table, resolutions = problem()
-    out, grad, _ = value_and_gradients(
-        *backend.move(torch.zeros(0, 3), table, resolutions, torch.zeros(0, 8))
-    )
+    case = backend.move(torch.zeros(0, 3), table, resolutions, torch.zeros(0, 8))
+    out, grad, _ = value_and_gradients(*case)
     assert out.shape == (0, 8)
     assert not grad.any()
 

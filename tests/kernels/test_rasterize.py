@@ -45,12 +45,8 @@ def sheet(cells, low, high, *, jitter=0.0, snap=False, seed=0):
 
 @pytest.mark.parametrize(("height", "width"), [(64, 64), (37, 90), (100, 17), (1, 1)])
 def test_equals_the_reference_to_the_bit(backend, height, width):
-    for count, size in [
-        (backend.size(400, 40), 12.0),
-        (backend.size(30, 9), 150.0),
-        (backend.size(2000, 90), 1.5),
-        (0, 1.0),
-    ]:
+    cases = {12.0: backend.size(400, 40), 150.0: backend.size(30, 9), 1.5: backend.size(2000, 90), 1.0: 0}
+    for size, count in cases.items():
         screen, faces = backend.move(*soup(count, height, width, size=size))
         seen = rasterize(screen, faces, height, width)
         face, inverse_depth = reference.rasterize(screen, faces, height, width)

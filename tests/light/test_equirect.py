@@ -68,9 +68,7 @@ def test_between_centres_a_map_is_bilinear_around_the_seam_and_across_the_poles(
 
 @pytest.mark.parametrize(("height", "width"), [(3, 5), (4, 4), (2, 6)])
 def test_a_map_that_is_not_twice_as_wide_as_high_is_one_sentence(height: int, width: int) -> None:
-    with pytest.raises(
-        InputError, match=f"must be twice as wide as high, not {width} x {height}: crop or resize it"
-    ):
+    with pytest.raises(InputError, match=f"twice as wide as high, not {width} x {height}: crop or resize"):
         equirect.to_cubemap(torch.ones(height, width, 3), 8)
 
 

@@ -26,9 +26,8 @@ def ends(large: np.ndarray, texels: int) -> tuple[np.ndarray, np.ndarray]:
     fit = polynomial.polyfit(places, log.reshape(len(log), -1), 2)
     assert np.abs(polynomial.polyval(places, fit) - log.reshape(len(log), -1).T).max() < 2e-6
     curves = (fit, polynomial.polyder(fit))
-    values, slopes = (
-        polynomial.polyval(np.array([-0.5, 0.5]), curve).T.reshape(2, *log.shape[1:]) for curve in curves
-    )
+    at, shape = np.array([-0.5, 0.5]), (2, *log.shape[1:])
+    values, slopes = (polynomial.polyval(at, curve).T.reshape(shape) for curve in curves)
     return values, slopes
 
 

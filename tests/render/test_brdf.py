@@ -68,9 +68,8 @@ def test_reflectance_at_the_ends_of_metallic():
 
 def test_gradients():
     random = torch.Generator().manual_seed(1)
-    cosine, roughness = (
-        0.1 + 0.85 * torch.rand(2, 20, generator=random, dtype=torch.float64)
-    ).requires_grad_()
+    drawn = 0.1 + 0.85 * torch.rand(2, 20, generator=random, dtype=torch.float64)
+    cosine, roughness = drawn.requires_grad_()
     assert torch.autograd.gradcheck(environment_brdf, (cosine, roughness))
 
 

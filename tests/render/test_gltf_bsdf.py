@@ -106,9 +106,8 @@ def test_samples_follow_the_density(material, normal):
 
 
 TANGENT = np.array([0.5, -0.7, 0.6])  # in the world, neither of unit length nor in the surface's plane
-AXES = np.array(
-    [[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]]
-)  # of the shading frame, in the world
+# of the shading frame, in the world
+AXES = np.array([[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]])
 BASE = np.array([0.9, 0.45, 0.15])
 SURFACES = [  # roughness, metallic, mapped normal with the side of its bitangent; all three bounds of the chance
     (0.35, 0.0, None),

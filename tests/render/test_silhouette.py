@@ -5,13 +5,8 @@ import torch
 
 from lightprobe.geometry.mesh import edge_faces
 from lightprobe.kernels import rasterize
-from lightprobe.render.silhouette import (
-    Crossings,
-    coverage,
-    outline_vertices,
-    silhouette_crossings,
-    spread_color,
-)
+from lightprobe.render import silhouette
+from lightprobe.render.silhouette import Crossings, coverage, silhouette_crossings, spread_color
 from lightprobe.render.surface import View, visible_surface
 from tests.shapes import camera_at, sphere
 
@@ -69,7 +64,7 @@ def test_the_outline_needs_only_the_vertices_where_it_can_be():
     for some in (faces, open_ball, faces[:1]):
         screen = view.project(vertices)
         pixel = visible_surface(vertices, some, view).pixel
-        chosen = outline_vertices(screen, some)
+        chosen = silhouette.outline_vertices(screen, some)
         every, few = (
             silhouette_crossings(screen, some, edges, pixel, view)
             for edges in (edge_faces(some), edge_faces(some, chosen))

@@ -21,9 +21,7 @@ def test_white_furnace():
     assert smooth.mean() > 0.97
     assert rough.max() < 1.0
     dielectric = shade(sphere_gbuffer(roughness=0.5, base=(1, 1, 1)), operator, white)
-    assert dielectric.mean() == pytest.approx(
-        1.0, abs=0.02
-    )  # beyond 1 only at the rim, where Fresnel's term rises
+    assert dielectric.mean() == pytest.approx(1.0, abs=0.02)  # Fresnel's term exceeds 1 at the rim alone
     assert dielectric.max() < 1.12
 
 
@@ -131,7 +129,6 @@ def test_a_matte_white_surface_shows_the_mean_light_around_its_normal():
     found = shade(white, operator, levels) - shade(black, operator, levels)
     d, angle = cubemap.directions(R).reshape(-1, 3), cubemap.solid_angles(R).reshape(-1)
     weight = (normal @ d.T).clamp(min=0) * angle / torch.pi
-    kept = (
-        torch.tensor([0.8, 0.4, 0.2]) * 0.96 * (1 - float(environment_brdf(torch.ones(1), torch.ones(1))[2]))
-    )
+    reflected = float(environment_brdf(torch.ones(1), torch.ones(1))[2])
+    kept = torch.tensor([0.8, 0.4, 0.2]) * 0.96 * (1 - reflected)
     torch.testing.assert_close(found, kept * (weight @ light.reshape(-1, 3)), rtol=0.01, atol=1e-3)

@@ -83,12 +83,8 @@ class _Binary:
         """Append float vertex attributes (N, C) and return the index of their accessor."""
         little = np.ascontiguousarray(values, "<f4")
         view = self.view(little.tobytes(), _ARRAY_BUFFER)
-        entry: dict[str, Any] = {
-            "bufferView": view,
-            "componentType": _FLOAT,
-            "count": len(little),
-            "type": kind,
-        }
+        entry: dict[str, Any] = {"bufferView": view, "componentType": _FLOAT, "type": kind}
+        entry["count"] = len(little)
         if bounds:
             entry |= {"min": little.min(0).tolist(), "max": little.max(0).tolist()}
         self.accessors.append(entry)
@@ -155,8 +151,8 @@ def _with_lights(document: dict[str, Any], lights: Sequence[DirectionalLight]) -
         return document
     named = [(f"sun_{k + 1}", light) for k, light in enumerate(lights)]
     punctual = [
-        {"type": "directional", "name": name, "color": list(light.color), "intensity": light.intensity}
-        for name, light in named
+        {"type": "directional", "name": each, "color": list(light.color), "intensity": light.intensity}
+        for each, light in named
     ]
     nodes = [
         {"name": name, "rotation": list(light.quaternion()), "extensions": {_LIGHTS: {"light": k}}}

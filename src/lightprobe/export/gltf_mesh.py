@@ -39,12 +39,8 @@ def gltf_mesh(mesh: Mesh, similarity: Similarity) -> GltfMesh:
     tangents = uv_tangents(mesh).numpy().astype(np.float64)
     hand = np.repeat(uv_handedness(mesh).numpy()[:, None], 3, axis=1)
     faces, uv_faces = mesh.faces.numpy(), mesh.uv_faces.numpy()
-    shared = (
-        faces.ravel(),
-        uv_faces.ravel(),
-        mesh.normal_index.numpy().ravel(),
-        hand.ravel().astype(faces.dtype),
-    )
+    normal_faces, w = mesh.normal_index.numpy().ravel(), hand.ravel().astype(faces.dtype)
+    shared = faces.ravel(), uv_faces.ravel(), normal_faces, w
     unique, index = np.unique(np.stack(shared, axis=1), axis=0, return_inverse=True)
     vertex, uv, bent, w = unique.T
     normal = _unit(normals[bent], np.array([0.0, 0.0, 1.0]))

@@ -59,9 +59,8 @@ def write_usd(
     except _pxr("Tf").ErrorException:
         written = False
     if not written:
-        raise ResourceError(
-            f"USD could not write {stage_file} and {package.name}; is there room on the disk?"
-        )
+        words = f"USD could not write {stage_file} and {package.name}"
+        raise ResourceError(f"{words}; is there room on the disk?")
     return [stage_file, package]
 
 

@@ -44,9 +44,7 @@ from lightprobe.scene.camera import Camera
 
 _LARGEST_FACTOR = 4.0  # that a photo's pixel is multiplied by
 _SOLID = 0.5  # coverage from which a pixel of the mask is the object's own
-_TOUCHED = (
-    0.01  # coverage by the virtual object from which the ground's factor may be that of the ground under it
-)
+_TOUCHED = 0.01  # coverage by the virtual object from which the ground's factor may be meant for under it
 _EDGE = 1.5  # pixels from one that is not touched within which the virtual object covers a pixel in part
 _WRONG_EXPOSURE = 2.0  # ratio of rendered and seen known object from which a warning says so
 
@@ -128,7 +126,7 @@ def insert(
     beauty, mask = np.zeros_like(photo.color), np.zeros_like(photo.mask)
     if window is None:
         warnings.append(
-            "The virtual object is out of sight, or reaches behind the camera; give another --at or --scale."
+            "The virtual object is out of sight or behind the camera; give another --at or --scale."
         )
     else:
         drawn = draw_virtual(placed.virtual, lighting, window.cut(camera))

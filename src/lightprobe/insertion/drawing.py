@@ -111,9 +111,8 @@ def _draw_band(
         return torch.zeros(6, rows.stop - rows.start, camera.width, device=device)
     surface = _facing(surface, virtual)
     gbuffer, material = _gbuffer(virtual, mesh, tangents, lighting, surface, view, screen)
-    radiance = shaded(
-        gbuffer, lighting, mesh, [(lighting.known_caster.vertices, lighting.known_caster.faces)]
-    )
+    known = lighting.known_caster
+    radiance = shaded(gbuffer, lighting, mesh, [(known.vertices, known.faces)])
     radiance = radiance + material.emission
     crossings = silhouette_crossings(screen, virtual.faces, edges, surface.pixel, view)
     cover = coverage(surface.pixel, crossings, count)
@@ -133,11 +132,8 @@ def _facing(surface: Surface, virtual: VirtualObject) -> Surface:
     twin = virtual.twin[surface.face]
     turned = ((outward * surface.view).sum(1) < 0) & (twin >= 0)
     swapped = surface.barycentric[:, [0, 2, 1]]
-    return replace(
-        surface,
-        face=torch.where(turned, twin, surface.face),
-        barycentric=torch.where(turned[:, None], swapped, surface.barycentric),
-    )
+    face = torch.where(turned, twin, surface.face)
+    return replace(surface, face=face, barycentric=torch.where(turned[:, None], swapped, surface.barycentric))
 
 
 def _gbuffer(
@@ -180,10 +176,8 @@ def _sampled(virtual: VirtualObject, surface: Surface, screen: Tensor) -> Sample
     texture, shown = (_area(values[corners]) for values in (virtual.uvs[:, :2], screen[:, :2]))
     footprint = texture / shown.clamp(min=1e-3)
     rows = [(virtual.material[surface.face] == k).nonzero()[:, 0] for k in range(len(virtual.materials))]
-    parts = [
-        material.sample(uvs[own], colors[own], footprint[own])
-        for material, own in zip(virtual.materials, rows, strict=True)
-    ]
+    pairs = zip(virtual.materials, rows, strict=True)
+    parts = [material.sample(uvs[own], colors[own], footprint[own]) for material, own in pairs]
     order = torch.argsort(torch.cat(rows))
     return Sampled(*(torch.cat([getattr(p, name) for p in parts])[order] for name in vars(parts[0])))
 

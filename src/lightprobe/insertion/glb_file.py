@@ -33,8 +33,9 @@ def sound(path: Path) -> Iterator[None]:
         yield
     except _DAMAGE as error:
         detail = shown(str(error)).rstrip(".") or type(error).__name__
+        kind = type(error).__name__
         raise InputError(
-            f"{path} is no sound GLB file ({type(error).__name__}: {detail}); export it again from a 3D program."
+            f"{path} is no sound GLB file ({kind}: {detail}); export it again from a 3D program."
         ) from error
 
 

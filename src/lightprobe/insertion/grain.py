@@ -53,9 +53,8 @@ class Grain:
         """
         noise = np.random.default_rng(seed).standard_normal(displayed.shape)
         levels = np.linspace(0, 1, len(self.deviation))
-        strength = np.stack(
-            [np.interp(displayed[..., k], levels, self.deviation[:, k]) for k in range(3)], -1
-        )
+        known = [np.interp(displayed[..., k], levels, self.deviation[:, k]) for k in range(3)]
+        strength = np.stack(known, -1)
         return displayed + noise * strength * weight[..., None]
 
 

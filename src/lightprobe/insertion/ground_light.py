@@ -72,9 +72,7 @@ class SkyPatches:
             for window in _windows(weight, cuts)
             for patch in _directions(window, direction, power, angle, weight, solid, float(bright.sum()))
         ]
-        columns = [
-            torch.tensor(np.array(column)).to(environment.device) for column in zip(*patches, strict=True)
-        ]
+        columns = [torch.tensor(np.array(part)).to(environment.device) for part in zip(*patches, strict=True)]
         return SkyPatches(columns[0].float(), columns[1].float(), columns[2].float(), columns[3])
 
     def total(self) -> Tensor:
@@ -230,14 +228,12 @@ def _lost(
     without = known.vertices.new_zeros(height, width, 3)
     added = torch.zeros_like(without)
     least = _DIM * float(patches.irradiance.sum()) if len(patches.angle) else 0.0
-    for direction, irradiance, angle in zip(
-        patches.direction, patches.irradiance, patches.angle, strict=True
-    ):
+    columns = zip(patches.direction, patches.irradiance, patches.angle, strict=True)
+    for direction, irradiance, angle in columns:
         if float(irradiance.sum()) < least:
             continue
-        first, second = (
-            _shadow(each, direction, project, height, width, ground) for each in (known, virtual)
-        )
+        shadows = (_shadow(each, direction, project, height, width, ground) for each in (known, virtual))
+        first, second = shadows
         if first is not None:
             without[first.window] += first.change(irradiance, angle)
         if second is not None:

@@ -109,10 +109,8 @@ def light_scene(
         seen = torch.from_numpy(photo.reshape(-1, 3)[ring]).to(environment.device)
     patches = SkyPatches.of(environment)
     light = Light.of(environment, None if seen is None else seen.median(0).values)
-    casters = (
-        _caster(known_solid, *known_places, alone, light),
-        _caster(solid, *virtual_places, virtual_sees, light),
-    )
+    known_caster = _caster(known_solid, *known_places, alone, light)
+    casters = known_caster, _caster(solid, *virtual_places, virtual_sees, light)
     lit = camera_ground_light(patches, *casters, camera, ground)
     if seen is not None:  # the ground in the open
         irradiance = lit.without.reshape(-1, 3)[torch.from_numpy(ring).to(seen.device)]

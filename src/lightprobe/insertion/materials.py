@@ -105,16 +105,12 @@ class TextureReader:
         """Return the texture that a material names; raises `InputError` for a picture that cannot be used."""
         entry = self._file.entry("textures", info["index"])
         if "source" not in entry:
-            raise InputError(
-                f"{self._file.path} has a texture in a format that is not read; export it with PNG or JPEG textures."
-            )
+            raise InputError(f"{self._file.path} has a texture that is neither PNG nor JPEG; convert it.")
         sampler = self._file.entry("samplers", entry["sampler"]) if "sampler" in entry else {}
         extension = info.get("extensions", {}).get("KHR_texture_transform", {})
         uv_set = extension.get("texCoord", info.get("texCoord", 0))
         if uv_set not in (0, 1):
-            raise InputError(
-                f"{self._file.path} uses more than two sets of texture coordinates; export it with one."
-            )
+            raise InputError(f"{self._file.path} uses more than two sets of texture coordinates; use one.")
         wrap = (int(sampler.get("wrapS", 10497)), int(sampler.get("wrapT", 10497)))
         levels = _levels(self._image(entry["source"]), srgb=srgb, cut=cut)
         return Texture(levels, srgb, wrap, int(uv_set), _transform(extension))
@@ -124,17 +120,15 @@ class TextureReader:
             data, path = self._file.picture(source), self._file.path
             reader = next((reader for magic, reader in _READERS if data.startswith(magic)), None)
             if reader is None:
-                raise InputError(
-                    f"{path} has a texture that is neither PNG nor JPEG; export it with such ones."
-                )
+                raise InputError(f"{path} has a texture that is neither PNG nor JPEG; convert it.")
             with decode_errors(path):
                 image = reader(io.BytesIO(data))
                 width, height = image.size
                 self._left -= width * height
                 if max(width, height) > _LARGEST or self._left < 0:
+                    size = f"{width} x {height}"
                     raise InputError(
-                        f"{path} has textures of {width} x {height} texels, more than are read; export it with smaller "
-                        "ones."
+                        f"{path} has textures of {size} texels, more than are read; shrink them."
                     )
                 scale = min(1.0, _KEPT / max(width, height))
                 size = max(1, round(width * scale)), max(1, round(height * scale))
@@ -245,10 +239,8 @@ class Material:
         footprint (N,): as in `Texture.sample`.
         """
         one = torch.ones_like(colors)
-        base, orm, glow = (
-            one if texture is None else texture.sample(uvs, footprint)
-            for texture in (self.base, self.orm, self.emissive)
-        )
+        textures = self.base, self.orm, self.emissive
+        base, orm, glow = (one if each is None else each.sample(uvs, footprint) for each in textures)
         base = base * colors * uvs.new_tensor(self.base_factor)
         normal = torch.zeros_like(base[:, :3])
         normal[:, 2] = 1

@@ -59,9 +59,8 @@ class SurfacePoints:
             bent.append(torch.einsum("gc,fcx->fgx", weights, normals[own]).reshape(-1, 3))
             places.append((first[own][:, None] + torch.arange(len(weights), device=first.device)).reshape(-1))
         order, every, leaning = (torch.cat(parts) for parts in (places, points, bent))
-        unit = torch.nn.functional.normalize(
-            torch.empty_like(leaning).index_copy_(0, order, leaning), dim=1, eps=1e-12
-        )
+        unit = torch.empty_like(leaning).index_copy_(0, order, leaning)
+        unit = torch.nn.functional.normalize(unit, dim=1, eps=1e-12)
         every = torch.empty_like(every).index_copy_(0, order, every)
         return SurfacePoints(every, unit, vertex, cells, first, virtual.faces.long())
 

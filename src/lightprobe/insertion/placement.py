@@ -44,9 +44,7 @@ class Placement:
         if self.at is not None and not all(map(math.isfinite, self.at)):
             raise ConfigError(f"--at {self.at[0]},{self.at[1]} is no pixel.")
         if self.scale is not None and not 1 / _LARGEST_SCALE <= self.scale <= _LARGEST_SCALE:
-            raise ConfigError(
-                f"--scale {self.scale:g} must be from {1 / _LARGEST_SCALE:g} to {_LARGEST_SCALE:g}."
-            )
+            raise ConfigError(f"--scale {self.scale:g} must be from 0.01 to {_LARGEST_SCALE:g}.")
         if not math.isfinite(self.turn):
             raise ConfigError("--turn must be a number of degrees.")
 
@@ -100,9 +98,7 @@ def place(
     if placement.at is None:
         spot, free = _beside(standing, known, camera, mask)
         if not free:
-            warnings.append(
-                "There is no free place beside the known object in this photo; give one with --at and --scale."
-            )
+            warnings.append("There is no free place beside the known object; give one with --at and --scale.")
     else:
         spot = ground_point(camera, placement.at, ground)
     moved = standing.vertices + standing.vertices.new_tensor([spot[0], spot[1], 0.0])
@@ -123,8 +119,7 @@ def ground_point(camera: Camera, at: tuple[float, float], ground: float) -> np.n
     along = (ground - camera.position[2]) / ray[2] if abs(ray[2]) > 1e-9 else -1.0
     if not 0 < along < 1e4:
         raise ConfigError(
-            f"--at {at[0]:g},{at[1]:g} does not see the ground that the object stands on; give a pixel below the "
-            "horizon."
+            f"--at {at[0]:g},{at[1]:g} does not see the ground; give a pixel below the horizon."
         )
     return (camera.position + along * ray)[:2]
 

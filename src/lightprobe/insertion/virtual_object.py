@@ -58,10 +58,8 @@ def load_virtual_object(path: Path) -> VirtualObject:
     with sound(file.path):
         needed = file.document.get("extensionsRequired", [])
         if unread := sorted({str(name) for name in needed} - _READ_EXTENSIONS):
-            raise InputError(
-                f"{file.path} needs {', '.join(unread)[:100]}, which is not read; export it without compression or "
-                "extensions."
-            )
+            names = ", ".join(unread)[:100]
+            raise InputError(f"{file.path} needs {names}, which is not read; export it without extensions.")
         instances = list(_instances(file))
         _check_count(file, instances)
         parts = [_part(file, primitive, matrix) for primitive, matrix in instances]
@@ -225,9 +223,7 @@ def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Mater
             kinds.append(np.full(len(here), order.index(part.source)))
             base, count = base + len(part.vertices), count + len(here)
     if count > MOST_FACES:
-        raise InputError(
-            f"{file.path} has {count} faces with both sides of its sheets, too many; simplify its mesh."
-        )
+        raise InputError(f"{file.path} has {count} faces, both sides of sheets counted; simplify its mesh.")
     vertices = np.concatenate(columns["vertices"])
     if (vertices.max(0) - vertices.min(0)).max() < 1e-9:
         raise InputError(f"{file.path} has no extent: all its vertices are at one point.")

@@ -35,7 +35,7 @@ def choose(op: str, *tensors: Tensor) -> ModuleType:
     dtypes = {tensor.dtype for tensor in tensors if tensor.is_floating_point()}
     if len(devices) > 1 or len(dtypes) > 1:
         raise ValueError(
-            f"All tensors of one op must share a device and a floating dtype, not {devices} and {dtypes}."
+            f"Tensors of one op must share a device and a floating dtype, not {devices}, {dtypes}."
         )
     return _module(backend_for(devices.pop().type) if dtypes <= {torch.float32} else Backend.REFERENCE, op)
 
@@ -75,9 +75,8 @@ def _has_triton() -> bool:
 
 def require_shape(name: str, tensor: Tensor, *shape: int | None) -> None:
     """Raise ValueError unless `tensor` has this shape; None stands for any size."""
-    matches = tensor.ndim == len(shape) and all(
-        want in (None, size) for want, size in zip(shape, tensor.shape, strict=True)
-    )
+    sizes = zip(shape, tensor.shape, strict=False)
+    matches = tensor.ndim == len(shape) and all(want in (None, size) for want, size in sizes)
     if not matches:
         wanted = tuple("any" if size is None else size for size in shape)
         raise ValueError(f"{name} must have shape {wanted}, not {tuple(tensor.shape)}.")

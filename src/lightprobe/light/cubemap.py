@@ -146,9 +146,7 @@ def symmetries(resolution: int, device: torch.device) -> tuple[Tensor, Tensor]:
     texels = exact_directions(resolution).reshape(-1, 3)
     eye = torch.eye(3, dtype=torch.float64)
     turns = itertools.product(itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3))
-    matrices = torch.stack(
-        [torch.tensor(signs).double()[:, None] * eye[list(order)] for order, signs in turns]
-    )
+    matrices = torch.stack([torch.tensor(s).double()[:, None] * eye[list(order)] for order, s in turns])
     index = torch.stack([nearest_texel(texels @ matrix, resolution) for matrix in matrices])
     return index.to(device), torch.linalg.det(matrices).round().float().to(device)
 

@@ -111,9 +111,8 @@ def read_map(path: Path) -> np.ndarray:
     image = read_hdr(path)
     height, width, channels = image.shape
     if width != 2 * height or channels < 3:
-        raise InputError(
-            f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H."
-        )
+        size = f"{width} x {height} with {channels} channels"
+        raise InputError(f"{path} is {size}; an environment needs RGB and W = 2H.")
     if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
         raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
     return np.ascontiguousarray(image[..., :3], np.float32)

@@ -59,9 +59,8 @@ def to_cubemap(map: Tensor, resolution: int) -> Tensor:
     """
     height, width = map.shape[:2]
     if width != 2 * height:
-        raise InputError(
-            f"An environment map must be twice as wide as high, not {width} x {height}: crop or resize it."
-        )
+        size = f"{width} x {height}"
+        raise InputError(f"An environment map must be twice as wide as high, not {size}: crop or resize it.")
     split = max(2, math.ceil(_PER_TEXEL * height / (2 * resolution)))
     values = map.reshape(-1, map.shape[-1])
     faces, rows = [], resolution * split

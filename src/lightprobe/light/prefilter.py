@@ -212,9 +212,8 @@ class Prefilter:
         """Raise `ConfigError` unless env is (6, R, R, 3) of this resolution."""
         size = self.resolution
         if env.shape != (6, size, size, 3):
-            raise ConfigError(
-                f"This prefilter takes cubemaps (6, {size}, {size}, 3), not {tuple(env.shape)}."
-            )
+            shape = tuple(env.shape)
+            raise ConfigError(f"This prefilter takes cubemaps (6, {size}, {size}, 3), not {shape}.")
 
 
 class PrefilterPart:

@@ -28,9 +28,7 @@ class SparseOperator:
         read texels beside each other.
         """
         if torch.device(device).type != "cpu" and not matrix.has_sorted_indices:
-            matrix = (
-                matrix.T.tocsr().T.tocsr()
-            )  # a transpose is sorted, stably, and quicker to find than an order
+            matrix = matrix.T.tocsr().T.tocsr()  # a transpose is sorted, and found sooner than an order
         return SparseOperator(_compress(matrix, device))
 
     @functools.cached_property
@@ -60,9 +58,7 @@ class ChosenRows:
 
     operator: SparseOperator
     rows: Tensor  # int32
-    bounds: (
-        np.ndarray
-    )  # (parts + 1,) where each of the parts starts in `rows`; all hold about as many entries
+    bounds: np.ndarray  # (parts + 1,) where the parts, of about as many entries, start in `rows`
 
     @staticmethod
     def of(operator: SparseOperator, rows: Tensor) -> "ChosenRows":

@@ -43,9 +43,8 @@ def map_height(size: str) -> int:
     height = int(found[2]) if found and found[2] else width // 2
     if width != 2 * height or height not in HEIGHTS:
         sizes = ", ".join(f"{2 * rows}x{rows}" for rows in HEIGHTS)
-        raise ConfigError(
-            f"A map cannot have the --size '{size[:40]}'; give one of {sizes}, or only its width."
-        )
+        words = f"A map cannot have the --size '{size[:40]}'"
+        raise ConfigError(f"{words}; give one of {sizes}, or only its width.")
     return height
 
 

@@ -90,17 +90,15 @@ class GltfBsdf(mi.BSDF):
         specular = sample1 < chance
         facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, dr.maximum(alpha, 1e-3), True)
         normal, _ = facets.sample(wi, sample2)
-        wo = frame.to_world(
-            dr.select(specular, mi.reflect(wi, normal), mi.warp.square_to_cosine_hemisphere(sample2))
-        )
+        mirrored, scattered = mi.reflect(wi, normal), mi.warp.square_to_cosine_hemisphere(sample2)
+        wo = frame.to_world(dr.select(specular, mirrored, scattered))
         wo = mi.Vector3f(wo.x, wo.y, wo.z * flip)
         value, pdf = self._value_and_pdf(si, wo, active)
         sampled = dr.zeros(mi.BSDFSample3f)
         sampled.wo, sampled.pdf, sampled.eta = wo, pdf, 1.0
         sampled.sampled_component = dr.select(specular, mi.UInt32(1), mi.UInt32(0))
-        sampled.sampled_type = dr.select(
-            specular, mi.UInt32(+mi.BSDFFlags.GlossyReflection), mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
-        )
+        kinds = mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.DiffuseReflection
+        sampled.sampled_type = dr.select(specular, *(mi.UInt32(+kind) for kind in kinds))
         return sampled, dr.select(active & (pdf > 0), value / pdf, 0)
 
     def eval(self, ctx, si, wo, active=True):

@@ -138,11 +138,8 @@ class PathTracer:
             return self._lit[1]
         mi = self._mi
         radiance = equirect.from_cubemap(light.detach().float().cpu(), 2 * light.shape[1]).numpy()
-        environment = {
-            "type": "envmap",
-            "bitmap": mi.Bitmap(environment_rows(radiance)),
-            "to_world": mi.ScalarTransform4f(ENVIRONMENT_AXES),
-        }
+        bitmap, axes = mi.Bitmap(environment_rows(radiance)), mi.ScalarTransform4f(ENVIRONMENT_AXES)
+        environment = {"type": "envmap", "bitmap": bitmap, "to_world": axes}
         scene = mi.load_dict({"type": "scene", "object": self._mesh, "light": environment})
         self._lit = light, scene
         return scene

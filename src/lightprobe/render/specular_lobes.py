@@ -49,9 +49,8 @@ def specular_lobes(taps: tuple[Tensor, Tensor], roughness: Tensor, dielectric: T
     roughness (N,); dielectric (N,): the part of the dielectric's lobe as `dielectric_part` has it.
     """
     index, weight = taps
-    metal, change = weighted_gather(_table(weight.device, weight.dtype), index, weight).split(
-        3 * LOBES, dim=-1
-    )
+    looked_up = weighted_gather(_table(weight.device, weight.dtype), index, weight)
+    metal, change = looked_up.split(3 * LOBES, dim=-1)
     bend, factor, share = (metal + dielectric[:, None] * change).split(LOBES, dim=-1)
     return SpecularLobes(bend, roughness[:, None] * factor, share)
 

@@ -76,9 +76,7 @@ def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]
     looked_up = np.zeros(count, bool)
     looked_up[index[filled]] = True
     place = np.cumsum(looked_up) - 1
-    column = np.where(
-        filled, place[index], 0
-    )  # taps without weight get some column; it does not matter which
+    column = np.where(filled, place[index], 0)  # taps without weight get any column
     used = np.flatnonzero(looked_up)
     entries = weight, column, np.concatenate([[0], np.cumsum(lengths)])
     return torch.from_numpy(used), scipy.sparse.csr_array(entries, shape=(len(lengths), len(used)))

@@ -63,9 +63,8 @@ def _encode(points, table, cells, workers, out):
     share = (points.shape[0] + workers - 1) // workers
     for worker in prange(workers):
         for level in range(table.shape[0]):
-            _encode_level(
-                points, table, cells, level, worker * share, min(points.shape[0], (worker + 1) * share), out
-            )
+            begin, end = worker * share, min(points.shape[0], (worker + 1) * share)
+            _encode_level(points, table, cells, level, begin, end, out)
 
 
 @compiled()

@@ -56,12 +56,8 @@ def normal_gradient(grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, *
         mean = (grad[:, :3] * out[:, :3]).sum(1, keepdim=True) + grad[:, 6:] * out[:, 6:]
         pull = torch.cat([grad[:, :3], grad[:, 6:], mean], dim=1)
         with torch.cuda.device_of(grad):
-            case = (
-                *_pixels(normals, unoccluded, index, weight),
-                _sphere(light, directions, angles),
-                pull,
-                result,
-            )
+            pixels, sphere = _pixels(normals, unoccluded, index, weight), _sphere(light, directions, angles)
+            case = (*pixels, sphere, pull, result)
             _turn[(len(out),)](*case, *_sizes(unoccluded, index), TINY, num_warps=1, enable_fp_fusion=True)
     return result
 

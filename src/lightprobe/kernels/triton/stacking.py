@@ -33,9 +33,8 @@ def stack(
     share = _share(pixels, blocks)
     parts = colors.new_empty(triton.cdiv(pixels, share), 4, texels)
     with torch.cuda.device_of(colors):
-        _stack[(blocks, parts.shape[0])](
-            lobes, directions.contiguous(), parts, pixels, texels, share, CHUNK, TEXELS, enable_fp_fusion=True
-        )
+        sizes = pixels, texels, share, CHUNK, TEXELS
+        _stack[(blocks, parts.shape[0])](lobes, directions.contiguous(), parts, *sizes, enable_fp_fusion=True)
     out = parts.sum(0)
     return out[1:].T.contiguous(), out[0]
 
@@ -53,9 +52,8 @@ def stack_backward(
     share = _share(texels, blocks)
     parts = grad.new_empty(triton.cdiv(texels, share), 3, pixels)
     with torch.cuda.device_of(grad):
-        _project[(blocks, parts.shape[0])](
-            lobes, lights, parts, pixels, texels, share, CHUNK, PIXELS, enable_fp_fusion=True
-        )
+        sizes = pixels, texels, share, CHUNK, PIXELS
+        _project[(blocks, parts.shape[0])](lobes, lights, parts, *sizes, enable_fp_fusion=True)
     return parts.sum(0).T * (alpha2[:, None] / math.pi)
 
 
