@@ -129,9 +129,9 @@ def insert(
             "The virtual object is out of sight or behind the camera; give another --at or --scale."
         )
     else:
-        drawn = draw_virtual(placed.virtual, lighting, window.cut(camera))
-        beauty[window.slices], mask[window.slices] = _behind(drawn, change, photo.mask, window)
-        shadow[window.slices] = _edge_from_beside(shadow[window.slices], mask[window.slices] < _TOUCHED)
+        drawn = draw_virtual(placed.virtual, lighting, camera, window)
+        beauty[window], mask[window] = _behind(drawn, change, photo.mask, window)
+        shadow[window] = _edge_from_beside(shadow[window], mask[window] < _TOUCHED)
     warnings += _exposure_warnings(change, photo)
     color, alpha = _composed(photo, beauty, shadow, mask, seed)
     return Insertion(color, alpha, beauty, shadow, mask, placed.at, placed.scale, tuple(warnings))
@@ -176,11 +176,11 @@ def _behind(
     """Return radiance (h, w, 3) and coverage (h, w) of the virtual object where nothing stands before it."""
     covered = change.covered.cpu().numpy()
     spread = _spread(change.depth.cpu().numpy(), covered)[..., None]
-    depth = _resized(spread, mask.shape)[window.slices][..., 0]
+    depth = _resized(spread, mask.shape)[window][..., 0]
     own = drawn.depth.cpu().numpy()
     solid = drawn.cover.cpu().numpy() >= _SOLID
     hidden = _spread(own, solid) > depth if solid.any() else own > depth
-    left = 1 - mask[window.slices] * (hidden & bool(covered.any()))
+    left = 1 - mask[window] * (hidden & bool(covered.any()))
     return drawn.radiance.cpu().numpy() * left[..., None], drawn.cover.cpu().numpy() * left
 
 

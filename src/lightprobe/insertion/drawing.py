@@ -4,7 +4,6 @@ The virtual object is drawn with 2 x 2 samples a pixel and smooth outlines (`ren
 rows, as in `render.picture`.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import torch
@@ -17,7 +16,7 @@ from lightprobe.insertion.materials import Sampled
 from lightprobe.insertion.virtual_object import VirtualObject
 from lightprobe.render.asset import Asset, asset_gbuffer, gbuffer_of, mapped_normals
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.picture import SAMPLES
+from lightprobe.render.picture import SAMPLES, row_bands
 from lightprobe.render.silhouette import coverage, outline_vertices, silhouette_crossings, spread_color
 from lightprobe.render.split_sum import Shading
 from lightprobe.render.suns import sharpened
@@ -25,29 +24,10 @@ from lightprobe.render.surface import Surface, View, face_camera, visible_surfac
 from lightprobe.render.visibility import PointVisibility
 from lightprobe.scene.camera import Camera
 
-_BAND = 2**20  # samples in a band of the picture
-_RIM = 1  # rows of pixels around a band, for outlines between it and its neighbours
 _KNOWN_SIDE = 640  # pixels of the longer side at which changes of the known object are found
 
 
-@dataclass(frozen=True)
-class Window:
-    """The part of the photo that the virtual object can be seen in."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """Rows and columns of the photo."""
-        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
-
-    def cut(self, camera: Camera) -> Camera:
-        """Return the camera that takes this part."""
-        cx, cy = camera.cx - self.left, camera.cy - self.top
-        return replace(camera, cx=cx, cy=cy, width=self.width, height=self.height)
+Window = tuple[slice, slice]  # rows and columns of the photo
 
 
 def window_of(vertices: Tensor, camera: Camera) -> Window | None:
@@ -58,7 +38,7 @@ def window_of(vertices: Tensor, camera: Camera) -> Window | None:
     low, high = (screen[:, :2].amin(0).floor() - 1).tolist(), (screen[:, :2].amax(0).ceil() + 1).tolist()
     left, top = max(0, int(max(low[0], 0))), max(0, int(max(low[1], 0)))
     right, bottom = int(min(high[0], camera.width)), int(min(high[1], camera.height))
-    return Window(left, top, right - left, bottom - top) if left < right and top < bottom else None
+    return (slice(top, bottom), slice(left, right)) if left < right and top < bottom else None
 
 
 @dataclass(frozen=True)
@@ -71,59 +51,64 @@ class Drawn:
 
 
 @torch.no_grad()
-def draw_virtual(virtual: VirtualObject, lighting: SceneLighting, camera: Camera) -> Drawn:
-    """Return the picture (H, W) that a normalised-frame camera, cut to the object's window, takes of it."""
+def draw_virtual(virtual: VirtualObject, lighting: SceneLighting, camera: Camera, window: Window) -> Drawn:
+    """Return the part of a normalised-frame camera's picture that the virtual object can be seen in."""
+    rows, columns = window
+    cx, cy = camera.cx - columns.start, camera.cy - rows.start
+    camera = replace(camera, cx=cx, cy=cy, width=columns.stop - columns.start, height=rows.stop - rows.start)
     mesh = Mesh(virtual.vertices, virtual.faces, virtual.uvs[:, :2].contiguous(), virtual.faces)
     screen = View.of(camera, virtual.vertices.device).project(virtual.vertices)
     edges = edge_faces(virtual.faces, outline_vertices(screen, virtual.faces))
-    tangents = uv_tangents(mesh)
-    bands = [_draw_band(virtual, mesh, edges, tangents, lighting, *band) for band in _bands(camera)]
-    planes = torch.cat(bands, 1)
-    cover = planes[3]
-    return Drawn(planes[:3].permute(1, 2, 0), cover, planes[4] / planes[5].clamp(min=1e-6))
+    drawing = _Drawing(virtual, mesh, edges, uv_tangents(mesh), lighting)
+    planes = torch.cat([drawing.band(band)[:, inner] for _, band, inner in row_bands(camera)], 1)
+    return Drawn(planes[:3].permute(1, 2, 0), planes[3], planes[4] / planes[5].clamp(min=1e-6))
 
 
-def _bands(camera: Camera) -> Iterator[tuple[Camera, slice]]:
-    """Yield cameras of bands of rows with a rim, and which of their rows count."""
-    step = max(1, _BAND // (SAMPLES**2 * camera.width))
-    for top in range(0, camera.height, step):
-        bottom = min(top + step, camera.height)
-        first, last = max(0, top - _RIM), min(camera.height, bottom + _RIM)
-        yield replace(camera, cy=camera.cy - first, height=last - first), slice(top - first, bottom - first)
+@dataclass(frozen=True)
+class _Drawing:
+    """The virtual object, with all that does not depend on the band of rows that is drawn."""
 
+    virtual: VirtualObject
+    mesh: Mesh
+    edges: EdgeFaces
+    tangents: Tensor
+    lighting: SceneLighting
 
-def _draw_band(
-    virtual: VirtualObject,
-    mesh: Mesh,
-    edges: EdgeFaces,
-    tangents: Tensor,
-    lighting: SceneLighting,
-    camera: Camera,
-    rows: slice,
-) -> Tensor:
-    """Return radiance 3, coverage, depth times presence, and presence of the band's rows, (6, h, W)."""
-    device = virtual.vertices.device
-    view = View.of(camera.resized(SAMPLES * camera.width, SAMPLES * camera.height), device)
-    screen = view.project(virtual.vertices)
-    surface = visible_surface(virtual.vertices, virtual.faces, view, screen)
-    count = view.height * view.width
-    if len(surface.pixel) == 0:
-        return torch.zeros(6, rows.stop - rows.start, camera.width, device=device)
-    surface = _facing(surface, virtual)
-    gbuffer, material = _gbuffer(virtual, mesh, tangents, lighting, surface, view, screen)
-    known = lighting.known_caster
-    radiance = shaded(gbuffer, lighting, mesh, [(known.vertices, known.faces)])
-    radiance = radiance + material.emission
-    crossings = silhouette_crossings(screen, virtual.faces, edges, surface.pixel, view)
-    cover = coverage(surface.pixel, crossings, count)
-    colored = torch.cat([radiance, torch.ones_like(radiance[:, :1])], 1) * material.alpha[:, None]
-    image = spread_color(colored, surface.pixel, crossings, cover)
-    axis = view.rotation[:, 2]
-    depth = torch.zeros(count, 2, device=device)
-    depth[surface.pixel, 0] = (view.position - surface.position) @ axis
-    depth[surface.pixel, 1] = 1
-    planes = torch.cat([image, depth], 1).T.reshape(1, 6, view.height, view.width)
-    return functional.avg_pool2d(planes, SAMPLES)[0][:, rows]
+    def band(self, camera: Camera) -> Tensor:
+        """Return radiance 3, coverage, depth times presence, and presence of the camera's picture, (6, h, W)."""
+        virtual = self.virtual
+        camera = camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
+        view = View.of(camera, virtual.vertices.device)
+        screen = view.project(virtual.vertices)
+        surface = visible_surface(virtual.vertices, virtual.faces, view, screen)
+        if len(surface.pixel) == 0:
+            return screen.new_zeros(6, view.height // SAMPLES, view.width // SAMPLES)
+        surface = _facing(surface, virtual)
+        gbuffer, material = self._gbuffer(surface, view, screen)
+        known = self.lighting.known_caster
+        radiance = shaded(gbuffer, self.lighting, self.mesh, [(known.vertices, known.faces)])
+        radiance = radiance + material.emission
+        crossings = silhouette_crossings(screen, virtual.faces, self.edges, surface.pixel, view)
+        cover = coverage(surface.pixel, crossings, view.height * view.width)
+        colored = torch.cat([radiance, torch.ones_like(radiance[:, :1])], 1) * material.alpha[:, None]
+        image = spread_color(colored, surface.pixel, crossings, cover)
+        depth = screen.new_zeros(len(cover), 2)
+        depth[surface.pixel, 0] = (view.position - surface.position) @ view.rotation[:, 2]
+        depth[surface.pixel, 1] = 1
+        planes = torch.cat([image, depth], 1).T.reshape(1, 6, view.height, view.width)
+        return functional.avg_pool2d(planes, SAMPLES)[0]
+
+    def _gbuffer(self, surface: Surface, view: View, screen: Tensor) -> tuple[GBuffer, Sampled]:
+        virtual, material = self.virtual, _sampled(self.virtual, surface, screen)
+        mapped = _seen_from_behind(virtual, surface.face, material.normal)
+        normal = mapped_normals(surface, self.mesh, virtual.normals, self.tangents, mapped)
+        outward = face_normals(virtual.vertices, virtual.faces[surface.face])
+        away = (outward * surface.view).sum(1, keepdim=True) < 0  # the inside of a one-sided face
+        normal = face_camera(torch.where(away, -normal, normal), surface.view)
+        taps = self.lighting.points.taps(surface.face, surface.barycentric)
+        visibility = PointVisibility(self.lighting.virtual_visibility, *taps)
+        look = torch.cat([material.base_color, material.roughness[:, None], material.metallic[:, None]], 1)
+        return gbuffer_of(surface, view, normal, look, visibility), material
 
 
 def _facing(surface: Surface, virtual: VirtualObject) -> Surface:
@@ -134,27 +119,6 @@ def _facing(surface: Surface, virtual: VirtualObject) -> Surface:
     swapped = surface.barycentric[:, [0, 2, 1]]
     face = torch.where(turned, twin, surface.face)
     return replace(surface, face=face, barycentric=torch.where(turned[:, None], swapped, surface.barycentric))
-
-
-def _gbuffer(
-    virtual: VirtualObject,
-    mesh: Mesh,
-    tangents: Tensor,
-    lighting: SceneLighting,
-    surface: Surface,
-    view: View,
-    screen: Tensor,
-) -> tuple[GBuffer, Sampled]:
-    material = _sampled(virtual, surface, screen)
-    mapped = _seen_from_behind(virtual, surface.face, material.normal)
-    normal = mapped_normals(surface, mesh, virtual.normals, tangents, mapped)
-    outward = face_normals(virtual.vertices, virtual.faces[surface.face])
-    away = (outward * surface.view).sum(1, keepdim=True) < 0  # the inside of a one-sided face
-    normal = face_camera(torch.where(away, -normal, normal), surface.view)
-    index, weight = lighting.points.taps(surface.face, surface.barycentric)
-    visibility = PointVisibility(lighting.virtual_visibility, index, weight)
-    look = torch.cat([material.base_color, material.roughness[:, None], material.metallic[:, None]], 1)
-    return gbuffer_of(surface, view, normal, look, visibility), material
 
 
 def _seen_from_behind(virtual: VirtualObject, face: Tensor, mapped: Tensor) -> Tensor:

@@ -160,8 +160,8 @@ def _levels(image: Image.Image, *, srgb: bool, cut: bool) -> tuple[Tensor, ...]:
         weight = np.maximum(planes[..., 3:], _FAINT) if cut else np.ones_like(planes[..., 3:])
         small = resize_area(np.dstack([planes[..., :3] * weight, planes[..., 3:], weight]), height, width)
         planes = np.dstack([small[..., :3] / small[..., 4:], small[..., 3:4]])
-        shown = np.dstack([srgb_encode(planes[..., :3]), planes[..., 3:]]) if srgb else planes
-        levels.append((shown * 255 + 0.5).clip(0, 255).astype(np.uint8))
+        encoded = np.dstack([srgb_encode(planes[..., :3]), planes[..., 3:]]) if srgb else planes
+        levels.append((encoded * 255 + 0.5).clip(0, 255).astype(np.uint8))
     return tuple(torch.from_numpy(level) for level in levels)
 
 

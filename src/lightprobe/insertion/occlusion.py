@@ -42,7 +42,7 @@ class SurfacePoints:
 
     @staticmethod
     def of(virtual: VirtualObject) -> "SurfacePoints":
-        """Return the points of a placed virtual, on its device."""
+        """Return the points of a placed virtual object, on its device."""
         corners, normals = (values[virtual.faces.long()] for values in (virtual.vertices, virtual.normals))
         extent = float((virtual.vertices.amax(0) - virtual.vertices.amin(0)).norm())
         longest = (corners - corners.roll(1, 1)).norm(dim=2).amax(1)

@@ -59,19 +59,22 @@ class Picture:
 
         Together the rows are what `render` returns; no whole picture is held in memory.
         """
-        height = self.camera.height
         if self.whole is not None:
-            yield slice(0, height), [self.whole.render(env) for env in lights]
+            yield slice(0, self.camera.height), [self.whole.render(env) for env in lights]
             return
-        step = max(1, _BAND // (SAMPLES**2 * self.camera.width))
-        for top in range(0, height, step):
-            bottom = min(top + step, height)
-            first, last = max(0, top - _RIM), min(height, bottom + _RIM)
-            camera = replace(self.camera, cy=self.camera.cy - first, height=last - first)
+        for rows, camera, inner in row_bands(self.camera):
             band = _Band.of(self.asset, camera, self.prefilter, self.device)
-            rows = slice(top - first, bottom - first)
-            images = [(image[rows], cover[rows]) for image, cover in map(band.render, lights)]
-            yield slice(top, bottom), images
+            yield rows, [(image[inner], cover[inner]) for image, cover in map(band.render, lights)]
+
+
+def row_bands(camera: Camera) -> Iterator[tuple[slice, Camera, slice]]:
+    """Yield bands of rows of a large picture from the top, their cameras, which see a rim, too, and the rows within."""
+    step = max(1, _BAND // (SAMPLES**2 * camera.width))
+    for top in range(0, camera.height, step):
+        bottom = min(top + step, camera.height)
+        first, last = max(0, top - _RIM), min(camera.height, bottom + _RIM)
+        band = replace(camera, cy=camera.cy - first, height=last - first)
+        yield slice(top, bottom), band, slice(top - first, bottom - first)
 
 
 @dataclass(frozen=True)
