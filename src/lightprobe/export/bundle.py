@@ -27,7 +27,7 @@ ADDON = "lightprobe_import.py"  # for Blender
 
 @dataclass(frozen=True)
 class SceneLight:
-    """A light that the object is exported under: a map, the lamps that are not in it, and those that are."""
+    """A light that the object is exported under: a map, with lamps that are left out of it, or inside it."""
 
     image: np.ndarray  # (H, 2H, 3) float32 >= 0, equirectangular
     lamps: tuple[LightSource, ...]

@@ -22,8 +22,8 @@ from lightprobe.kernels import dispatch
 class CompressedRows:
     """One matrix: int32 `start` (M + 1,), `column` (entries,) in [0, columns) and float32 `value` (entries,).
 
-    The product waits for memory, so on the CPU columns are uint16 where that suffices, else int32. Whoever
-    builds a matrix answers for its columns: no product looks at them again.
+    Products are limited by memory, so on the CPU columns are uint16 where 16 bits suffice, else int32. Products do
+    not check columns: the builder of a matrix does.
     """
 
     start: Tensor

@@ -170,8 +170,8 @@ def cell_taps(
 ) -> tuple[Tensor, Tensor]:
     """Return `bilinear_taps`, times `scale`, of `face_coordinates` in one cubemap for each row.
 
-    resolution and start: one for all rows or int64 (N,); `table` int32 holds the `cells` of every cubemap
-    that occurs, those of a row's beginning at its `start`. scale: one or (N,), differentiable.
+    resolution and start: one for all rows or int64 (N,); `table` int32 holds the `cells` of every cubemap that
+    occurs; a row's cells begin at its `start`. scale: one or (N,), differentiable.
     """
     face, a, b = coordinates
     half = 0.5 * resolution

@@ -1,6 +1,6 @@
 """Distant light around an object: texels of a cubemap in memory, equirectangular EXR or Radiance maps in files.
 
-Both have z up and the axes of the user's frame, whose directions are those of the normalised frame, too.
+Both have z up and the axes of the user's frame, which shares its directions with the normalised frame.
 Functions that compute with light texel by texel take and return the texels alone, as `light` (6, R, R, 3).
 """
 

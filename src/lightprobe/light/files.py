@@ -13,7 +13,7 @@ from lightprobe.light import equirect
 
 _SUFFIXES = (".exr", ".hdr")
 _SUFFIX = ".light.json"
-FORMAT = "lightprobe light"  # of such a file
+FORMAT = "lightprobe light"  # of a .light.json
 
 
 def environment_files(folder: Path) -> list[Path]:
@@ -56,7 +56,13 @@ def _forget_record(map_path: Path) -> None:
         if value["format"] != FORMAT or not describes(record, map_path):
             return
         names = [Path(name).name for name in (record["file"], *record.get("copies", []))]
-    except (InputError, KeyError, TypeError, ValueError, AttributeError):  # none, or somebody else's
+    except (
+        InputError,
+        KeyError,
+        TypeError,
+        ValueError,
+        AttributeError,
+    ):  # no such file, or another program's
         return
     same = [name for name in names if Path(name).stem == map_path.stem and name != map_path.name]
     left = [name for name in same if map_path.with_name(name).is_file()]

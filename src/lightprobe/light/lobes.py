@@ -19,7 +19,7 @@ Rows over the light's own texels would be nearly full. They go over *nodes* inst
 
 The cube's 48 symmetries carry texels onto one another, and the rows with them: if symmetry k carries texel t onto f and
 node m onto n, the weight of m in the row of t is that of n in the row of f. So of 6 R^2 rows only R (R + 2) / 8 are
-computed, those of the first texel of each orbit; the others hold the same numbers elsewhere.
+computed, for the first texel of each orbit; the other rows hold the same numbers elsewhere.
 """
 
 import functools

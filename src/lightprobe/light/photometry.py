@@ -22,7 +22,7 @@ _DARK = 0.05  # relative to the light level: darker pixels weigh no more
 
 
 def tone_map(linear: Tensor) -> Tensor:
-    """Return T(x) = sRGB(log(1 + x)) of linear values of any shape, those below zero taken for zero."""
+    """Return T(x) = sRGB(log(1 + x)) of linear values of any shape; negative values count as zero."""
     return srgb_encode(torch.log1p(linear.clamp(min=0)))
 
 

@@ -9,7 +9,7 @@ same mean square angle from s: radius^2 / 2 for a disc, 2 / kappa for the Gaussi
 
 Sources are found where radiance stands out of a ring of some 15 to 30 degrees around it, the strongest first, and each
 is taken out, down to the ring's median, before the next is looked for. All of it is deterministic. Directions are
-those of the light's own axes, z up. An `uncertainty` is only known where a photo tells it (`prediction.source_fit`).
+in the light's own axes, z up. An `uncertainty` is only known where a photo tells it (`prediction.source_fit`).
 """
 
 import math

@@ -52,8 +52,7 @@ class CoarseTransport:
     def solve(self, observed: Tensor, weight: Tensor, level: Tensor, strengths: tuple[float, ...]) -> Tensor:
         """Return the lights (S, 384, 3) closest to `observed` (P, 3), pulled towards a grey `level` ().
 
-        weight (P, 3) >= 0. The objective is that of `transport.solve_light` with each of the `strengths`,
-        without its bounds.
+        weight (P, 3) >= 0. The objective is `transport.solve_light`'s without bounds, with each of the `strengths`.
         """
         angle = cubemap.solid_angles(BLOCKS, observed.device).reshape(-1) / (4 * math.pi)
         lights = []

@@ -42,7 +42,7 @@ class DepthMaps:
     def visibility(self, axes: Tensor) -> tuple[Tensor, Tensor]:
         """Return how open (P,) direction axes[2] is at each point, and the face before it (P,), -1 if none.
 
-        Four pixels around the point are asked for the one, the nearest for the other. axes: (3, 3)
+        Openness is bilinear over the four pixels around the point; the face is the nearest pixel's. axes: (3, 3)
         orthonormal rows.
         """
         corners = torch.addmm(self.middle, self.corners, (self.scale[:, None] * axes).T)

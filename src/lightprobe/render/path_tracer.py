@@ -61,11 +61,10 @@ def tamed(renders: np.ndarray) -> np.ndarray:
 
 
 def environment_rows(radiance: np.ndarray) -> np.ndarray:
-    """Resample (H, W, 3) to (2H + 1, W, 3), so that Mitsuba's bilinear look-up is that of `equirect`.
+    """Resample (H, W, 3) to (2H + 1, W, 3), so that Mitsuba looks up bilinearly as `equirect` does.
 
-    Mitsuba puts its first and last row on the poles. With rows at multiples of half a texel every texel
-    centre of ours is a row of its, those between are midpoints, also at the poles, beyond which a row goes on
-    half a turn away.
+    Mitsuba puts its first and last row on the poles. With rows at multiples of half a texel every row of our texel
+    centres is a row of Mitsuba's, and the rows between are midpoints; beyond a pole a row goes on half a turn away.
     """
     half = radiance.shape[1] // 2
     padded = np.concatenate([np.roll(radiance[:1], half, 1), radiance, np.roll(radiance[-1:], half, 1)])

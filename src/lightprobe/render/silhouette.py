@@ -89,7 +89,7 @@ def silhouette_crossings(
 ) -> Crossings:
     """Return the outline's crossings; `screen` (V, 3): projected vertices, `pixel` (P,): covered ones.
 
-    edges: all of the mesh, or those of `outline_vertices`.
+    edges: of the whole mesh, or between `outline_vertices` alone.
     """
     covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=screen.device)
     covered[pixel] = True

@@ -42,7 +42,7 @@ class GatheredTaps:
 
 
 class SparseTaps(GatheredTaps):
-    """Look-ups in those texels of the levels that they need: for a CPU; a GPU would take longer to find them."""
+    """Look-ups in only the needed texels of the levels: for a CPU; finding them would take a GPU longer."""
 
     @functools.cached_property
     def _operators(self) -> tuple[PrefilterPart, SparseOperator]:

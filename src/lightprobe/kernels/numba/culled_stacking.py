@@ -82,7 +82,7 @@ def _hand_down(maps, tiles):
 
 @compiled(fastmath=FUSED)
 def _write(tiles, texels, weight, radiance):
-    """Write the sums of the last tiles to their texels, those of the colours divided by W."""
+    """Write the sums of the last tiles to their texels, with colours divided by W."""
     first_leaf = tiles.shape[0] // 4
     for leaf in range(texels.shape[0]):
         for j in range(NODES):

@@ -14,8 +14,8 @@ from lightprobe.core.jit import arrays, compiled, threads
 BLOCK = 256  # pixels that one thread takes at a time; partial light gradients are summed block by block
 TINY = np.float32(1e-12)
 ZERO = np.float32(0)
-# Nothing more: with `nsz` and `nnan` as well, the process that compiles these loops computes other last bits
-# than those that find them in Numba's cache, which holds them optimised once more.
+# No more flags: with `nsz` and `nnan`, last bits of loops compiled in the process differ from loops of Numba's cache,
+# which are optimised once more.
 FUSED = {"contract", "reassoc"}
 
 
