@@ -1,8 +1,9 @@
 """The grain of a photo: how strong its noise is at each brightness, and new noise like it.
 
-Immerkaer (Fast noise variance estimation, 1996): the kernel (1 -2 1; -2 4 -2; 1 -2 1) leaves nothing of flat
-and sloped parts of a picture and six times the deviation of white noise. The median of its responses within a
-block of 8 x 8 pixels is the block's noise. Of the blocks of one brightness the calmest count: others show texture. All of displayed values, where grain is about as strong in the dark as in the light.
+Immerkaer (Fast noise variance estimation, 1996): the kernel (1 -2 1; -2 4 -2; 1 -2 1) leaves nothing of flat and
+sloped parts of a picture and six times the deviation of white noise. The median of its responses within a block of
+8 x 8 pixels is the block's noise. Of the blocks of one brightness the calmest count, as others show texture. Values
+are displayed ones, in which grain is about as strong in the dark as in the light.
 """
 
 from dataclasses import dataclass
