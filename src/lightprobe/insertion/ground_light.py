@@ -184,8 +184,9 @@ def camera_ground_light(
         for image, part in zip((without, added), lost, strict=True):
             planes, size = part.permute(2, 0, 1)[None], (camera.height, camera.width)
             if planes.shape[2:] != size:
-                way = {"mode": "bilinear", "align_corners": False, "antialias": True}
-                planes = functional.interpolate(planes, size, **way)
+                planes = functional.interpolate(
+                    planes, size, mode="bilinear", align_corners=False, antialias=True
+                )
             image += planes[0].permute(1, 2, 0)
     return GroundLight(without.clamp(min=0), added)
 

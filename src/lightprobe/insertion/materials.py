@@ -126,10 +126,8 @@ class TextureReader:
                 width, height = image.size
                 self._left -= width * height
                 if max(width, height) > _LARGEST or self._left < 0:
-                    size = f"{width} x {height}"
-                    raise InputError(
-                        f"{path} has textures of {size} texels, more than are read; shrink them."
-                    )
+                    words = f"textures of {width} x {height} texels, more than are read"
+                    raise InputError(f"{path} has {words}; shrink them.")
                 scale = min(1.0, _KEPT / max(width, height))
                 size = max(1, round(width * scale)), max(1, round(height * scale))
                 # channel by channel: transparent texels keep their colour

@@ -46,9 +46,10 @@ class GBuffer:
 
     def holding(self, tensors: Sequence[Tensor]) -> "GBuffer":
         """Return a G-buffer that holds `tensors` (P, ...), in the order of `tensors()`."""
-        own, seen = tensors[: len(_PER_PIXEL)], tensors[len(_PER_PIXEL) :]
+        seen = tensors[len(_PER_PIXEL) :]
         visibility = PointVisibility(VertexVisibility(*seen[:2]), *seen[2:]) if seen else None
-        return GBuffer(self.height, self.width, *own, visibility)
+        own = dict(zip(_PER_PIXEL, tensors, strict=False))
+        return GBuffer(self.height, self.width, **own, visibility=visibility)
 
     @staticmethod
     def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
@@ -58,6 +59,7 @@ class GBuffer:
             row, column = torch.div(part.pixel, part.width, rounding_mode="floor"), part.pixel % part.width
             pixels.append((top + row) * width + column)
             top += part.height
-        rest = (torch.cat([getattr(part, name) for part in parts]) for name in _PER_PIXEL[1:])
+        rest = {name: torch.cat([getattr(part, name) for part in parts]) for name in _PER_PIXEL[1:]}
         seen = [part.visibility for part in parts if part.visibility is not None]
-        return GBuffer(top, width, torch.cat(pixels), *rest, PointVisibility.of_all(seen) if seen else None)
+        visibility = PointVisibility.of_all(seen) if seen else None
+        return GBuffer(top, width, torch.cat(pixels), **rest, visibility=visibility)

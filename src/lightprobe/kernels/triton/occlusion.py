@@ -43,8 +43,8 @@ def light_gradient(grad: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:
         sums = sums.clamp(min=TINY)
         arriving = torch.cat([grad[:, :3] / sums[:, :1], grad[:, 3:6] / sums[:, 1:]], dim=1)
         grid = (triton.cdiv(bins, LANES), parts.shape[0])
-        sizes = bins, count, index.shape[1], LANES, SHARE
-        _spread[grid](*pixels, sphere, arriving, parts, *sizes, enable_fp_fusion=True)
+        shares = bins, count, index.shape[1], LANES, SHARE
+        _spread[grid](*pixels, sphere, arriving, parts, *shares, enable_fp_fusion=True)
     return parts.sum(0).T.contiguous()
 
 
